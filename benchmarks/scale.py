@@ -22,6 +22,7 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import numpy as np
     import psutil
 
+    from second_operator import with_operator
     from tactophone.devices.dummy import DummyServer
     from tactophone.hand import with_fingers
     from tactophone.link.codec import Codec
@@ -32,7 +33,7 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     from tactophone.measurement.impulses import Graph, ImpulseLatency, measure, running_sides
     from tactophone.pipeline import Hand, open_pipeline
     from tactophone.runtime.operator import run_operator
-    from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys, with_operator
+    from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
     from tactophone.runtime.robot import run_robot
     from tactophone.runtime.supervisor import Supervisor
     from tactophone.settings import Settings, change

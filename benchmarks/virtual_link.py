@@ -6,7 +6,6 @@ from typing import Generic, Protocol, TypeVar
 
 from tactophone.link.codec import Codec
 from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import Address
 from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import Datagrams, SendGroup
 from tactophone.link.session import Session
@@ -26,17 +25,14 @@ class Receiver(Protocol[T_co]):
     """The operator's end: a `ReceiveSession`, or an `OperatorEndpoint` with its pipeline."""
 
     @property
-    def peer(self) -> str | None:
-        """Name of the connected robot."""
+    def session(self) -> "Session | ReceiveSession":
+        """What opens its datagrams, and has those to send."""
 
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[T_co]:
         """Process the datagrams that arrived."""
 
     def poll(self, now: float) -> Iterable[T_co]:
         """Let time pass."""
-
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams to send."""
 
 
 def paired_sessions(
@@ -66,13 +62,18 @@ class VirtualLink(Generic[T]):
     def _session(self) -> Session:
         return self.robot.members[self.number].session
 
+    @property
+    def _answering(self) -> Session:
+        session = self.operator.session
+        return session if isinstance(session, Session) else session.session
+
     def connect(self, now: float) -> float:
         """Let both ends connect; return the time at which they have.
 
         Raises `TimeoutError` when they have not connected within ten seconds.
         """
         begun = now
-        while self.operator.peer is None or self._session.peer is None:
+        while self._answering.peer is None or self._session.peer is None:
             self.carry(now)
             now += 0.005
             if now - begun > _CONNECT_TIMEOUT:
@@ -90,7 +91,7 @@ class VirtualLink(Generic[T]):
     def _pass(self, now: float, received: list[T]) -> bool:
         for datagram, _ in self._session.outgoing():
             self.to_operator.push(datagram, now=now)
-        for datagram, _ in self.operator.outgoing():
+        for datagram, _ in self._answering.outgoing():
             self.to_robot.push(datagram, now=now)
         to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)]
         to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)]

@@ -16,7 +16,6 @@ import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.link.events import Connected
-from tactophone.link.packet import Address
 from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send import Datagrams, SendGroup
 from tactophone.link.stream import DecodedAudio
@@ -103,11 +102,6 @@ class OperatorEndpoint:
         """The pipeline of the first finger, or the only one."""
         return self.hand.pipelines[0]
 
-    @property
-    def peer(self) -> str | None:
-        """Name of the connected robot; ``None`` while there is none."""
-        return self.session.peer
-
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterator[EventStep]:
         """Take everything that arrived by ``now`` (s); returns events with their steps, oldest first.
 
@@ -119,9 +113,6 @@ class OperatorEndpoint:
     def poll(self, now: float) -> Iterator[EventStep]:
         """Let time pass; call it when nothing arrived for a packet's length, and at least twenty times a second."""
         return self._steps(self.session.poll(now))
-
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        return self.session.outgoing()
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
         for event in events:

@@ -14,7 +14,7 @@ from tactophone.bridges.mcap import McapLog
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
 from tactophone.hand import channels_of, each_finger, with_fingers
 from tactophone.link.codec import Codec
-from tactophone.link.packet import Address
+from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import Datagrams
 from tactophone.pipeline import Hand
 from tactophone.runtime.gate import OutputGate
@@ -42,8 +42,8 @@ class RecordedOperator:
         endpoint.session.tap = self.recorder.arrival
 
     @property
-    def peer(self) -> str | None:
-        return self.endpoint.peer
+    def session(self) -> ReceiveSession:
+        return self.endpoint.session
 
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[EventStep]:
         self.log_controls()
@@ -52,9 +52,6 @@ class RecordedOperator:
     def poll(self, now: float) -> Iterable[EventStep]:
         self.log_controls()
         return list(self._published(self.endpoint.poll(now), now))
-
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        return self.endpoint.outgoing()
 
     def log_controls(self) -> None:
         for finger, (pipeline, gate) in enumerate(zip(self.endpoint.hand.pipelines, self.gates, strict=True)):

@@ -31,7 +31,8 @@ def noise(size: int) -> FloatArray:
 
 def packets(sound: FloatArray, *, depth: int = 0, codec: Codec = PCM) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
-    return Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy).push(AudioBlock(sound, CLOCK_RATE))
+    packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy)
+    return list(map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, CLOCK_RATE))))
 
 
 def arrive(
@@ -72,7 +73,7 @@ def test_a_lost_packet_is_concealed_and_marked() -> None:
     assert joined(decoded).shape == sound.shape
     assert is_contiguous(decoded)
     stats = depacketizer.reception.stats
-    assert (stats.packets_lost, stats.samples_concealed, stats.concealment_events) == (1, 240, 1)
+    assert (stats.packets_lost, stats.samples_concealed) == (1, 240)
     assert stats.packets_expected == 10
 
 

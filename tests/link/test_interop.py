@@ -32,9 +32,8 @@ def tone(channels: int) -> FloatArray:
 
 def packets(codec: Codec, *, depth: int = 0) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
-    return Packetizer(BlockEncoder(codec), ssrc=SSRC, redundancy=redundancy).push(
-        AudioBlock(tone(codec.channels), RATE)
-    )
+    packetizer = Packetizer(BlockEncoder(codec), ssrc=SSRC, redundancy=redundancy)
+    return list(map(packetizer.packet, packetizer.encoder.push(AudioBlock(tone(codec.channels), RATE))))
 
 
 def write_capture(path: Path, datagrams: list[bytes]) -> None:

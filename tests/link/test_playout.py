@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone.link.codec import Codec
+from tactophone.link.packet import Packet
 from tactophone.link.playout import Playout
 from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.types import AudioBlock, FloatArray
@@ -21,6 +22,11 @@ def tone(seconds: float) -> FloatArray:
     return np.stack([wave, wave], axis=1).astype(np.float32)
 
 
+def packets(sound: FloatArray, codec: Codec, redundancy: Redundancy) -> list[Packet]:
+    packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy)
+    return list(map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, RATE))))
+
+
 def played(
     seconds: float,
     *,
@@ -33,7 +39,7 @@ def played(
 ) -> tuple[FloatArray, Playout]:
     """Play a tone over a line, block by block."""
     random, redundancy = np.random.default_rng(4), Redundancy(RedundancyRule(least=depth, most=depth))
-    sent = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy).push(AudioBlock(tone(seconds), RATE))
+    sent = packets(tone(seconds), codec, redundancy)
     speed = RATE * (1 + skew_ppm * 1e-6)
     times = (np.arange(len(sent)) + 1) * codec.packet_size / speed + random.exponential(jitter, len(sent))
     times[(times > stall[0]) & (times < stall[1])] = stall[1]
@@ -87,9 +93,7 @@ def test_silence_before_the_first_packet_and_in_a_long_gap() -> None:
 
 
 def test_late_and_doubled_packets_are_counted() -> None:
-    sent = Packetizer(BlockEncoder(PCM), ssrc=1, redundancy=Redundancy(RedundancyRule(most=0))).push(
-        AudioBlock(tone(1), RATE)
-    )
+    sent = packets(tone(1), PCM, Redundancy(RedundancyRule(most=0)))
     playout = Playout(block_size=BLOCK)
     late = sent.pop(50)
     for step, packet in enumerate(sent[:180]):
@@ -106,9 +110,8 @@ def test_late_and_doubled_packets_are_counted() -> None:
 @pytest.mark.parametrize(("sent", "played"), [(1, 2), (2, 1)])
 def test_channels_are_fitted_to_the_listener(sent: int, played: int) -> None:
     codec = Codec("pcm16", channels=sent, packet_size=96)
-    packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
     playout = Playout(block_size=96, channels=played)
-    for step, packet in enumerate(packetizer.push(AudioBlock(tone(1)[:, :sent], RATE))):
+    for step, packet in enumerate(packets(tone(1)[:, :sent], codec, Redundancy(RedundancyRule(most=0)))):
         playout.push(packet, now=step * 0.002)
         block = playout.pull(now=step * 0.002)
     assert block.shape == (96, played)

@@ -49,7 +49,7 @@ class Stream:
         for datagram, _ in self.robot.members[0].session.outgoing():
             if self._passes(datagram):
                 self.events += self.operator.receive([(datagram, AT_ROBOT)], now=self.now)
-        for datagram, _ in self.operator.outgoing():
+        for datagram, _ in self.operator.session.outgoing():
             if self._passes(datagram):
                 self.robot.receive([(datagram, AT_OPERATOR)], now=self.now)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tactophone.link.events import Connected, Disconnected, PacketReceived, Renewed
 from tactophone.link.handshake import HANDSHAKE_TIMEOUT, MAX_HANDSHAKES
 from tactophone.link.identity import Peers
-from tactophone.link.packet import DatagramKind
+from tactophone.link.packet import is_dtls, is_srtp
 from tactophone.link.rtcp import ReceiverReport
 from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT, Session
 
@@ -243,10 +243,10 @@ def test_encrypted_packets_are_accepted_from_any_address_of_the_robot() -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "kind"), [(22, "DTLS"), (63, "DTLS"), (128, "SRTP"), (0, "NEITHER"), (255, "NEITHER")]
+    ("first", "dtls", "srtp"), [(22, 1, 0), (63, 1, 0), (64, 0, 0), (128, 0, 1), (191, 0, 1), (0, 0, 0), (255, 0, 0)]
 )
-def test_the_first_byte_gives_the_kind_of_a_datagram(first: int, kind: str) -> None:
-    assert DatagramKind.of(bytes([first])).name == kind
+def test_the_first_byte_gives_the_kind_of_a_datagram(first: int, dtls: int, srtp: int) -> None:
+    assert (is_dtls(bytes([first])), is_srtp(bytes([first]))) == (dtls, srtp)
 
 
 def test_nothing_secret_is_shown() -> None:

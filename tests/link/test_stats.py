@@ -9,7 +9,7 @@ from tactophone.link.stats import Reception
 def reception_of(sequences: list[int]) -> Reception:
     reception = Reception()
     for step, sequence in enumerate(sequences):
-        reception.count(sequence % 2**16, 240 * step, 100, now=0.005 * step)
+        reception.count(sequence % 2**16, 240 * step, now=0.005 * step)
     return reception
 
 
@@ -46,7 +46,7 @@ def test_a_report_returns_the_peers_stamp_and_its_age() -> None:
 def test_jitter_is_smoothed_by_a_sixteenth() -> None:
     reception = Reception()
     for step in range(3_000):
-        reception.count(step, 240 * step, 100, now=0.005 * step + 0.002 * (step % 2))
+        reception.count(step, 240 * step, now=0.005 * step + 0.002 * (step % 2))
     assert reception.stats.jitter == pytest.approx(0.002, rel=0.01)
 
 
@@ -59,7 +59,7 @@ def test_memory_is_bounded() -> None:
 def test_jitter_is_never_negative_and_always_fits_its_report(step: int) -> None:
     reception = Reception()
     for number in range(200):
-        reception.count(number, (step * (number % 2)) % 2**32, 100, now=0.005 * number)
+        reception.count(number, (step * (number % 2)) % 2**32, now=0.005 * number)
         assert reception.stats.jitter >= 0
         bytes(reception.report(ssrc=1, of=2, now=0.005 * number))
 
@@ -68,6 +68,6 @@ def test_a_clump_that_ends_at_the_wrap_of_the_timestamp_adds_its_own_jitter_only
     clump, calm = Reception(), Reception()
     for number in range(120):
         held = 0.1 if 40 <= number < 60 else 0.0
-        clump.count(number, (240 * (number - 60)) % 2**32, 100, now=10 + 0.005 * number + held)
-        calm.count(number, 240 * number, 100, now=10 + 0.005 * number + held)
+        clump.count(number, (240 * (number - 60)) % 2**32, now=10 + 0.005 * number + held)
+        calm.count(number, 240 * number, now=10 + 0.005 * number + held)
     assert clump.stats.jitter == pytest.approx(calm.stats.jitter)

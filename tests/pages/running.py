@@ -55,7 +55,7 @@ class Run:
     ) -> None:
         self._ended.set()
         self._thread.join()
-        self.telemetry.close()
+        self.telemetry.__exit__()
 
     def pause(self) -> None:
         """Give no sign of life any more."""

@@ -7,11 +7,11 @@ from uuid import uuid4
 
 import numpy as np
 import pytest
+from benchmarks.second_operator import with_operator
 
 from tactophone.cli import add_verb, options
 from tactophone.errors import ConfigError
 from tactophone.runtime.operator import Operator
-from tactophone.runtime.pairing import with_operator
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import open_send_group, operators_of
 from tactophone.settings import Link, change

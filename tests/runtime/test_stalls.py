@@ -84,7 +84,7 @@ class World:
             self.to_operator = []
             self.connections += sum(isinstance(event, Connected) for event in events)
             self.decoded += [(self.now, event) for event in events if isinstance(event, DecodedAudio)]
-            self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.outgoing()]
+            self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.session.outgoing()]
             if self.pulling and self.now >= self.next_pull:
                 self.pull()
         if self.asleep and self.stalled(self.asleep):

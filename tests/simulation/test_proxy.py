@@ -70,6 +70,6 @@ def call(
         robots.send(robot.members[0].session.outgoing())
         events = operator.receive(operators.receive(0), now=now) + operator.poll(now)
         decoded += sum(isinstance(event, DecodedAudio) for event in events)
-        operators.send(operator.outgoing())
+        operators.send(operator.session.outgoing())
         time.sleep(max(0.0, begun + 0.005 * (step + 1) - time.monotonic()))
     return decoded

@@ -1,7 +1,7 @@
 """Finds a way between two ends behind routers, with aioice, and keeps it open for the process that uses it.
 
 aioice has no words for handing over a socket, so this file alone reaches into its private parts; its version is pinned.
-After the hand-over the live side reads the socket and passes STUN back (`Finder.keep`): aioice goes on to ask for
+After the hand-over the live side reads the socket and passes STUN back (`WaySocket`): aioice goes on to ask for
 consent (RFC 7675), to answer the other end's checks, and to refresh the relay's allocation and channel.
 """
 
@@ -84,7 +84,8 @@ def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
 class Finder:
     """One search for a way. ``controls`` is true for the end that called.
 
-    ``silent`` is set when the live side hears nothing over the way.
+    ``silent`` is set when the live side hears nothing over the way, ``lost`` when the other end has not consented to it
+    for half a minute.
     """
 
     def __init__(self, *, controls: bool, stun: tuple[str, int] | None, turn: Server | None, relay_only: bool) -> None:
@@ -92,7 +93,7 @@ class Finder:
         self._controls, self._stun, self._relay_only = controls, stun, relay_only
         self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = asyncio.get_running_loop().create_future()
         self._word = b""
-        self.silent, self._lost = asyncio.Event(), asyncio.Event()
+        self.silent, self.lost = asyncio.Event(), asyncio.Event()
         self._way: Way | None = None
 
     async def gather(self, nat: Nat) -> Offer:
@@ -152,10 +153,6 @@ class Finder:
                 await pair.protocol.request(request, pair.remote_addr, integrity_key=key, retransmissions=0)
                 return loop.time() - began
         return math.nan
-
-    async def keep(self) -> None:
-        """Keep the way open until it is lost: without the other end's consent for half a minute."""
-        await self._lost.wait()
 
     async def close(self) -> None:
         """Free the relay's allocation and close all sockets."""
@@ -248,7 +245,7 @@ class Finder:
 
     async def _note_loss(self) -> None:
         # In place of the end that aioice makes when consent is lost, for which it waits 40 s for a relay that is gone.
-        self._lost.set()
+        self.lost.set()
 
     def _feed(self, live: socket.socket) -> None:
         """Take what the live side says, or a STUN message that it passes on."""

@@ -277,7 +277,7 @@ class _Call:
 
     async def _replace(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
         """Keep the way until another one replaces it; return when the search for that began, and if it is relayed."""
-        keeping = asyncio.ensure_future(finder.keep())
+        keeping = asyncio.ensure_future(finder.lost.wait())
         searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
         try:
             await asyncio.wait([keeping, searching], return_when=asyncio.FIRST_COMPLETED)

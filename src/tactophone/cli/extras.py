@@ -4,33 +4,25 @@ import importlib.util
 
 from tactophone.errors import ConfigError
 
-EXTRA_OF_MODULE = {
-    "matplotlib": "plot",
-    "numba": "sim",
-    "scipy": "sim",
-    "pylibsrtp": "link",
-    "OpenSSL": "link",
-    "opuslib_next": "link",
-    "samplerate": "link",
-    "aioice": "call",
-    "wormhole": "call",
-    "jack": "jack",
-    "sounddevice": "portaudio",
-    "aiohttp": "dashboard",
-    "segno": "dashboard",
-    "evdev": "gamepad",
-    "torch": "train",
-    "onnx": "train",
-    "sklearn": "train",
-    "ray": "ray",
-    "mcap": "record",
-    "zstandard": "record",
-    "pythonosc": "osc",
-    "cyclonedds": "ros",
-    "rosbags": "ros",
-    "zenoh": "zenoh",
-    "pyarrow": "lerobot",
+_MODULES = {
+    "plot": ("matplotlib",),
+    "sim": ("numba", "scipy"),
+    "link": ("pylibsrtp", "OpenSSL", "opuslib_next", "samplerate"),
+    "call": ("aioice", "wormhole"),
+    "jack": ("jack",),
+    "portaudio": ("sounddevice",),
+    "dashboard": ("aiohttp", "segno"),
+    "gamepad": ("evdev",),
+    "train": ("torch", "onnx", "sklearn"),
+    "ray": ("ray",),
+    "record": ("mcap", "zstandard"),
+    "osc": ("pythonosc",),
+    "ros": ("cyclonedds", "rosbags"),
+    "zenoh": ("zenoh",),
+    "lerobot": ("pyarrow",),
 }
+
+EXTRA_OF_MODULE = {module: extra for extra, modules in _MODULES.items() for module in modules}
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
 
 EXTRAS_OF_VERB = {

@@ -26,17 +26,12 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_action = options.add_actions(parser)
-    for name, (words, declare, run) in _ACTIONS.items():
-        declare(add_action(name, words, run).add_argument)
-
-
-def _objects_arguments(add: Callable[..., object]) -> None:
-    add("--json", action="store_true", help="print JSON instead of a table")
-
-
-def _dataset_arguments(add: Callable[..., object]) -> None:
+    words = "list the catalogue of objects with their true roughness"
+    options.add_json(add_action("objects", words, _objects), "print JSON instead of a table")
+    words = "render the paper's data set, seven takes of each object; continues after an interruption"
+    add = add_action("dataset", words, _dataset).add_argument
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
-    _sound_arguments(add)
+    _add_sound(add)
     add("--seconds", type=Within(float, 0, over=True, unit="s"), default=30.0, help="length of a take, %(type)s")
     words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all' for the catalogue"
     add("--objects", default="paper", metavar="LIST", help=words)
@@ -49,22 +44,20 @@ def _dataset_arguments(add: Callable[..., object]) -> None:
     words = "gain of the contact preamplifier, %(type)s; at -12 hardly any take clips, but models expect 0"
     add("--gain", type=Within(float, -40, 40, unit="dB"), default=0.0, metavar="DB", help=words)
     add("--jobs", type=Within(int, 1), default=cores, help="processes, %(type)s")
-
-
-def _competition_arguments(add: Callable[..., object]) -> None:
-    _sound_arguments(add)
+    words = "render runs over five stones in a box, on two days, with the truth over time"
+    add = add_action("competition", words, _competition).add_argument
+    _add_sound(add)
     add("--runs", type=Within(int, 1), default=5, help="runs per day, %(type)s")
     add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
-
-
-def _hand_arguments(add: Callable[..., object]) -> None:
+    words = "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each"
+    add = add_action("hand", words, _hand).add_argument
     add("out", type=Path, metavar="OUT", help="folder to write to, with a recording for each finger")
     add("--fingers", default="5", metavar="N|FILE", help="their number, 1 to 10, or a TOML file with a table for each")
     add("--seed", type=SEED, default=0, help="random seed of set-up, strokes and noise, %(type)s")
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
-def _sound_arguments(add: Callable[..., object]) -> None:
+def _add_sound(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
     add("--seed", type=SEED, default=0, help="random seed of sessions, strokes and noise, %(type)s")
     add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
@@ -174,21 +167,3 @@ def takes_named(names: str) -> "list[Take]":
             f"--takes: {unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
         )
     return [known[name] for name in names.split(",")]
-
-
-_ACTIONS = {
-    "objects": ("list the catalogue of objects with their true roughness", _objects_arguments, _objects),
-    "dataset": (
-        "render the paper's data set, seven takes of each object; continues after an interruption",
-        _dataset_arguments, _dataset,
-    ),
-    "competition": (
-        "render runs over five stones in a box, on two days, with the truth over time",
-        _competition_arguments, _competition,
-    ),
-    "hand": (
-        "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each",
-        _hand_arguments, _hand,
-    ),
-}  # fmt: skip
-"""Description, arguments and function of each action."""

@@ -107,10 +107,6 @@ class LoggedSession:
     def send(self, packet: bytes) -> None:
         """Drop the packet: nobody listens."""
 
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Return nothing."""
-        return []
-
     def _followed(self, event: Event) -> Event:
         if isinstance(event, Connected | Disconnected):
             self.peer = event.peer if isinstance(event, Connected) else None

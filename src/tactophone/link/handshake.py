@@ -98,11 +98,6 @@ class NewRecords:
         return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self.changed_cipher
 
 
-def changes_cipher(datagram: bytes) -> bool:
-    """Whether a datagram begins with the last flight of an answerer."""
-    return datagram[:1] == bytes([_CHANGE_CIPHER])
-
-
 def split_flight(written: bytes) -> Iterator[bytes]:
     """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
     datagram = b""
@@ -291,8 +286,8 @@ class Handshake:
             # flight, the answer was lost. A caller that is done answers nothing, or the two would go on for ever.
             if not self._calls and not is_encrypted(datagram):
                 self._retransmit(now)
-        elif self._calls and changes_cipher(datagram) and not self._new_records.changed_cipher:
-            pass  # late, of the handshake before: OpenSSL would end this one
+        elif self._calls and datagram[:1] == bytes([_CHANGE_CIPHER]) and not self._new_records.changed_cipher:
+            pass  # the last flight of the handshake before, which is late: OpenSSL would end this one
         elif self._received < MAX_FLIGHT_DATAGRAMS:
             self._received += 1
             self._connection.bio_write(datagram)

@@ -136,23 +136,14 @@ def split_address(text: str, port: int) -> Address:
     return host.strip("[]"), int(number)
 
 
-class DatagramKind(enum.Enum):
-    """The protocol of a datagram, by its first byte (RFC 7983 section 7)."""
-
-    DTLS = range(20, 64)
-    SRTP = range(128, 192)
-    NEITHER = range(0)
-
-    @classmethod
-    def of(cls, datagram: bytes) -> "DatagramKind":
-        return _DATAGRAM_KINDS[datagram[0]] if datagram else cls.NEITHER
+def is_dtls(datagram: bytes) -> bool:
+    """Whether a datagram is of a handshake, by its first byte (RFC 7983 section 7)."""
+    return len(datagram) > 0 and 20 <= datagram[0] < 64
 
 
-_DATAGRAM_KINDS = [
-    next((kind for kind in (DatagramKind.SRTP, DatagramKind.DTLS) if first in kind.value), DatagramKind.NEITHER)
-    for first in range(256)
-]
-"""The kind for each first byte: a flood must not cost a search a datagram."""
+def is_srtp(datagram: bytes) -> bool:
+    """Whether a datagram is an encrypted packet or report, by its first byte (RFC 7983 section 7)."""
+    return len(datagram) > 0 and 128 <= datagram[0] < 192
 
 
 def is_report(packet: bytes) -> bool:

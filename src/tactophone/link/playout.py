@@ -98,10 +98,6 @@ class PlayoutController:
         """Seconds from the play position to the newest sample that the empty network would have delivered."""
         return (self._packet_size + self._block_size) / CLOCK_RATE + self._allowance.duration
 
-    def delay(self, now: float) -> float:
-        """Seconds from a sample's arrival over the empty network to its playout."""
-        return now - self._min_transit - self.position / CLOCK_RATE
-
     def push(self, start: int, size: int, *, now: float) -> None:
         """Add the arrival of a packet of ``size`` samples from position ``start``."""
         self._packet_size = size
@@ -286,7 +282,7 @@ class Playout:
 
     def _accept(self, packet: Packet, now: float) -> None:
         own = packet.payload
-        if not self.reception.count(packet.sequence, own.timestamp, len(own.content), now=now):
+        if not self.reception.count(packet.sequence, own.timestamp, now=now):
             return
         start = self._timestamps.position(own.timestamp)
         size = self._keep(start, own, primary=True)
@@ -362,7 +358,6 @@ class Playout:
 
     def _count_concealed(self, size: int) -> None:
         self.reception.stats.samples_concealed += size
-        self.reception.stats.concealment_events += self._extrapolated == 0
         self._extrapolated += size
 
     def _append(self, samples: FloatArray, *, fade: bool) -> FloatArray:

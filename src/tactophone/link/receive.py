@@ -9,7 +9,6 @@ from tactophone.errors import PacketError
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.packet import (
     CLOCK_RATE,
-    Address,
     Packet,
     Payload,
     PayloadType,
@@ -147,9 +146,6 @@ class ReceiveSession:
             self.tap(now, events, True)
         return [*self._handle(events, now), *self._depacketizer.poll(now)]
 
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        return self.session.outgoing()
-
     def _begin(self, past: Counter[str], *, start: int = 0) -> None:
         # One assignment, so that a thread that reads `counters` meanwhile counts the old stream exactly once.
         self._totals = past, Depacketizer(reorder=self._reorder, start=start)
@@ -193,7 +189,7 @@ class ReceiveSession:
             if self.playout:
                 self.playout.push(packet, now=now)
             return packet
-        if self._depacketizer.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
+        if self._depacketizer.reception.count(packet.sequence, payload.timestamp, now=now):
             received += self._predictions.push(payload, now=now)
         return None
 

@@ -34,7 +34,7 @@ from tactophone.link.handshake import (
     is_hello,
 )
 from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import Address, DatagramKind, is_report, stream_of
+from tactophone.link.packet import Address, is_dtls, is_report, is_srtp, stream_of
 from tactophone.link.rtcp import Goodbye, Introduction, parse_report
 
 RENEW_AFTER = 11 * 3600.0
@@ -65,7 +65,6 @@ class SrtpCrypto:
     """
 
     def __init__(self, secrets: Secrets) -> None:
-        self.local_ssrc, self.remote_ssrc = secrets.local_ssrc, secrets.remote_ssrc
         self._out = pylibsrtp.Session(_policy(secrets.outbound, secrets.local_ssrc))
         self._in = pylibsrtp.Session(_policy(secrets.inbound, secrets.remote_ssrc))
 
@@ -277,10 +276,9 @@ class Session:
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
         """Process a datagram from the network; no content can make it raise."""
         try:
-            kind = DatagramKind.of(datagram)
-            if kind is DatagramKind.SRTP:
+            if is_srtp(datagram):
                 return self._open(datagram, now)
-            if kind is DatagramKind.DTLS:
+            if is_dtls(datagram):
                 return self._handle_dtls(datagram, source, now)
         except Exception as error:
             # The one boundary between bytes of the network and the process: whatever they made a library raise ends

@@ -15,7 +15,6 @@ here                      WebRTC (``RTCInboundRtpStreamStats``)
 ``jitter``                ``jitter``, RFC 3550 section 6.4.1
 ``samples_received``      ``totalSamplesReceived``
 ``samples_concealed``     ``concealedSamples``
-``concealment_events``    ``concealmentEvents``
 ``samples_skipped``       none: gaps too long to conceal
 ========================  ===================================================================================
 
@@ -49,11 +48,9 @@ class StreamStats:
     packets_concealed: int = 0
     packets_skipped: int = 0
     packets_broken: int = 0
-    octets_received: int = 0
     samples_received: int = 0
     samples_concealed: int = 0
     samples_skipped: int = 0
-    concealment_events: int = 0
     jitter: float = 0.0
     most_lost: int = 0
     first: int | None = None
@@ -80,7 +77,7 @@ class Reception:
         self._reported = (0, 0)
         self._last_report = (0, 0.0)
 
-    def count(self, sequence: int, timestamp: int, octets: int, *, now: float) -> bool:
+    def count(self, sequence: int, timestamp: int, *, now: float) -> bool:
         """Count a packet; return false for a duplicate (among the newest 2**10)."""
         stats = self.stats
         following = stats.highest + 1
@@ -90,7 +87,6 @@ class Reception:
             stats.packets_received += 1
         elif not self._count_other(sequence):
             return False
-        stats.octets_received += octets
         self._update_jitter(timestamp, now)
         return True
 

@@ -193,10 +193,6 @@ class Packetizer:
         self._marker = True
         self._past: deque[Payload] = deque(maxlen=2)
 
-    def push(self, block: AudioBlock) -> list[Packet]:
-        """Take sound; return the packets that it completes, oldest first."""
-        return [self.packet(encoded) for encoded in self.encoder.push(block)]
-
     def packet(self, encoded: EncodedSound) -> Packet:
         # A gap in the sound is announced by the marker.
         self._marker |= encoded.after_gap
@@ -322,7 +318,7 @@ class Depacketizer:
     def _count(self, packet: Packet, now: float) -> int | None:
         """Count a packet; return its position in samples, ``None`` if it is of no use."""
         timestamp = packet.payload.timestamp
-        if not self.reception.count(packet.sequence, timestamp, len(packet.payload.content), now=now):
+        if not self.reception.count(packet.sequence, timestamp, now=now):
             return None
         position = self._timestamps.position(timestamp)
         transit = now - position / CLOCK_RATE
@@ -394,7 +390,6 @@ class Depacketizer:
             else:
                 stats.samples_concealed += size
                 stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
-                stats.concealment_events += 1
                 decoded.append(self._emit(samples, now, concealed=True, arrival=now))
         self._decode_contiguous(decoded, now)
 

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
 from tactophone.errors import DeviceError
-from tactophone.link.packet import Address, DatagramKind
+from tactophone.link.packet import Address, is_dtls
 
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 _LOAD_BYTE, _LOAD_HALF, _LOAD_WORD, _AND = 0x30, 0x28, 0x20, 0x54
@@ -236,12 +236,12 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._accept_handshakes(not self._closed_reads)
         if len(datagrams) <= MAX_PEER_HANDSHAKES:
             return datagrams
-        handshakes = [each for each in datagrams if _is_handshake(each[0])]
+        handshakes = [each for each in datagrams if is_dtls(each[0])]
         if len(handshakes) <= MAX_PEER_HANDSHAKES:
             return datagrams
         self._closed_reads = CLOSED_READS
         self._accept_handshakes(False)
-        return [each for each in datagrams if not _is_handshake(each[0])] + handshakes[:MAX_FOREIGN]
+        return [each for each in datagrams if not is_dtls(each[0])] + handshakes[:MAX_FOREIGN]
 
     def _accept_handshakes(self, accepted: bool) -> None:
         if accepted == self._closed and self._peer_socket and self._followed:
@@ -346,10 +346,6 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
             continue
         datagrams.append((datagram, _address(origin)))
     return datagrams
-
-
-def _is_handshake(datagram: bytes) -> bool:
-    return DatagramKind.of(datagram) is DatagramKind.DTLS
 
 
 def _address(address: tuple[Any, ...]) -> Address:

@@ -131,7 +131,6 @@ class PageMicrophone:
     def __init__(self, sound: Connection) -> None:
         self._sound = sound
         self._view: web.WebSocketResponse | None = None
-        self.dropped = 0
 
     async def connect(self, request: web.Request) -> web.StreamResponse:
         """Take sound from a page until it leaves; a second page is sent away."""
@@ -155,6 +154,4 @@ class PageMicrophone:
             # Unless the pipe to the robot's side is full: a page must never make the server wait.
             elif select.select([], [self._sound], [], 0)[1]:
                 self._sound.send_bytes(data)
-            else:
-                self.dropped += 1
         return view

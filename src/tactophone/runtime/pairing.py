@@ -78,18 +78,6 @@ def both_sides(
         yield Sides(*stack.enter_context(supervised(receiving, sending)))
 
 
-def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
-    """Return the robot's settings with one more operator on this machine, and that operator's."""
-    identity = Identity.create(name)
-    identity.save(folder / name)
-    Peers.load(folder / "operator").save(folder / name)
-    Peers.load(folder / "robot").trusting(name, identity.fingerprint).save(folder / "robot")
-    port = _free_port()
-    calling = replace(robot.link, peer=f"{robot.link.peer}:{robot.link.port},127.0.0.1:{port}")
-    second = replace(operator.link, identity=str(folder / name), port=port)
-    return replace(robot, link=calling), _side(operator, second, name)
-
-
 def _side(settings: Settings, link: Link, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))
 

@@ -70,10 +70,6 @@ class Memory:
         self["fingerprint"][...] = fingerprint_of(self.fingers)
 
     @property
-    def writer_alive(self) -> bool:
-        return is_alive(int(self["pid"]))
-
-    @property
     def replaced(self) -> bool:
         """Whether another memory has this name now."""
         with contextlib.suppress(OSError):
@@ -101,19 +97,16 @@ def remove_memory(name: str) -> None:
             path.unlink()
 
 
-def remove_leftovers() -> list[str]:
-    """Remove the memory of this user's runs that were killed; returns their names.
+def remove_leftovers() -> None:
+    """Remove the memory of this user's runs that were killed.
 
     A run counts as killed when its process is gone and its last heartbeat is older than `LEFT_AFTER`: in a container
     that shares the folder, processes may exist that cannot be seen from here.
     """
-    removed = []
     for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
         with contextlib.suppress(OSError, TactophoneError):
             if path.lstat().st_uid == os.getuid() and not path.is_symlink() and _is_leftover(path):
                 path.unlink()
-                removed.append(_run(path))
-    return removed
 
 
 def _is_leftover(path: Path) -> bool:

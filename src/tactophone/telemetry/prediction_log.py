@@ -58,14 +58,11 @@ class PredictionLog(RunFollower):
         Called with a message when predictions were overwritten before they were read, and when the file can no longer
         be written: the log ends then, the run goes on.
 
-    ``missed``: predictions that were overwritten before they were read.
-
     Raises `ConfigError` when the file cannot be written.
     """
 
     def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:
         super().__init__(name)
-        self.missed = 0
         self._full = False
         self._path, self._report = path, report
         self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
@@ -95,7 +92,6 @@ class PredictionLog(RunFollower):
         for finger in range(self.watcher.fingers):
             rows, missed = self.watcher.new_predictions(finger=finger)
             if missed:
-                self.missed += missed
                 until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
                 self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
             for entry in rows:

@@ -157,7 +157,7 @@ class Watcher:
     @property
     def alive(self) -> bool:
         """Whether the process exists and has shown a sign of life lately."""
-        return self._age < STALE_AFTER and self._memory.writer_alive
+        return self._age < STALE_AFTER and is_alive(self.pid)
 
     @property
     def _age(self) -> float:

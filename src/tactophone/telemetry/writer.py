@@ -78,7 +78,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self.state = State()
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._memory.unlink()
 
     def count(self, name: str, n: int = 1) -> None:
         index = _COUNTER[name]
@@ -183,9 +183,6 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
                 found.append(Request(ACTIONS[action], float(slot["value"]), text, float(slot["time"]), place - 1))
         recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
         return sorted(recent, key=lambda request: request.time)
-
-    def close(self) -> None:
-        self._memory.unlink()
 
     def _renew(self, step: PipelineStep) -> int:
         """Keep a step's newest prediction and command; return its newest event, 0 without one."""
