@@ -152,7 +152,7 @@ def _choose(
     }
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     before = accuracy_of(_predict(start, data.validation, "choosing", gate_dbfs))
-    best: tuple[float, float] = (-1.0, 0.0)
+    best: tuple[float, float] = (-math.inf, 0.0)
     for share, weights in mixtures(start, trained, args.strategy):
         path = args.out.with_name(f"tried-{args.out.name}")
         write_finetuned(path, recipe, weights, facts=facts)
