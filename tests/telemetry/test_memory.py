@@ -139,8 +139,8 @@ def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(name: s
     first = Telemetry(name)
     path.unlink()
     with Telemetry(name):
-        first.count("xruns")
-        first.close()
+        with first:
+            first.count("xruns")
         assert path.exists()
         assert Watcher(name).snapshot().counters["xruns"] == 0
 
