@@ -318,13 +318,16 @@ class RunningLink:
         peak = 0.0
         while time.monotonic() < begun + 10.0:
             time.sleep(0.02)
+            # What was rendered last may fade for 0.1 s of periods, and lie in the newest 20 ms for as long again. It is
+            # read before the predictions, so that the vibration of a new one is not taken for what was left.
+            faded = self._watcher.totals()[0]["callbacks"] > rendered + FADE
+            level = float(np.abs(self._watcher.snapshot().vibration[-960:]).max(initial=0.0))
             made = self._watcher.predictions()[0]["made"]
             fresh = made[made > max(last, begun)]
             if len(fresh):
                 return float(fresh[0]) - begun, peak
-            # What was rendered last may fade for 0.1 s of periods, and lie in the newest 20 ms for as long again.
-            if self._watcher.totals()[0]["callbacks"] > rendered + FADE:
-                peak = max(peak, float(np.abs(self._watcher.snapshot().vibration[-960:]).max(initial=0.0)))
+            if faded:
+                peak = max(peak, level)
         return 10.0, peak
 
     def restarts(self) -> int:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tactophone.runtime.gate import EMERGENCY_STOP, RESTARTED
+from tactophone.runtime.operator import LONGEST_CALL
 from tactophone.telemetry.watcher import Watcher
 from tactophone.types import Touch
 
@@ -47,7 +48,9 @@ def test_a_robot_that_falls_silent_silences_the_finger_and_is_reported(system: L
         with system.robot():
             assert eventually(lambda: system.amplitude() > 0.3)
         assert eventually(lambda: system.amplitude() == 0.0)
-        assert eventually(lambda: any(fault.code == "link" for fault in system.snapshot().state.faults))
+        assert eventually(
+            lambda: any(fault.code == "link" for fault in system.snapshot().state.faults), timeout=2 * LONGEST_CALL
+        )
 
 
 def test_the_emergency_stop_latches_until_armed(system: LiveSystem) -> None:
