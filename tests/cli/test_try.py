@@ -151,8 +151,8 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     expected = [item for block in blocks_of(steps, sound) for item in pipeline.push(block).predictions]
     # Then Chromium repeats its last 10 ms for ever, which the live side, but not `feel`, reports as hum.
     end = len(spoken[1]) / RATE - 0.5
-    live = {round(1000 * row["window_end"]): row for row in np.concatenate(rows) if row["window_end"] < end}
-    pairs = [(item, live[round(1000 * item.end)]) for item in expected if round(1000 * item.end) in live]
+    live = {round(RATE * row["window_end"]): row for row in np.concatenate(rows) if row["window_end"] < end}
+    pairs = [(item, live[round(RATE * item.end)]) for item in expected if round(RATE * item.end) in live]
     assert len(pairs) >= 0.95 * len(live) > 100
     assert np.mean([int(item.touch) == row["touch"] for item, row in pairs]) > 0.99
     assert np.median([abs(item.roughness - row["roughness"]) for item, row in pairs]) < 1e-3
