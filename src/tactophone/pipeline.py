@@ -101,8 +101,8 @@ class Pipeline:
 class Hand:
     """The pipelines of all fingers of a robot: the sound of all goes in, and a step of each comes out.
 
-    Every finger has its own detector, profile and limits, and computes what it would alone, bit for bit. One finger is
-    a hand too: its sound passes as it is.
+    Every finger has its own detector, profile and limits, and classifies as it would alone: in a batch, P(rough) may
+    differ by 1e-5. One finger is a hand too: its sound passes as it is.
 
     Parameters
     ----------
