@@ -29,8 +29,8 @@ from tactophone.processes import atomic_write, open_pool
 from tactophone.types import Touch
 
 TRAINING_CODE = (
-    "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/values.py",
-    "benchmark/methods.py",
+    "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "microphones.py",
+    "dataset/values.py", "benchmark/methods.py",
 )  # fmt: skip
 """Folders and files of the package that train detectors or run them."""
 

@@ -10,7 +10,7 @@ EXAMPLES = ("tactophone pair init", "tactophone pair show", "tactophone pair tru
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    steps = parser.add_subparsers(title="steps", metavar="STEP", required=True)
+    steps = parser.add_subparsers(title="steps", dest="step", metavar="STEP", required=True)
     init = steps.add_parser("init", help="create a key and a certificate, once for each machine")
     init.add_argument("--name", default=socket.gethostname(), help="what other machines call this one")
     show = steps.add_parser("show", help="print this machine's fingerprint and those it trusts")
@@ -20,8 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trust.add_argument("fingerprint", help="as `tactophone pair show` prints it there")
     forget = steps.add_parser("forget", help="stop accepting a machine")
     forget.add_argument("name", help="as given to `pair trust`")
-    for name, step in steps.choices.items():
-        step.set_defaults(step=name)
+    for step in steps.choices.values():
         step.add_argument("--identity", type=Path, metavar="FOLDER",
             help="where keys are kept (default: ~/.config/tactophone)")  # fmt: skip
 

@@ -288,6 +288,12 @@ def stretches(on: NDArray[np.bool_]) -> NDArray[np.intp]:
     return np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
 
 
+def within(time: NDArray[np.float64], segments: Iterable[Segment]) -> NDArray[np.bool_]:
+    """Return whether each time in s lies in one of the segments, whose ends do not belong to them."""
+    inside = [(time >= each.start) & (time < each.end) for each in segments]
+    return np.asarray(np.any([np.zeros(len(time), bool), *inside], axis=0))
+
+
 def read_slides(recording: Recording) -> Intervals | None:
     """Return the intervals in which the finger slides; ``None`` if they are unknown."""
     text = recording.known("slides")

@@ -16,7 +16,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset.values import Segment
+from tactophone.dataset.values import Segment, within
 from tactophone.errors import ConfigError
 from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.haptics.passthrough import Passthrough
@@ -282,7 +282,7 @@ class RunScores:
 def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:
     """Score a run's timeline against its labelled segments; a score without data is NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
-    smooth, rough = (_inside(time, truth, label) for label in SURFACE_LABELS)
+    smooth, rough = (within(time, [each for each in truth if each.label is label]) for label in SURFACE_LABELS)
     pairs = list(itertools.pairwise(truth))
     touched = [after.start for before, after in pairs if after.contact and not before.contact]
     lifted = [after.start for before, after in pairs if before.contact and not after.contact]
@@ -298,11 +298,6 @@ def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> 
 
 def _share(right: NDArray[np.bool_]) -> float:
     return float(right.mean()) if len(right) else float("nan")
-
-
-def _inside(time: NDArray[Any], truth: tuple[Segment, ...], label: Touch) -> NDArray[np.bool_]:
-    inside = [(time >= segment.start) & (time < segment.end) for segment in truth if segment.label is label]
-    return np.asarray(np.any([np.zeros(len(time), bool), *inside], axis=0))
 
 
 def _delay(time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]) -> float:

@@ -18,7 +18,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.values import Intervals, Recording, Segment, stretches, write_slides
+from tactophone.dataset.values import Intervals, Recording, Segment, stretches, within, write_slides
 from tactophone.link.codec import Codec, encode_and_decode
 from tactophone.processes import atomic_write, open_pool
 from tactophone.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
@@ -237,8 +237,7 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
     hand.queue(_moves(job, scene))
     speed = np.abs(hand.follow(round(job.options.duration * LIVE_SAMPLE_RATE)).motion.speed)
     time = np.arange(len(speed)) / LIVE_SAMPLE_RATE
-    touching = [(time >= segment.start) & (time < segment.end) for segment in metadata.segments if segment.contact]
-    sliding = (speed > SLIDING) & np.any([np.zeros(len(time), bool), *touching], axis=0)
+    sliding = (speed > SLIDING) & within(time, (segment for segment in metadata.segments if segment.contact))
     return tuple((float(start), float(end)) for start, end in stretches(sliding) / LIVE_SAMPLE_RATE)
 
 
