@@ -1,6 +1,6 @@
 """What `tactophone feel --tip stylus` renders of real kinds that its model was not trained on.
 
-    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted] [--takes N]
+    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted [GROUP ...]] [--takes N]
 
 (needs TACTOPHONE_RECORDINGS)
 
@@ -9,7 +9,8 @@ on SIMULATED sets of the stylus, as `make model` trains the shipped one; its tak
 `feel`, with the gate's threshold from each take itself. Every run is a look at real scores: enter it in
 docs/research/looks.md. *Right*: share of the time within 30 dB of the take's loudest that is rendered as its label.
 A line says how often *unknown* predictions and the others are wrong, core and all.
-With ``--distorted`` the kept takes pass besides through each channel of `distortions`, which nothing is trained on.
+With ``--distorted`` the kept takes pass besides through channels of `distortions`, which nothing is trained on: the
+ten, or those of each GROUP (``ten``, ``development``, ``kept``).
 ``--takes`` scores the first N of each surface alone; all are trained on.
 """
 
@@ -23,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from distortions import DISTORTIONS, distorted
+from distortions import GROUPS, distorted
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import kin_of, with_kin
 from tactophone.dataset.values import Dataset, Recording
@@ -65,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("simulated", type=Path, nargs="*")
     parser.add_argument("--by", choices=("kin", "surface"), default="kin")
-    parser.add_argument("--distorted", action="store_true")
+    parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
     parser.add_argument("--takes", type=int, default=1000)
     args = parser.parse_args()
     real = with_kin(
@@ -74,7 +75,8 @@ def main() -> None:
     real = real.where(lambda take: take.tier in ("core", "extended")).labelled()
     simulated = [take for folder in args.simulated for take in open_dataset(folder).recordings]
     group = kin_of if args.by == "kin" else (lambda take: take.surface)
-    channels = [AS_IT_IS, *(DISTORTIONS if args.distorted else ())]
+    groups = ["ten"] if args.distorted == [] else args.distorted or []
+    channels = [AS_IT_IS, *(name for group in groups for name in GROUPS[group])]
     counts: dict[str, Counts] = {name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels}
     plain: list[TakePredictions] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -90,7 +92,7 @@ def main() -> None:
                         plain += [found] if name == AS_IT_IS else []
                         counts[name][take.surface] += np.bincount(rendered(model, take, found), minlength=3)
     print_surfaces(real, counts[AS_IT_IS])
-    print_channels(real, counts)
+    print_channels(real, counts, groups)
     for tiers in (("core",), ("core", "extended")):
         shares = unknown_shares([each for each in plain if each.recording.tier in tiers])
         print("{}: unknown {:.3f}, wrong {:.3f} of that and {:.3f} of the rest".format(" and ".join(tiers), *shares))
@@ -105,8 +107,8 @@ def print_surfaces(real: Dataset, counts: Counts) -> None:
         print(f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | {gap:.3f} |")
 
 
-def print_channels(real: Dataset, counts: dict[str, Counts]) -> None:
-    """Print the balanced shares that are right through each channel, of core and of all; then their means."""
+def print_channels(real: Dataset, counts: dict[str, Counts], groups: list[str]) -> None:
+    """Print the balanced shares that are right through each channel, of core and of all; then the groups' means."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print("\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|")
     table = {}
@@ -119,8 +121,8 @@ def print_channels(real: Dataset, counts: dict[str, Counts]) -> None:
             row += [(share[rough].mean() + share[~rough].mean()) / 2, share.mean()]
         row.append(float(np.mean([count[Touch.NONE] / count.sum() for count in of_surface.values()])))
         table[channel] = row
-    if len(table) > 1:
-        table["mean of the channels"] = list(np.mean([table[name] for name in table if name != AS_IT_IS], axis=0))
+    for group in groups:
+        table[f"mean: {group}"] = list(np.mean([table[name] for name in GROUPS[group]], axis=0))
     for channel, row in table.items():
         print("| {} | {:.3f} ({:.3f}) | {:.3f} ({:.3f}) | {:.3f} |".format(channel, *row))
 
