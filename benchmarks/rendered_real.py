@@ -8,7 +8,8 @@ For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on 
 on SIMULATED sets of the stylus, as `make model` trains the shipped one; its takes then pass through the pipeline of
 `feel`, with the gate's threshold from each take itself. Every run is a look at real scores: enter it in
 docs/research/looks.md. *Right*: share of the time within 30 dB of the take's loudest that is rendered as its label.
-A line says how often *unknown* predictions and the others are wrong, core and all.
+A line says how often *unknown* predictions and the others are wrong, core and all, and how well probabilities are
+calibrated, beside what perfect calibration would measure on as few surfaces.
 With ``--distorted`` the kept takes pass besides through channels of `distortions`, which nothing is trained on: the
 ten, or those of each GROUP (``ten``, ``development``, ``kept``).
 ``--takes`` scores the first N of each surface alone; all are trained on.
@@ -28,7 +29,8 @@ from distortions import GROUPS, distorted
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import kin_of, with_kin
 from tactophone.dataset.values import Dataset, Recording
-from tactophone.evaluation.events import decided_touches
+from tactophone.evaluation.events import calibration_error, decided_touches
+from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, model_predictor
 from tactophone.evaluation.report import unknown_shares
 from tactophone.perception.model_file import Model, read_model
@@ -94,8 +96,28 @@ def main() -> None:
     print_surfaces(real, counts[AS_IT_IS])
     print_channels(real, counts, groups)
     for tiers in (("core",), ("core", "extended")):
-        shares = unknown_shares([each for each in plain if each.recording.tier in tiers])
+        takes = [each for each in plain if each.recording.tier in tiers]
+        shares, errors = unknown_shares(takes), (calibration_error(takes), *perfect_errors(takes))
         print("{}: unknown {:.3f}, wrong {:.3f} of that and {:.3f} of the rest".format(" and ".join(tiers), *shares))
+        print("calibration error {:.3f}; were the probabilities right {:.3f}, 90 %: {:.3f} to {:.3f}".format(*errors))
+
+
+def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
+    """Return what the calibration error would be if the probabilities were right: mean, 5th and 95th percentile.
+
+    All windows of a surface are of one class. So each surface's class is drawn, 500 times, by its mean P(rough).
+    """
+    rng, of_surface = np.random.default_rng(0), defaultdict(list)
+    for take in takes:
+        of_surface[take.recording.surface].append(rough_score(take.probabilities[take.contact], "two-class"))
+    means = {name: np.concatenate(scores).mean() for name, scores in of_surface.items()}
+    errors = []
+    for _ in range(500):
+        drawn = {name: Touch.ROUGH if rng.random() < mean else Touch.SMOOTH for name, mean in means.items()}
+        errors.append(calibration_error(
+            replace(take, recording=replace(take.recording, label=drawn[take.recording.surface])) for take in takes
+        ))  # fmt: skip
+    return float(np.mean(errors)), *np.percentile(errors, [5, 95]).tolist()
 
 
 def print_surfaces(real: Dataset, counts: Counts) -> None:
