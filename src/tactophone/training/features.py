@@ -92,16 +92,20 @@ def _design_high_pass(sample_rate: int) -> NDArray[np.float64]:
 
 
 class _Module(nn.Module):
-    """A module whose constants are given as arrays; in single precision."""
+    """A module whose constants are given as arrays.
+
+    Each node of a graph costs about 3 µs once caches are cold, most of them more than their sums. So sizes are integers
+    known beforehand, which need no nodes; only the number of windows or fingers is open.
+    """
 
     def __init__(self, **constants: NDArray[Any]) -> None:
         super().__init__()
         for name, value in constants.items():
-            self.register_buffer(name, torch.tensor(value, dtype=torch.float32))
+            self.register_buffer(name, torch.tensor(value))
 
 
 class Bands(_Module):
-    """log10 of the power of each channel of windows in the sixteen bands."""
+    """The power of each channel of windows in the sixteen bands."""
 
     even: Tensor
     odd: Tensor
@@ -117,14 +121,16 @@ class Bands(_Module):
         # long. Sample 0 is 0 after the taper; the middle one is its own partner, and would count twice.
         dft = np.fft.rfft(np.diag(taper))[1 : size // 2 + 1]
         dft[-1] /= 2
-        super().__init__(even=dft.real, odd=dft.imag, bank=bank)
+        heard = np.flatnonzero(bank.any(axis=1))
+        matrices = {"even": dft.real[:, heard], "odd": dft.imag[:, heard], "bank": bank[heard]}
+        super().__init__(**{name: matrix.astype(np.float32) for name, matrix in matrices.items()})
         self.middle = size // 2
 
     def forward(self, sound: Tensor) -> Tensor:
         """Return ``(windows, channels, BAND_COUNT)`` of sound ``(windows, channels, samples)``."""
         first, last = sound[..., 1 : self.middle + 1], sound[..., self.middle :].flip(-1)
         real, imaginary = (first + last) @ self.even, (first - last) @ self.odd
-        return torch.log10(((real * real + imaginary * imaginary) @ self.bank).double() + FLOOR)
+        return (real * real + imaginary * imaginary) @ self.bank
 
 
 class Texture(_Module):
@@ -138,43 +144,47 @@ class Texture(_Module):
 
     scales: Tensor
     floors: Tensor
-    shapes: Tensor
+    to_values: Tensor
     high_pass: Tensor
 
     def __init__(self, size: int, sample_rate: int, *, unevenness: bool = False) -> None:
-        newest = size // 2
+        newest, shapes = size // 2, slice(BAND_COUNT, BAND_VALUES)
+        to_values = np.eye(BAND_VALUES + unevenness)
+        to_values[shapes, shapes] = _SHAPE_MATRIX
+        to_values[BAND_VALUES:] /= 2
         super().__init__(
-            scales=np.array([1 / newest, 1 / (newest - 1), 1 / (newest - 1), 1]),
-            floors=np.array([FAINT, FAINT, FAINT**2, FAINT**0.5]),
-            shapes=_SHAPE_MATRIX,
-            high_pass=_design_high_pass(sample_rate)[None, None],
+            scales=np.array([1] * BAND_COUNT + [1 / newest, 1 / (newest - 1), 1 / (newest - 1), 1]),
+            floors=np.array([FLOOR] * BAND_COUNT + [FAINT, FAINT, FAINT**2, FAINT**0.5]),
+            to_values=to_values / math.log(10),
+            high_pass=_design_high_pass(sample_rate)[None, None].astype(np.float32),
         )
         self.bands = Bands(size, sample_rate)
-        self.newest, self.step = newest, round(_ENVELOPE_STEP * sample_rate)
-        self.unevenness = unevenness
+        self.size, self.step, self.unevenness = size, round(_ENVELOPE_STEP * sample_rate), unevenness
 
     def forward(self, sound: Tensor) -> Tensor:
         """Return log10 of the power in each band, the four shapes, and the unevenness: ``(windows, channels, values)``.
 
         Sound has the shape ``(windows, channels, samples)``.
         """
-        newest = sound[..., -self.newest :]
+        newest = sound[..., self.size // 2 :]
         slope = newest[..., 1:] - newest[..., :-1]
         squares = slope * slope
-        measures = ((newest * newest).sum(-1), squares.sum(-1), (squares * squares).sum(-1), newest.abs().amax(-1))
-        shapes = torch.log10(torch.stack(measures, -1).double() * self.scales + self.floors) @ self.shapes.double()
-        values = [self.bands(sound), shapes]
-        return torch.cat([*values, self._unevenness(sound)] if self.unevenness else values, -1)
+        sums = (each.sum(-1, keepdim=True) for each in (newest * newest, squares, squares * squares))
+        measures = torch.cat((self.bands(sound), *sums, newest.abs().amax(-1, keepdim=True)), -1)
+        measures = measures.double() * self.scales + self.floors
+        if self.unevenness:
+            measures = torch.cat((measures, self._unevenness(sound)), -1)
+        return torch.log(measures) @ self.to_values
 
     def _unevenness(self, sound: Tensor) -> Tensor:
-        """Return log10 of the envelope's deviation over its mean."""
-        treble = torch.conv1d(sound.reshape(-1, 1, sound.shape[-1]), self.high_pass)
-        steps = treble.shape[-1] // self.step
-        pieces = treble[..., -steps * self.step :].reshape(-1, sound.shape[1], steps, self.step)
+        """Return the square of the envelope's deviation over its mean."""
+        treble = torch.conv1d(sound.reshape(-1, 1, self.size), self.high_pass)
+        steps, rest = divmod(self.size + 1 - _TREBLE_TAPS, self.step)
+        pieces = treble[..., rest:].reshape(-1, int(sound.shape[1]), steps, self.step)
         powers = (pieces * pieces).mean(-1).double() + LEAST_POWER
-        mean = torch.sqrt(powers).mean(-1)
-        share = powers.mean(-1) / (mean * mean) - 1
-        return (torch.log10(share.clamp(min=LEAST_SHARE)) / 2)[..., None]
+        mean = torch.sqrt(powers).mean(-1, keepdim=True)
+        share = powers.mean(-1, keepdim=True) / (mean * mean) - 1
+        return share.clamp(min=LEAST_SHARE)
 
 
 PRIOR_WINDOWS = 3.0
@@ -190,7 +200,7 @@ SETTLED = 6
 """Windows that the running mean holds at least before a change can be detected."""
 
 
-class Statistics(nn.Module):
+class Statistics(_Module):
     """Running statistics of a touch, restarted where the surface changes; their state is an input and an output.
 
     A window of 32 ms is quick but holds little information; the paper's of 256 ms holds more, but also still the last
@@ -206,6 +216,21 @@ class Statistics(nn.Module):
     zeros are the state before a touch. What training finds are inputs here, and constants in a model file.
     """
 
+    spread: Tensor
+    ages: Tensor
+    quieter: Tensor
+    order: Tensor
+
+    def __init__(self, channels: int, values: int) -> None:
+        one = channels * values
+        super().__init__(
+            spread=np.repeat(np.eye(2), 1 + 2 * one, axis=1),
+            ages=np.array([1, 1 + PRIOR_WINDOWS]),
+            quieter=np.eye(sum(_sizes(one).values()))[-1],
+            order=np.arange(2 * one).reshape(2, channels, values).swapaxes(0, 1).ravel(),
+        )
+        self.channels, self.values, self.one, self.entry = channels, values, one, 1 + 2 * one
+
     def forward(
         self, description: Tensor, contact: Tensor, state: Tensor, prior: Tensor, change_metric: Tensor, fading: Tensor
     ) -> tuple[Tensor, Tensor]:
@@ -215,58 +240,53 @@ class Statistics(nn.Module):
         ``change_metric`` see :data:`tactophone.training.tracks.ChangeMetric`; ``fading`` is in windows: after so many,
         the weight of one has fallen to 1/e.
 
-        Returns the features, ``(fingers, channels, 2 * values)``: means, then deviations; and the state after it.
+        Returns the features, ``(fingers, channels * 2 * values)``: for each channel means, then deviations; and the
+        state after it.
         """
-        touching, old = contact[:, None] > 0, parts(state, *description.shape[1:])
-        added = torch.cat(self._add(description.flatten(1).double(), old, change_metric, fading), 1)
-        quiet = torch.where(touching, 0, old["quiet"] + 1)
+        touching = contact[:, None] > 0
+        added = self._add(description.flatten(1).double(), touching.double(), state, change_metric, fading)
         # A finger that stays away for long begins a new touch.
-        after = torch.cat((torch.where(touching, added, state[:, :-1]), quiet), 1) * (quiet < FORGET_AFTER).double()
-        new = parts(after, *description.shape[1:])
-        moments = new["running"] + (1 - new["evidence"]) * prior.flatten()
-        mean, square = moments.reshape(-1, 2, *description.shape[1:]).unbind(1)
+        away = torch.where(state[:, -1:] < FORGET_AFTER - 1, state + self.quieter, 0.0)
+        after = torch.where(touching, added, away)
+        sizes = [self.entry, 1, 2 * self.one, len(self.quieter) - 2 * self.entry]
+        _, evidence, running, _ = torch.split(after, sizes, 1)
+        mean, square = torch.split(running + (1 - evidence) * prior.flatten(), self.one, 1)
         deviation = torch.sqrt((square - mean * mean).clamp(min=MIN_VARIANCE))
-        return torch.cat((mean, deviation), -1).float(), after
+        features = torch.cat((mean, deviation), 1).float()
+        return features[:, self.order] if self.channels > 1 else features, after
 
     def _add(
-        self, description: Tensor, old: Mapping[str, Tensor], change_metric: Tensor, fading: Tensor
-    ) -> tuple[Tensor, ...]:
-        """Return the parts of the state, but the last, after a window in contact."""
-        window = torch.cat((description, description * description), 1)
-        count, since = old["count"] + 1, old["since"] + 1
+        self, description: Tensor, touching: Tensor, state: Tensor, change_metric: Tensor, fading: Tensor
+    ) -> Tensor:
+        """Return the state after a window in contact, where ``touching`` is 1."""
+        one, entry = self.one, self.entry
+        sizes = [2 * entry, (BEFORE - 2) * entry, 1, one, one + entry, 1, 1]
+        old, _, evidence, before, _, count, quiet = torch.split(state, sizes, 1)
+        window = touching, description, description * description
         # A plain average over the first windows (of which the prior is worth PRIOR_WINDOWS), exponential afterwards.
-        weight = torch.maximum(1 / fading, 1 / (count + PRIOR_WINDOWS))
-        running = old["running"] + weight * (window - old["running"])
-        newest = old["newest"] + (1 / since).clamp(min=1 / NEWEST) * (window - old["newest"])
-        evidence = old["evidence"] + weight * (1 - old["evidence"])
-        values = description.shape[1]
-        means = torch.cat((old["means"][:, values:], old["running"][:, :values]), 1)
-        evidences = torch.cat((old["evidences"][:, 1:], old["evidence"]), 1)
-        shift = shift_of({"newest": newest, "means": means, "evidences": evidences})
-        channels = change_metric.shape[0]
-        distance = shift.reshape(-1, channels, 1, values // channels) @ change_metric
+        # Both averages have one count: a restart does not bring the newest one's weight over its least.
+        least = torch.stack((torch.full_like(fading, 1 / NEWEST), 1 / fading))
+        weights = torch.maximum(1 / (count + self.ages), least) @ self.spread
+        moved = old + weights * (torch.cat((*window, *window), 1) - old)
+        newest, running = torch.split(moved, entry, 1)
+        count = count + 1
+        shift = newest[:, 1 : 1 + one] - before / evidence
+        distance = shift.reshape(-1, self.channels, 1, self.values) @ change_metric
         changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (count >= BEFORE + SETTLED)
         # Another surface: the newest moments replace the running ones, as if only their windows had been in the touch.
         # The prior counts again as it would after so few, or the first guess would be too certain.
-        restarted = NEWEST / (NEWEST + PRIOR_WINDOWS)
-        return (
-            torch.where(changed, restarted * newest, running),
-            newest,
-            means,
-            evidences,
-            torch.where(changed, restarted, evidence),
-            torch.where(changed, NEWEST, count),
-            since,
-        )
+        running = torch.where(changed, NEWEST / (NEWEST + PRIOR_WINDOWS) * newest, running)
+        count = torch.where(changed, NEWEST, count)
+        return torch.cat((newest, running, state[:, entry : (1 + BEFORE) * entry], count, 0 * quiet), 1)
 
 
 def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
     """Return the named parts of states, each ``(fingers, numbers)``.
 
-    ``running`` and ``newest``: two sets of moments (means, then mean squares) that fade side by side, the prior
-    counting as zero. ``means`` and ``evidences``: the running mean, and its evidence, up to `BEFORE` windows ago,
-    oldest first. ``evidence``: the weight that the prior has lost. ``count`` and ``since``: windows since a restart,
-    and since the touch began. ``quiet``: windows without contact.
+    ``newest`` and ``running``: two sets of moments (means, then mean squares) that fade side by side, the prior
+    counting as zero. Each follows its evidence, the weight that the prior has lost. ``between``: the running ones and
+    their evidence of the last windows, newest first, up to those ``before``, `BEFORE` windows ago. ``count``: windows
+    since a restart. ``quiet``: windows without contact.
     """
     sizes = _sizes(channels * values)
     ends = np.cumsum(list(sizes.values())).tolist()
@@ -274,14 +294,15 @@ def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
 
 
 def _sizes(one: int) -> dict[str, int]:
-    several = {"running": 2 * one, "newest": 2 * one, "means": BEFORE * one, "evidences": BEFORE}
-    return several | dict.fromkeys(("evidence", "count", "since", "quiet"), 1)
+    newest, running = {"newest evidence": 1, "newest": 2 * one}, {"evidence": 1, "running": 2 * one}
+    between, before = {"between": (BEFORE - 1) * (1 + 2 * one)}, {"evidence before": 1, "before": 2 * one}
+    return newest | running | between | before | {"count": 1, "quiet": 1}
 
 
 def shift_of(state: Mapping[str, Any]) -> Any:
     """Return the newest mean less the running mean before it, ``(fingers, channels * values)``."""
     one = state["newest"].shape[1] // 2
-    return state["newest"][:, :one] - state["means"][:, :one] / state["evidences"][:, :1].clip(1e-9)
+    return state["newest"][:, :one] - state["before"][:, :one] / state["evidence before"]
 
 
 CUES_FROM = 100.0
@@ -343,18 +364,20 @@ class Cues(_Module):
         return (powers * self.bins).sum(-1) / total[:, -1], below * self.spacing
 
 
-class Whole(nn.Module):
+class Whole(_Module):
     """All that stands before a texture model's classifier; the features of a channel without signal are NaN."""
 
-    def __init__(self, texture: nn.Module) -> None:
-        super().__init__()
-        self.texture, self.statistics = texture, Statistics()
+    columns: Tensor
+
+    def __init__(self, texture: Texture, statistics: Statistics) -> None:
+        super().__init__(columns=np.repeat(np.arange(statistics.channels), 2 * statistics.values))
+        self.texture, self.statistics = texture, statistics
 
     def forward(self, sound: Tensor, *others: Tensor) -> tuple[Tensor, Tensor]:
         """Return features ``(fingers, features)`` and state, of sound and what `Statistics` takes besides."""
         features, after = self.statistics(self.texture(sound), *others)
-        missing = (sound * sound).sum(-1) < SILENT_POWER * sound.shape[-1]
-        return torch.where(missing[..., None], math.nan, features).flatten(1), after
+        missing = (sound * sound).sum(-1) < SILENT_POWER * self.texture.size
+        return torch.where(missing[:, self.columns], math.nan, features), after
 
 
 CONSTANTS = ("prior", "change_metric", "fading")
@@ -436,8 +459,9 @@ def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) ->
         description = module(sound).float()
         values = description.shape[-1]
         first = {SOUND: sound} if part == "whole" else {DESCRIPTION: description}
-        module, outputs = Whole(module) if part == "whole" else Statistics(), [FEATURES, STATE_OUT]
-        state = torch.zeros(1, sum(_sizes(channels * values).values())).double()
+        statistics, outputs = Statistics(channels, values), [FEATURES, STATE_OUT]
+        module = Whole(module, statistics) if isinstance(module, Texture) and part == "whole" else statistics
+        state = torch.zeros(1, len(statistics.quieter)).double()
         constants = torch.zeros(2, channels, values), torch.zeros(channels, values, values), torch.ones(())
         inputs = {**first, CONTACT_INPUT: torch.ones(1), STATE: state}
         inputs |= dict(zip(CONSTANTS, (each.double() for each in constants), strict=True))
