@@ -94,7 +94,7 @@ def _design_high_pass(sample_rate: int) -> NDArray[np.float64]:
 class _Module(nn.Module):
     """A module whose constants are given as arrays.
 
-    Each node of a graph costs about 3 µs once caches are cold, most of them more than their sums. So sizes are integers
+    A node of a graph costs 2 to 3 µs once caches are cold, most of them more than their sums. So sizes are integers
     known beforehand, which need no nodes; only the number of windows or fingers is open.
     """
 
