@@ -88,11 +88,8 @@ def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
 
 def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
     """Return the prediction of a window of each detector, all of one network."""
-    # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
-    sound = np.empty((len(due), *due[0][2].shape[::-1]), np.float32)
-    for place, (_, _, window) in zip(sound, due, strict=True):
-        place[:] = window.T
-    measured = [detector.measure(place) for place, (detector, _, _) in zip(sound, due, strict=True)]
+    sound = [window.T for _, _, window in due]
+    measured = [detector.measure(each) for each, (detector, _, _) in zip(sound, due, strict=True)]
     found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
     return [
         detector.decide(end, *level, *each)

@@ -441,11 +441,11 @@ class Engine:
         return np.zeros(self._sizes.get(STATE, (0,)))
 
     def run(
-        self, sound: FloatArray, contact: Sequence[bool], states: Sequence[Any]
+        self, sound: Sequence[FloatArray], contact: Sequence[bool], states: Sequence[Any]
     ) -> list[tuple[Probabilities, FloatArray]]:
         """Return the probabilities of none, smooth and rough for each finger, and the features that they follow from.
 
-        Sound has the shape ``(fingers, channels, samples)``. Each finger's state is changed in place. A broken network
+        Each finger's sound has the shape ``(channels, samples)``; its state is changed in place. A broken network
         returns NaN, or numbers that do not sum to 1: the caller checks. The features are valid until the next run.
         """
         if self._alone and len(sound) > 1:
@@ -454,10 +454,11 @@ class Engine:
         return self._run(sound, contact, states)
 
     def _run(
-        self, sound: FloatArray, contact: Sequence[bool], states: Sequence[Any]
+        self, sound: Sequence[FloatArray], contact: Sequence[bool], states: Sequence[Any]
     ) -> list[tuple[Probabilities, FloatArray]]:
         binding, arrays = self._bound.get(len(sound)) or self._bind(len(sound))
-        arrays[SOUND][:] = sound
+        for row, window in zip(arrays[SOUND], sound, strict=True):
+            row[:] = window
         if STATE in arrays:
             arrays[CONTACT_INPUT][:] = contact
             for row, state in zip(arrays[STATE], states, strict=True):

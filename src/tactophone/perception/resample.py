@@ -155,7 +155,7 @@ class Windower:
         if size < 1 or hop < 1:
             raise ValueError(f"window of {size} samples at a hop of {hop}: both must be at least 1")
         self._size = size
-        self._hop = hop
+        self._hop = hop.as_integer_ratio()
         self._channels = channels
         self.reset()
 
@@ -186,4 +186,5 @@ class Windower:
     def next_end(self) -> int:
         """Index in the stream of the sample after the last of the next window."""
         # In integers, as products of fractions take as long as a spectrum.
-        return self._size + self._count * self._hop.numerator // self._hop.denominator
+        numerator, denominator = self._hop
+        return self._size + self._count * numerator // denominator
