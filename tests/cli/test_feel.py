@@ -10,8 +10,9 @@ import soundfile
 from tactophone.cli import main
 from tactophone.perception.model_file import read_model
 from tactophone.training.export import write_graph
+from tactophone.types import FloatArray
 from tests.models import write_tiny_model
-from tests.sounds import tone
+from tests.sounds import noise, tone
 
 
 @pytest.fixture
@@ -163,3 +164,50 @@ def test_sound_for_an_imported_model_stays_as_it_was_recorded(
         (result,) = json.loads(capsys.readouterr().out)
         changed = [note for note in result["notes"] if "removed" in note or "amplified" in note]
         assert len(changed) == notes
+
+
+@pytest.mark.parametrize(
+    ("sound", "words"),
+    [
+        (np.clip(8 * noise(channels=1), -1, 1), "is clipped: record it again with less gain"),
+        (np.hstack([noise(channels=1)] * 2), "both channels carry the same sound"),
+        (np.hstack([noise(level_dbfs=-50, channels=1), tone(330)]), "exchange the two plugs"),
+        (4 * noise(level_dbfs=0, channels=1), ""),  # floats may go over 1: that is not clipped
+    ],
+)
+def test_what_is_wrong_with_the_microphones_is_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sound: FloatArray, words: str
+) -> None:
+    path = tmp_path / "a.wav"
+    soundfile.write(path, np.tile(sound, (2, 1)), 48_000, subtype="FLOAT")
+    assert main(["feel", str(path), "--out", str(tmp_path), "--json"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)
+    found = [note for note in result["notes"] if "clipped" in note or "microphones" in note]
+    assert [words in note for note in found] == [True] * bool(words)
+
+
+def test_a_low_rate_is_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sound = np.hstack([tone(400, duration=2, sample_rate=4000) + noise(duration=1 / 6, channels=1)] * 2)
+    soundfile.write(tmp_path / "a.wav", sound, 4000)
+    assert main(["feel", str(tmp_path / "a.wav"), "--out", str(tmp_path), "--json"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)
+    assert [note for note in result["notes"] if "Hz" in note and "hum" not in note] == [
+        "recorded at 4000 Hz, so without sound over 2000 Hz, but the model uses up to 8000: rough may be "
+        "rendered smooth; record at a higher rate"
+    ]
+
+
+def test_a_recording_shorter_than_a_level_is_no_digital_silence(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "a.wav", tone(400, duration=0.01), 48_000)
+    assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
+    assert "threshold  none: the recording is too short to show its noise" in capsys.readouterr().out
+
+
+def test_noise_over_every_threshold_is_said_to_count_as_touch(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "a.wav", noise(level_dbfs=-3, duration=2, channels=1), 48_000, subtype="FLOAT")
+    assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
+    assert "louder than any threshold" in capsys.readouterr().out

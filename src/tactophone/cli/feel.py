@@ -104,9 +104,15 @@ def _threshold(result: Result) -> str:
     if floor is None:
         return f"{threshold}, as given"
     if floor.known:
-        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS"
+        over = floor.floor_dbfs > floor.threshold_dbfs
+        words = (
+            ", louder than any threshold: all of it is taken as touch; record with less gain or noise" if over else ""
+        )
+        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
     if floor.loudest_dbfs < SILENT_DBFS:
-        return "none: the recording is digital silence"
+        return "none: the recording is " + (
+            "too short to show its noise" if result.summary.contact else "digital silence"
+        )
     return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
 
 
@@ -249,12 +255,12 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         )  # fmt: skip
     mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
-    notes = [*preparation.notes(source.channels), *misfits.values()]
     if source.sample_rate < card.sample_rate:
-        notes.append(
-            f"recorded at {source.sample_rate} Hz, so without what the model uses up to {card.sample_rate // 2} Hz: "
-            "rough may be rendered smooth; record at a higher rate"
+        misfits["narrow-band"] = (
+            f"recorded at {source.sample_rate} Hz, so without sound over {source.sample_rate // 2} Hz, but the model "
+            f"uses up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
         )
+    notes = [*preparation.notes(source.channels, used=card.channels), *misfits.values()]
     scores = score_run(read_timeline(outputs.timeline), truth) if label else None
     return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, scores, counts)
 

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.offline.hum import Hum, HumMeter
-from tactophone.perception.health import find_invalid
+from tactophone.perception import health
 from tactophone.types import AudioBlock, ChangedSource, Source
 
 SILENT = 1e-6
@@ -36,6 +36,9 @@ are right 0.02 less often (docs/research/contact.md)."""
 WITHOUT_HUM = ("plastic", "stylus")
 """Tips whose models were trained on an air microphone, without hum."""
 
+SAID = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
+"""Faults that a preparation measures over the whole recording."""
+
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
@@ -51,27 +54,37 @@ class Preparation:
     """Hum to subtract from all channels of the source, if any."""
     invalid: int = 0
     """Samples that are no sound; they are left as they are, and the detector withholds its predictions there."""
+    clipped: float = 0.0
+    """Share of the samples of a channel, the one that has most, that are cut off; floats may go over 1."""
+    faults: tuple[health.SensorFault, ...] = ()
+    """Other faults of the microphones that a live run would report; they are only said."""
 
     @classmethod
     def of(cls, source: Source) -> Self:
         """Read a source to its end, and return what to change but for the gain."""
-        peak, total, count, invalid = np.zeros(source.channels), np.zeros(source.channels), 0, 0
-        meter = HumMeter(source.sample_rate, source.channels)
+        peak, total, railed = np.zeros((3, source.channels))
+        count = invalid = 0
+        meter, detector = HumMeter(source.sample_rate, source.channels), health.FaultDetector(source.sample_rate)
+        faults: dict[health.SensorFault, None] = {}
         with source:
             for block in source:
                 peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
                 samples = block.samples
-                if len(found := find_invalid(samples)):
+                if len(found := health.find_invalid(samples)):
                     samples, invalid = samples.copy(), invalid + len(found)
                     samples[found] = 0
                 total += samples.sum(axis=0, dtype=np.float64)
+                railed += health.clipped_samples(samples.T).sum(axis=1)
                 count += block.size
                 meter.push(samples)
+                if source.sample_rate >= health.LOWEST_RATE and detector.push(replace(block, samples=samples)):
+                    faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in SAID)
         live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
         offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
-        return cls(channels, offset, hum=meter.hum(), invalid=invalid)
+        clipped = float(np.max(railed, where=peak <= 1, initial=0.0)) / max(count, 1)
+        return cls(channels, offset, hum=meter.hum(), invalid=invalid, clipped=clipped, faults=tuple(faults))
 
     def for_tip(self, tip: str) -> Self:
         """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
@@ -83,15 +96,20 @@ class Preparation:
         quiet = loudest_dbfs < QUIET_DBFS and loudest_dbfs > LEVEL_DBFS - MOST_GAIN_DB
         return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
 
-    def notes(self, channels: int) -> list[str]:
+    def notes(self, channels: int, *, used: int = 2) -> list[str]:
+        """Return sentences on a recording of so many ``channels``, for a model that uses so many."""
         notes = []
-        if len(self.channels) < channels:
+        if len(self.channels) == channels:
+            notes += [str(fault) for fault in self.faults if used > 1 or fault.kind is not health.FaultKind.ALIKE]
+        else:
             notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
         if self.invalid:
             notes.append(
                 f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
                 "a file of floats to -1 to 1"
             )
+        if self.clipped > health.CLIPPED_SHARE:
+            notes.append(f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain")
         if any(self.offset):
             notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
         if self.hum:

@@ -1,4 +1,4 @@
-"""Whether the sound of a touch fits the model: one microphone on both channels, a missing band, noise, another tip.
+"""Whether the sound of a touch fits the model: a missing band, noise, another tip.
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
 Quiet windows that stand out of the noise count as touch too: the gate of a hard tip's model hears little of a soft tip.
@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.health import MAX_CORRELATION, FaultKind, SensorFault
 from tactophone.types import FloatArray
 
 Floats = NDArray[np.float64]
@@ -120,8 +119,8 @@ class FitCheck:
         self.misfit: Misfit | None = None
         self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
-        # Running means over windows of touch: levels, their squares, impulses of the slope, products of the slopes.
-        self._touch: tuple[Floats, ...] = (np.zeros(1),) * 4
+        # Running means over windows of touch: levels, their squares, impulses of the slope.
+        self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
         self._noise, self._floor = np.zeros(1), np.full(1, np.inf)
 
     def push(self, sound: FloatArray, *, touching: bool) -> None:
@@ -139,11 +138,11 @@ class FitCheck:
         self._since = 0 if touching or (over > OVER_DB and self._quiet >= LEAST_NOISE) else self._since + 1
         if not self._since:
             self._touched += 1
-            weight, slopes = max(1 / self._touched, 1 / TOUCH_MEMORY), np.diff(sound)
-            new = level, np.square(level), _impulses(slopes), np.vecdot(slopes[[0, 0, -1]], slopes[[-1, 0, -1]])
+            weight = max(1 / self._touched, 1 / TOUCH_MEMORY)
+            new = level, np.square(level), _impulses(np.diff(sound))
             self._touch = tuple(old + weight * (each - old) for old, each in zip(self._touch, new, strict=True))
             if self._touched >= LEAST and self._touched % EVERY == 0:
-                self.misfit = self._judge(len(sound))
+                self.misfit = self._judge()
         elif self._since > RINGING and over < QUIET_DB:
             self._quiet += 1
             self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
@@ -154,7 +153,7 @@ class FitCheck:
         Levels in the bands less their mean; their standard deviation; and three measures of impulses.
         """
         heard, levels = self._heard(), self._levels()
-        level, square, impulses, _ = self._touch
+        level, square, impulses = self._touch
         shape = np.maximum(levels, levels.max(axis=1, keepdims=True) - RANGE_DB)
         shape -= shape.mean(axis=1, keepdims=True)
         deviation = np.sqrt(np.maximum(square - np.square(level), 0.01))[heard]
@@ -176,17 +175,15 @@ class FitCheck:
         noise = 10 ** (self._noise[self._heard()] / 10) if self._quiet >= LEAST_NOISE else np.zeros(1)
         return _decibels(np.maximum(touch - noise, noise / 4))
 
-    def _judge(self, channels: int) -> Misfit | None:
-        both, first, second = self._touch[3]
-        if channels > 1 and abs(both) > MAX_CORRELATION * np.sqrt(first * second) > 0:
-            return Misfit("alike", str(SensorFault(FaultKind.ALIKE)))
+    def _judge(self) -> Misfit | None:
         if not self._heard().any():
             return None
         if self._tip and (highest := self._cut_off()):
             return Misfit(
                 "narrow-band",
-                f"no sound above {highest / 1000:.1f} kHz: the model {self._name} needs {EDGES[-1] / 1000:g}; switch "
-                "off what limits it (a headset, noise reduction, a codec), or train on your microphone",
+                f"no sound above {highest / 1000:.1f} kHz: the model {self._name} needs up to "
+                f"{EDGES[-1] / 1000:g} kHz; switch off what limits it (a headset, noise reduction, a codec), or train "
+                "on your microphone",
             )
         known, long = self._quiet >= LEAST_NOISE, self._touched >= LONG
         if known and long:

@@ -91,6 +91,8 @@ LOWEST_DBFS = -150.0
 
 _BASS_RATE = 1000
 _TREBLE_STEPS = 8
+LOWEST_RATE = _BASS_RATE * _TREBLE_STEPS
+"""Hz, of sound that can be measured."""
 _HARMONICS = 7
 FULL_SCALE = 0.999
 """From here a sample is at full scale; the page's lamps have the same figure (``pages/static/meter.js``)."""
@@ -142,7 +144,7 @@ class SignalStatistics:
 
     def __init__(self, sample_rate: int) -> None:
         self._rate = sample_rate
-        self._decimation = max(1, sample_rate // (_BASS_RATE * _TREBLE_STEPS))
+        self._decimation = max(1, sample_rate // LOWEST_RATE)
         self.cell_size = round(CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
         self.reset()
 
