@@ -46,6 +46,12 @@ def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
     assert read_model(path).card.tip == tip
 
 
+def test_a_tip_unlike_the_one_stated_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = ["--smooth", "whiteboard", "--rough", "brick", "--model", "plastic"]
+    assert main([*QUICK, *objects, "--out", str(tmp_path / "own.onnx"), "--json"]) == 0
+    assert "sounds like a soft tip" in " ".join(json.loads(capsys.readouterr().out)["findings"])
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"), [(["--seconds", "1"], "must be 2 to 60 s"), (["--smooth", " , "], "name a smooth object")]
 )
@@ -78,9 +84,12 @@ def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: p
         assert not page.pressed()
 
 
-@pytest.mark.parametrize(("right", "says"), [(0.6, True), (0.9, False)])
+@pytest.mark.parametrize(("right", "says"), [(0.1, True), (0.6, True), (0.9, False)])
 def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: bool) -> None:
     left_out = tuple(LeftOut(name, rough, right, right) for name, rough in (("tile", False), ("brick", True)))
     unchanged = Correction(np.zeros(1), np.ones(1), np.zeros(1), 1.0, 0.0)
     fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED, left_out), [], -40.0, "rubber", "rubber")
-    assert any("no shipped model fits" in part for part in fitted.parts() if isinstance(part, str)) is says
+    words = " ".join(part for part in fitted.parts() if isinstance(part, str))
+    assert ("no shipped model fits" in words) is says
+    assert ("the wrong way round" in words) is (right == 0.1)
+    assert words.endswith("a.onnx; use it as --tip rubber --model of `feel` and `receive`")

@@ -20,9 +20,9 @@ from tactophone.errors import ConfigError, ModelError
 from tactophone.microphones import MICROPHONES
 from tactophone.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
 from tactophone.perception.model_file import Model, read_model
-from tactophone.perception.models import default_model, model_path
+from tactophone.perception.models import default_model, model_path, open_detector
 from tactophone.perception.noise_floor import measure_floor
-from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
+from tactophone.types import DEFAULT_TIP, TIP_NAMES, AudioBlock, FloatArray
 
 if TYPE_CHECKING:
     from tactophone.training.setup import SetUpFit
@@ -78,7 +78,7 @@ class _Recorded:
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
-    "tactophone setup --source finger --seconds 2 --yes",
+    "tactophone setup --source finger --set simulation.gain_db=-20 --seconds 2 --yes",
 )
 
 
@@ -121,7 +121,8 @@ class Fitted:
         yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
         if not after >= 0.75:  # also where it is NaN
             yield f"[yellow]note:[/] {_estimate(fit)}"
-        yield f"[green]written:[/] {escape(str(self.file))}; use it as --model of `feel` and `receive`"
+        tip = "" if self.tip == DEFAULT_TIP else f"--tip {self.tip} "
+        yield f"[green]written:[/] {escape(str(self.file))}; use it as {tip}--model of `feel` and `receive`"
 
 
 def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
@@ -192,7 +193,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, screen: GuideScreen) -> int:
-    start = model_path(args.model or default_model(tip))
+    name = args.model or default_model(tip)
+    start = model_path(name)
     model = read_model(start)
     if model.card.kind != KIND:
         raise ModelError(
@@ -214,6 +216,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     if not floor.known:
         raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
     fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
+    findings += _misfits(name, recorded, threshold_dbfs=floor.threshold_dbfs)
     from tactophone.training.setup import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
@@ -302,6 +305,15 @@ def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) 
     return fit_set_up(sounds, channels=model.card.channels, tip=tip)
 
 
+def _misfits(name: str, recorded: _Recorded, *, threshold_dbfs: float) -> list[Finding]:
+    """Return what of the sound does not fit a shipped model: a missing band, noise, another tip."""
+    detector = open_detector(name, sample_rate=recorded.sample_rate, fast_contact=False)
+    detector.threshold.dbfs = threshold_dbfs
+    sound = np.concatenate((recorded.silence, *(each for _, _, each in recorded.objects)))
+    detector.push(AudioBlock(sound, recorded.sample_rate))
+    return [Finding(detector.misfit.code, detector.misfit.text, fatal=False)] if detector.misfit else []
+
+
 def _check_set_up(args: argparse.Namespace) -> int:
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
@@ -327,9 +339,10 @@ def _estimate(fit: "SetUpFit") -> str:
     if math.isnan(after):
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:
+        words = "the wrong way round: check which objects are smooth" if after < 0.25 else "little better than chance"
         return (
-            "little better than chance: check the tip that you named, and add objects; if neither helps, no shipped "
-            "model fits this finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
+            f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
+            "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
         )
     if fit.keeps:
         return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
