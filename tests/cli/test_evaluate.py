@@ -2,11 +2,13 @@ import json
 from pathlib import Path
 
 import pytest
+import soundfile
 
 from tactophone.cli import main
 from tactophone.perception.model_file import read_model
 from tests.cli.test_train import QUICK
 from tests.dataset.folders import audiofolder
+from tests.sounds import noise
 
 
 @pytest.fixture(autouse=True)
@@ -50,3 +52,26 @@ def test_cross_validates_a_recipe_beside_its_baselines(sound: str, capsys: pytes
 def test_a_note_needs_a_model(sound: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--data", sound, "--note", "x"]) == 1
     assert "name the MODEL" in capsys.readouterr().err
+
+
+def test_a_model_that_does_without_the_air_microphone_is_scored_on_files_of_one_channel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["file_name,surface,label,tip"]
+    for name, label, level in (("a", "smooth", -40), ("b", "rough", -20)):
+        soundfile.write(tmp_path / f"{name}.wav", noise(level_dbfs=level, duration=2, channels=1), 48_000)
+        lines.append(f"{name}.wav,{name},{label},stylus")
+    (tmp_path / "metadata.csv").write_text("\n".join(lines))
+    assert main(["evaluate", "texture", "--data", str(tmp_path)]) == 0
+    assert "the model is for the tip pad, but the recordings are of stylus" in capsys.readouterr().err
+
+
+def test_exchanged_labels_are_suspected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, model = audiofolder(tmp_path / "sound"), str(tmp_path / "a.onnx")
+    main(["train", str(folder), "--recipe", "level", "--out", model])
+    manifest = folder / "metadata.csv"
+    text = manifest.read_text().replace("rough", "?").replace("smooth", "rough").replace("?", "smooth")
+    manifest.write_text(text)
+    capsys.readouterr()
+    assert main(["evaluate", model, "--data", str(folder)]) == 0
+    assert "far worse than chance" in capsys.readouterr().err

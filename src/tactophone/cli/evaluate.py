@@ -17,7 +17,7 @@ from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
 from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError
 from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
+from tactophone.perception.models import model_path, tip_mismatch
 
 if TYPE_CHECKING:
     from tactophone.benchmark.folds import Cache, Method
@@ -83,16 +83,23 @@ def run(args: argparse.Namespace) -> int:
     if args.note:
         _note(args, next(iter(reports.values())), dataset)
     output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
+    if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
+        output.note(
+            "beware: far worse than chance: smooth and rough are exchanged in the labels, or the tip is another"
+        )
     return 0
 
 
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
     from tactophone.evaluation.predict import model_predictor
     from tactophone.evaluation.report import make_report
+    from tactophone.training.export import tip_of
 
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
         output.log().print("beware: the model was trained on these very recordings")
+    if (tip := tip_of(dataset.recordings)) and tip_mismatch(model.card, tip):
+        output.note(f"beware: the model is for the tip {model.card.tip}, but the recordings are of {tip}")
     predict = model_predictor(model, own_floor=True)
     with output.tracked(dataset.recordings, "predicting") as takes:
         return make_report([predict(take) for take in takes], decision=model.card.decision)

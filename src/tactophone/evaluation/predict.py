@@ -53,7 +53,7 @@ def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
     """
 
     def predict(recording: Recording) -> TakePredictions:
-        lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and len(recording.channels) == 1
+        lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and recording.read(duration=0).channels == 1
         channels, single = 1 if lacks_air else model.card.channels, model.card.microphone
 
         def open_detector(rate: int) -> Detector:
