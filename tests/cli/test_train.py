@@ -30,6 +30,13 @@ def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sound", "stones.onnx"]
 
 
+def test_few_surfaces_are_said_to_say_little_of_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data, out = str(audiofolder(tmp_path / "sound")), str(tmp_path / "a.onnx")
+    few = ["--filter", "surface=stone 00,stone 03"]
+    assert main(["train", data, "--recipe", "level", "--out", out, *few]) == 0
+    assert "beware: 1 smooth and 1 rough surface(s)" in capsys.readouterr().err
+
+
 def test_training_continues_from_a_model(tmp_path: Path) -> None:
     sound, first, second = str(audiofolder(tmp_path / "sound")), tmp_path / "a.onnx", tmp_path / "b.onnx"
     main(["train", sound, "--out", str(first), *QUICK])

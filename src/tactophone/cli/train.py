@@ -21,7 +21,7 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     add = parser.add_argument
     add("--recipe", metavar="NAME|FILE.toml", default="paper-fast",
         help=f"one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
-        f"{', '.join(RecipeFile.__struct_fields__[1:])} (docs/guide/training.md)")  # fmt: skip
+        f"{', '.join(RecipeFile.__struct_fields__[:-1])} (docs/guide/training.md)")  # fmt: skip
     add("--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
         "from variant in a recipe file (default: 2)")  # fmt: skip
     add("--tip", choices=TIP_NAMES,
@@ -61,6 +61,13 @@ def run(args: argparse.Namespace) -> int:
     recipe = recipe_of(args).configured(start=args.start, calibration=calibration)
     dataset = open_filtered(args.data, args.filter, channels=recipe.channels)
     dataset = joined([dataset, *(open_filtered(folder, None, channels=recipe.channels) for folder in args.also)])
+    surfaces = {(recording.surface, recording.rough) for recording in dataset.recordings if recording.labelled}
+    rough = sum(each for _, each in surfaces)
+    if min(rough, len(surfaces) - rough) < 3:
+        output.note(
+            f"beware: {len(surfaces) - rough} smooth and {rough} rough surface(s) say little of others; record three "
+            "of each or more, and score the model on surfaces that it never met"
+        )
     checkpoint = args.out.with_name(args.out.name + ".unfinished")
     if args.restart:
         checkpoint.unlink(missing_ok=True)
