@@ -202,7 +202,7 @@ class WindowDetector:
         if channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
             raise ModelError(
                 f"sound with {channels} channel, but the model {self.card.name} needs {self.card.channels} "
-                "(contact and air); choose a one-channel model"
+                "(contact and air); choose a one-channel model, such as paper-mono"
             )
         if self._arrived and self._arrived[0].shape[1] != channels:
             self._complete_windows()  # none: they fall due below
