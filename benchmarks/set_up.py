@@ -107,7 +107,7 @@ class Detectors:
             surface += [names.index(kin_of(take.recording))] * len(rows[-1])
             at += take.count
         examples = Examples(np.concatenate(rows), np.array(rough), np.array(surface))
-        fitted = fit_classifier(examples, channels=1, hard_tip=True)
+        fitted = fit_classifier(examples, channels=1, tip="stylus")
         weights = fitted.weights[0] / fitted.scale
         return prior, weights, float(fitted.biases[0] - fitted.centre @ weights)
 

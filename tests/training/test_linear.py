@@ -4,7 +4,7 @@ import pytest
 
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES
 from tactophone.training.export import build_classifier_graph
-from tactophone.training.linear import LinearClassifier, fit_classifier, impulse_features
+from tactophone.training.linear import IMPULSES, LinearClassifier, fit_classifier
 from tactophone.training.recipes import BAND_VALUES
 from tactophone.training.sets import Examples, even_weights, inner_folds
 
@@ -106,16 +106,19 @@ def test_surfaces_of_little_importance_hardly_move_the_head() -> None:
     assert mixed == pytest.approx(alone, abs=0.15)
 
 
-def test_under_a_hard_tip_half_of_the_head_are_impulses() -> None:
+@pytest.mark.parametrize("tip", IMPULSES)
+def test_impulses_are_all_of_the_stylus_and_half_of_plastic(tip: str) -> None:
     rng = np.random.default_rng(0)
     surface = np.repeat(np.arange(10), 100)
     rough = surface % 2 == 1
-    features = rng.standard_normal((1000, 2 * BAND_VALUES)) + 2 * rough[:, None]
+    values = BAND_VALUES + 1
+    features = rng.standard_normal((1000, 2 * values)) + 2 * rough[:, None]
     examples = Examples(features.astype(np.float32), rough, surface)
-    plain, hard = (fit_classifier(examples, channels=1, hard_tip=hard).weights[0] for hard in (False, True))
-    impulses = impulse_features(2 * BAND_VALUES)
-    others = np.setdiff1d(np.arange(2 * BAND_VALUES), impulses)
-    assert hard[others] == pytest.approx(plain[others] / 2)
+    plain, hard = (fit_classifier(examples, channels=1, tip=each).weights[0] for each in ("", tip))
+    share, chosen = IMPULSES[tip]
+    impulses = np.isin(np.arange(2 * values) % values, chosen)
+    assert share == (1 if tip == "stylus" else 0.5)
+    assert hard[~impulses] == pytest.approx((1 - share) * plain[~impulses])
     assert (hard[impulses] > plain[impulses]).all()
 
 

@@ -14,12 +14,19 @@ import onnx
 from numpy.typing import NDArray
 
 from tactophone.training.export import Floats, build_classifier_graph
-from tactophone.training.recipes import CREST_INDEX
-from tactophone.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
+from tactophone.training.recipes import BAND_VALUES, CREST_INDEX
+from tactophone.training.sets import Examples, TrainingSet, inner_folds
 from tactophone.types import FloatArray
 
 STRENGTH = 0.005
 """Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
+
+IMPULSES = {
+    "plastic": (0.5, (CREST_INDEX, CREST_INDEX + 1)),
+    "stylus": (1.0, (CREST_INDEX, CREST_INDEX + 1, BAND_VALUES)),
+}
+"""Share of the regression on impulses alone in that of a hard tip, and which values they are: crest, clicks and, under
+a stylus, unevenness. Spectra learnt from seventeen real surfaces mislead on others (docs/research/detector.md)."""
 
 KNOWN_SHARE = 0.995
 """Share of held-out windows that count as known sound."""
@@ -44,7 +51,7 @@ class LinearClassifier:
 
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
     channels = training_set.spec.channels
-    classifier = fit_classifier(training_set.examples, channels=channels, hard_tip=training_set.tip in HARD_TIPS)
+    classifier = fit_classifier(training_set.examples, channels=channels, tip=training_set.tip)
     return build_classifier_graph(classifier, channels=channels)
 
 
@@ -58,48 +65,34 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
     return [every, *combinations(every, 1)] if channels > 1 else [every]
 
 
-def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False) -> LinearClassifier:
-    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes.
-
-    Under a hard tip each regression is the mean of that on all features and that on the impulses alone.
-    """
+def fit_classifier(examples: Examples, *, channels: int, tip: str = "") -> LinearClassifier:
+    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes."""
     thinned = examples.thinned()
     centre, scale = thinned.moments()
     standard = replace(thinned, features=np.asarray(thinned.standardised(centre, scale), np.float32))
-    count = len(centre)
-    columns = [_columns(working, channels, count) for working in channel_sets(channels)]
-    fitted = [_fit_regression(standard, each) for each in columns]
-    if hard_tip:
-        chosen = impulse_features(count // channels)
-        impulses = [_fit_regression(standard, each[np.isin(each % (count // channels), chosen)]) for each in columns]
-        fitted = [
-            ((weights + others) / 2, (bias + other) / 2)
-            for (weights, bias), (others, other) in zip(fitted, impulses, strict=True)
-        ]
+    share, values = IMPULSES.get(tip, (0.0, ()))
+    each = len(centre) // channels // 2
+    fitted = np.zeros((0, len(centre) + 1))
+    for working in channel_sets(channels):
+        columns = _columns(working, channels, len(centre))
+        # Means and deviations alike.
+        parts = [(1 - share, columns), (share, columns[np.isin(columns % each, values)])]
+        regressions = [part * _fit_regression(standard, chosen) for part, chosen in parts if part]
+        fitted = np.vstack((fitted, np.sum(regressions, axis=0)))
     whitening = _whitening(standard.features, channels)
     limit = float(np.quantile(_held_out_distances(standard, channels), KNOWN_SHARE))
-    weights, biases = zip(*fitted, strict=True)
-    return LinearClassifier(centre, scale, np.array(weights), np.array(biases), whitening, limit)
+    return LinearClassifier(centre, scale, fitted[:, :-1], fitted[:, -1], whitening, limit)
 
 
-def impulse_features(features: int) -> list[int]:
-    """Return the columns of crest and clicks among a channel's features: their means, then their deviations.
-
-    >>> impulse_features(40)
-    [17, 18, 37, 38]
-    """
-    return [begin + CREST_INDEX + n for begin in (0, features // 2) for n in (0, 1)]
-
-
-def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
-    """Fit a logistic regression on some columns; the weights of the others are 0."""
+def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> Floats:
+    """Fit a logistic regression on some columns; return all weights, those of the others 0, and the bias."""
     from sklearn.linear_model import LogisticRegression
 
     model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)
     model.fit(examples.features[:, columns].astype(np.float64), examples.rough, sample_weight=examples.weights())
-    weights = np.zeros(examples.features.shape[1])
-    weights[columns] = model.coef_[0]
-    return weights, float(model.intercept_[0])
+    fitted = np.zeros(examples.features.shape[1] + 1)
+    fitted[columns], fitted[-1] = model.coef_[0], model.intercept_[0]
+    return fitted
 
 
 def _whitening(standard: FloatArray, channels: int) -> Floats:
