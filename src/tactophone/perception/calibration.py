@@ -313,7 +313,7 @@ def _weaknesses(
         )
     tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], round(FAST * sounds.sample_rate)).max()))
     if tap_dbfs < calibration.threshold_dbfs + CLEAR_DB:
-        yield Finding("no-tap", "no tap was found: tap the pad on something hard, about twice a second")
+        yield Finding("no-tap", "no tap was found: tap the finger on something hard, about twice a second")
     for channel, name in enumerate(MICROPHONES[: calibration.channels]):
         hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
         if hum > max(floor - 3, HARMLESS_HUM_DBFS):
