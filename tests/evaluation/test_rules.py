@@ -125,7 +125,7 @@ def test_objects_left_out_of_the_choice_have_the_rule_of_the_others() -> None:
 
 def test_impossible_goals_are_named() -> None:
     sure = [predicted(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
-    with pytest.raises(DatasetError, match=r"no rule keeps .* the lowest is 0.91: allow more, or look"):
+    with pytest.raises(DatasetError, match=r"no rule keeps .* the lowest is 0.91: allow more, or check"):
         choose_rule(try_rules(sure, RULES), RULES, goal="false_positive_rate", limit=0.01)
     with pytest.raises(DatasetError, match="no rough recording"):
         try_rules(predictions()[:4], RULES)

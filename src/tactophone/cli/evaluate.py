@@ -84,9 +84,7 @@ def run(args: argparse.Namespace) -> int:
         _note(args, next(iter(reports.values())), dataset)
     output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
     if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
-        output.note(
-            "beware: far worse than chance: smooth and rough are exchanged in the labels, or the tip is another"
-        )
+        output.note("beware: far worse than chance: check which labels are smooth, and the tip")
     return 0
 
 

@@ -105,14 +105,11 @@ def _threshold(result: Result) -> str:
         return f"{threshold}, as given"
     if floor.known:
         over = floor.floor_dbfs > floor.threshold_dbfs
-        words = (
-            ", louder than any threshold: all of it is taken as touch; record with less gain or noise" if over else ""
-        )
+        words = ", louder than any threshold: all of it is taken as touch" if over else ""
         return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
     if floor.loudest_dbfs < SILENT_DBFS:
-        return "none: the recording is " + (
-            "too short to show its noise" if result.summary.contact else "digital silence"
-        )
+        why = "too short to show its noise" if result.summary.contact else "digital silence"
+        return f"none: the recording is {why}"
     return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
 
 

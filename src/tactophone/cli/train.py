@@ -64,10 +64,8 @@ def run(args: argparse.Namespace) -> int:
     surfaces = {(recording.surface, recording.rough) for recording in dataset.recordings if recording.labelled}
     rough = sum(each for _, each in surfaces)
     if min(rough, len(surfaces) - rough) < 3:
-        output.note(
-            f"beware: {len(surfaces) - rough} smooth and {rough} rough surface(s) say little of others; record three "
-            "of each or more, and score the model on surfaces that it never met"
-        )
+        counts = f"{len(surfaces) - rough} smooth and {rough} rough surface(s)"
+        output.note(f"beware: {counts} say little of others; record three of each or more")
     checkpoint = args.out.with_name(args.out.name + ".unfinished")
     if args.restart:
         checkpoint.unlink(missing_ok=True)

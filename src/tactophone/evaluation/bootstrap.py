@@ -214,9 +214,7 @@ def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str
         row = table[names.index(by(take.recording)), int(take.recording.rough)]
         row += np.bincount(called_rough, minlength=2)
     if not table.any():
-        raise DatasetError(
-            "the contact gate never opened: these recordings are quieter than its threshold; give their --calibration"
-        )
+        raise DatasetError("the contact gate never opened: the sound is under its threshold; give its --calibration")
     return table
 
 

@@ -121,10 +121,8 @@ def choose_rule(
     allowed = np.flatnonzero((table[goal] <= limit) & (smooth_as_rough <= longest))
     if not len(allowed):
         lowest = float(np.min(table[goal][smooth_as_rough <= longest]))
-        raise DatasetError(
-            f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}: allow more, or look "
-            "for wrong labels and another tip with `tactophone evaluate`"
-        )
+        words = f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}"
+        raise DatasetError(f"{words}: allow more, or check labels and tip with `tactophone evaluate`")
     recall = np.round(table["rough_recall"][allowed], 3)
     best = allowed[recall == recall.max()]
     return int(min(best, key=lambda place: (rules[place].confirm, rules[place].rough_on - rules[place].rough_off)))

@@ -73,10 +73,8 @@ def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
         label="... without contact",
     )  # fmt: skip
     if (unknown := lines["unknown"] > 0).any():
-        axis.fill_between(
-            lines["time"], 0, 1, where=unknown, step="post", facecolor="none", edgecolor=GREY, hatch="///", linewidth=0,
-            label="unknown",
-        )  # fmt: skip
+        axis.fill_between(lines["time"], 0, 1, where=unknown, step="post", facecolor="none", edgecolor=GREY,
+            hatch="///", linewidth=0, label="unknown")  # fmt: skip
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
 

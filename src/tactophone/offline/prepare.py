@@ -36,8 +36,7 @@ are right 0.02 less often (docs/research/contact.md)."""
 WITHOUT_HUM = ("plastic", "stylus")
 """Tips whose models were trained on an air microphone, without hum."""
 
-SAID = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
-"""Faults that a preparation measures over the whole recording."""
+_MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ class Preparation:
                 count += block.size
                 meter.push(samples)
                 if source.sample_rate >= health.LOWEST_RATE and detector.push(replace(block, samples=samples)):
-                    faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in SAID)
+                    faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
         live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)

@@ -62,10 +62,8 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
     if not card.tip or card.tip == tip or TIP_MODELS.get(tip, tip) == TIP_MODELS.get(card.tip, card.tip):
         return ""
     right = f"use --model {TIP_MODELS[tip]}" if tip in TIP_MODELS else "train one on recordings of your finger"
-    return (
-        f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap; give --tip "
-        f"{card.tip} if that touches, or else {right}"
-    )
+    words = f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap"
+    return f"{words}; give --tip {card.tip} if that touches, or else {right}"
 
 
 def fallback_model(name: str) -> str | None:
