@@ -21,13 +21,12 @@ from tactophone.benchmark.methods import FEATURE_LATENCY
 from tactophone.capture.files import FileSource
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import split, with_kin
-from tactophone.dataset.values import Dataset, Recording, slides_over
+from tactophone.dataset.values import Dataset, Recording, slides_over, tip_of
 from tactophone.evaluation.events import SOURCES, edge_delays, join_edges
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, model_predictor
 from tactophone.perception.model_file import Model, read_model
 from tactophone.perception.noise_floor import measure_floor
-from tactophone.training.export import tip_of
 from tactophone.training.recipes import RECIPES, TrainingOptions
 from tactophone.types import Touch
 

@@ -22,7 +22,7 @@ import numpy as np
 import onnxruntime
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.dataset.values import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording, tip_of
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.evaluation.metrics import Floats
 from tactophone.evaluation.predict import Predictor, TakePredictions, model_predictor
@@ -32,7 +32,6 @@ from tactophone.microphones import AIR
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
 from tactophone.perception.resample import Resampler
-from tactophone.training.export import tip_of
 from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
 from tactophone.training.tracks import extract_features

@@ -14,7 +14,7 @@ from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_f
 from tactophone.cli.options import Within
 from tactophone.cli.train import add_recipe, recipe_of
 from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
-from tactophone.dataset.values import Dataset
+from tactophone.dataset.values import Dataset, tip_of
 from tactophone.errors import ConfigError
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path, tip_mismatch
@@ -91,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
     from tactophone.evaluation.predict import model_predictor
     from tactophone.evaluation.report import make_report
-    from tactophone.training.export import tip_of
 
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
@@ -107,7 +106,6 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Re
     from tactophone.benchmark.folds import permute_labels
     from tactophone.benchmark.methods import method_of, recipe_method
     from tactophone.evaluation.report import make_report
-    from tactophone.training.export import tip_of
     from tactophone.training.recipes import RECIPES
 
     recipe, how = recipe_of(args), args.split or KIN_SPLIT

@@ -252,6 +252,12 @@ class Dataset:
         return fingerprint(self.recordings)
 
 
+def tip_of(recordings: Iterable[Recording]) -> str:
+    """Return the tip that all recordings name; empty if they name none, or several."""
+    tips = {recording.known("tip") for recording in recordings}
+    return tips.pop() if len(tips) == 1 else ""
+
+
 def fingerprint(recordings: Iterable[Recording]) -> str:
     """Hash recordings by content, independent of their order and folder; missing files count as empty."""
     total = hashlib.sha256()

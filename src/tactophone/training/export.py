@@ -175,12 +175,6 @@ def licence_of(dataset: Dataset) -> str:
     return f"weights alone, no recordings; trained on {sources} under: {'; '.join(licences)}" if licences else ""
 
 
-def tip_of(recordings: Sequence[Recording]) -> str:
-    """Return the tip that all recordings name; empty if they name none, or several."""
-    tips = {recording.known("tip") for recording in recordings}
-    return tips.pop() if len(tips) == 1 else ""
-
-
 def is_simulation(recording: Recording) -> bool:
     return recording.known("source") == "simulated"
 

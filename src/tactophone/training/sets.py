@@ -11,12 +11,12 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.splits import kin_of
-from tactophone.dataset.values import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording, tip_of
 from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec
 from tactophone.perception.model_file import Gate, ModelCard
 from tactophone.training.augmentation import Augmentation
-from tactophone.training.export import Floats, caveats_of, is_simulation, join, licence_of, tip_of, write_graph
+from tactophone.training.export import Floats, caveats_of, is_simulation, join, licence_of, write_graph
 from tactophone.training.recipes import RECIPES, FeatureKind, Recipe, Report, TrainingOptions, silent
 from tactophone.training.tracks import (
     FEATURE_RATE,
