@@ -112,6 +112,8 @@ class FitCheck:
 
     def __init__(self, name: str, sample_rate: int, *, tip: str = "", air: bool = False) -> None:
         self._name, self._sample_rate, self._tip, self._air = name, sample_rate, tip, air
+        if tip:
+            _tips()  # now, as a run may open no file once it goes
         self.reset()
 
     def reset(self) -> None:
