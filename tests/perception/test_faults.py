@@ -73,6 +73,13 @@ def test_a_hidden_sign_neither_raises_nor_heals() -> None:
     assert detector.faults == ()
 
 
+def test_one_microphone_on_both_channels_is_named_whatever_gain_and_sign() -> None:
+    contact = stroked("lava stone").samples[:, :1]
+    detector = FaultDetector(RATE)
+    detector.push(block(np.hstack((contact, -0.3 * contact))))
+    assert [fault.code for fault in detector.faults] == ["alike"]
+
+
 def test_reset_equals_new() -> None:
     detector = FaultDetector(RATE, CALIBRATED)
     detector.push(block(np.zeros((RATE, 2))))
