@@ -6,11 +6,11 @@
 # memory: the demo's scores, then 40 of 40 impulses. That base stood in for Docker Hub's, and no Docker was there.
 FROM python:3.11-slim
 
-COPY scripts/system-packages /tmp/system-packages
-# The demo needs the codec and JACK; the browser is for the tests alone.
-RUN PACKAGES="jackd2 libopus0 libportaudio2" /tmp/system-packages && rm -rf /var/lib/apt/lists/*
-
 WORKDIR /tactophone
+COPY scripts/system-packages scripts/system-packages
+# The demo needs the codec and JACK; the browser is for the tests alone.
+RUN PACKAGES="jackd2 libopus0 libportaudio2" scripts/system-packages && rm -rf /var/lib/apt/lists/*
+
 COPY requirements/lock.txt requirements/lock.txt
 COPY pyproject.toml README.md LICENSE ./
 COPY src src
