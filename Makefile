@@ -58,7 +58,7 @@ package: $(READY)
 # test, so each may be repeated; the summary shows why.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
-TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement/test_latency.py tests/cli/test_try.py
+TIMED  = tests/live/runtime/test_safety.py tests/live/runtime/test_stalls.py tests/app/measurement/test_latency.py tests/cli/test_try.py
 REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' tests)))
 realtime: $(READY)
 	$(PYTEST) -n 3 --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)

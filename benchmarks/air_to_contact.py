@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactophone.simulation.catalogue import catalogue
-from tactophone.simulation.contact import ContactSignals
-from tactophone.simulation.finger import Finger
-from tactophone.simulation.microphones import SessionVariation
-from tactophone.simulation.motion import single
-from tactophone.simulation.source import SimulatedFinger
-from tactophone.simulation.strokes import take_moves
-from tactophone.simulation.takes import TAKES
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.simulation.catalogue import catalogue
+from tactophone.lab.simulation.contact import ContactSignals
+from tactophone.lab.simulation.finger import Finger
+from tactophone.lab.simulation.microphones import SessionVariation
+from tactophone.lab.simulation.motion import single
+from tactophone.lab.simulation.source import SimulatedFinger
+from tactophone.lab.simulation.strokes import take_moves
+from tactophone.lab.simulation.takes import TAKES
 
 RATE, SECONDS = 48_000, 6.0
 BANDS = ((20, 1000), (60, 300), (125, 1000), (300, 1000), (1000, 8000))

@@ -35,23 +35,23 @@ from urllib.parse import SplitResult, urlsplit
 import numpy as np
 import psutil
 
-from tactophone.devices.dummy import DummyServer
-from tactophone.devices.jack import JackClient
-from tactophone.errors import TactophoneError
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import Packet, Payload, PayloadType
-from tactophone.link.session import Session
-from tactophone.link.udp import UdpSocket
-from tactophone.measurement.impulses import Graph
-from tactophone.pages.server import watch as watch_page
-from tactophone.runtime.latency import follow
-from tactophone.runtime.operator import run_operator
-from tactophone.runtime.pairing import pair_on_one_machine
-from tactophone.runtime.robot import run_robot
-from tactophone.runtime.supervisor import Supervisor
-from tactophone.settings import Settings, change
-from tactophone.telemetry.watcher import Watcher
-from tactophone.types import FloatArray
+from tactophone.app.measurement.impulses import Graph
+from tactophone.core.errors import TactophoneError
+from tactophone.core.settings import Settings, change
+from tactophone.core.types import FloatArray
+from tactophone.faces.web.server import watch as watch_page
+from tactophone.live.audio.dummy import DummyServer
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.runtime.latency import follow
+from tactophone.live.runtime.operator import run_operator
+from tactophone.live.runtime.pairing import pair_on_one_machine
+from tactophone.live.runtime.robot import run_robot
+from tactophone.live.runtime.supervisor import Supervisor
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.packet import Packet, Payload, PayloadType
+from tactophone.net.link.session import Session
+from tactophone.net.link.udp import UdpSocket
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -82,7 +82,7 @@ FORK = multiprocessing.get_context("fork")
 
 STARVED = """
 import sys, threading, time
-from tactophone.devices.jack import JackClient
+from tactophone.live.audio.jack import JackClient
 
 def silent(inputs, outputs):
     for samples in outputs:

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.telemetry.watcher import Watcher, running
+from tactophone.live.telemetry.watcher import Watcher, running
 
 SECONDS = float(os.environ.get("SECONDS_EACH", "10"))
 DOMAIN = 91

@@ -31,16 +31,16 @@ import soundfile
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.call.networks import SOURCES, Nat, Networks
+from tests.net.call.networks import SOURCES, Nat, Networks
 
-from tactophone.capture.files import FileSource
-from tactophone.dataset.read import ground_truth
-from tactophone.link.identity import Identity, Peers
-from tactophone.offline.vibration_wav import score_run
-from tactophone.runtime.latency import operator_stages
-from tactophone.simulation.demonstration import write_demonstration
-from tactophone.telemetry.timeline import read_timeline
-from tactophone.telemetry.watcher import Watcher
+from tactophone.app.vibration_wav import score_run
+from tactophone.lab.dataset.read import ground_truth
+from tactophone.lab.simulation.demonstration import write_demonstration
+from tactophone.live.audio.files import FileSource
+from tactophone.live.runtime.latency import operator_stages
+from tactophone.live.telemetry.timeline import read_timeline
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.net.link.identity import Identity, Peers
 
 STAGES = ("mailbox", "exchange", "way", "link", "prediction", "vibration")
 """Moments of a call at the answering end, the last two at the caller's finger."""

@@ -9,10 +9,10 @@ import argparse
 
 import numpy as np
 
-from tactophone.perception.decision import count_dips
-from tactophone.pipeline import open_pipeline
-from tactophone.simulation.demonstration import demonstration
-from tactophone.types import DEFAULT_TIP, TIP_NAMES, Touch
+from tactophone.core.types import DEFAULT_TIP, TIP_NAMES, Touch
+from tactophone.lab.simulation.demonstration import demonstration
+from tactophone.signal.perception.decision import count_dips
+from tactophone.signal.pipeline import open_pipeline
 
 BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""

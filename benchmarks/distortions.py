@@ -1,7 +1,7 @@
 """Channels that no model is trained on: telephone, codecs, rooms, clipping, a motor, wind and a phone's gain control.
 
 They were written down before any model was trained on varied waveforms, so that no choice could be made by them. What
-training varies (`tactophone.training.augmentation`: low-pass, noise, equaliser, speed, one simple room) is not among
+training varies (`lab.training.augmentation`: low-pass, noise, equaliser, speed, one simple room) is not among
 them. Each is a function of sound ``(samples, channels)``, its rate and a random generator; level and length stay about
 the same.
 
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.linalg import solve_toeplitz
 
-from tactophone.dataset.values import Recording
-from tactophone.link.codec import Codec, encode_and_decode
-from tactophone.microphones import AIR
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.core.microphones import AIR
+from tactophone.core.types import LIVE_SAMPLE_RATE
+from tactophone.lab.dataset.values import Recording
+from tactophone.net.link.codec import Codec, encode_and_decode
 
 Sound = NDArray[np.float64]
 Distortion = Callable[[Sound, int, np.random.Generator], Sound]

@@ -17,18 +17,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.benchmark.methods import FEATURE_LATENCY
-from tactophone.capture.files import FileSource
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.splits import split, with_kin
-from tactophone.dataset.values import Dataset, Recording, slides_over, tip_of
-from tactophone.evaluation.events import SOURCES, edge_delays, join_edges
-from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predict import TakePredictions, model_predictor
-from tactophone.perception.model_file import Model, read_model
-from tactophone.perception.noise_floor import measure_floor
-from tactophone.training.recipes import RECIPES, TrainingOptions
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.benchmark.methods import FEATURE_LATENCY
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.splits import split, with_kin
+from tactophone.lab.dataset.values import Dataset, Recording, slides_over, tip_of
+from tactophone.lab.evaluation.events import SOURCES, edge_delays, join_edges
+from tactophone.lab.evaluation.metrics import rough_score
+from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone.lab.training.recipes import RECIPES, TrainingOptions
+from tactophone.live.audio.files import FileSource
+from tactophone.signal.perception.model_file import Model, read_model
+from tactophone.signal.perception.noise_floor import measure_floor
 
 FOLDS = "5-fold"
 

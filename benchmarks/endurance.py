@@ -19,14 +19,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from tactophone.link.codec import Codec
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.receive import ReceiveSession
-from tactophone.link.send import SendGroup
-from tactophone.link.session import RENEW_AFTER, Session
-from tactophone.link.stream import DecodedAudio
-from tactophone.simulation.network import ImpairedLink, NetworkProfile
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.net.link.codec import Codec
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.send import SendGroup
+from tactophone.net.link.session import RENEW_AFTER, Session
+from tactophone.net.link.stream import DecodedAudio
 from virtual_link import OPERATOR_ADDRESS, VirtualLink
 
 PACKET = 960

@@ -15,12 +15,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from tactophone.devices.jack import JackClient
-from tactophone.errors import TactophoneError
-from tactophone.measurement.impulses import PEAK, TONE, Graph, running_sides
-from tactophone.runtime.pairing import Sides
-from tactophone.settings import Settings, change
-from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
+from tactophone.app.measurement.impulses import PEAK, TONE, Graph, running_sides
+from tactophone.core.errors import TactophoneError
+from tactophone.core.settings import Settings, change
+from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.runtime.pairing import Sides
 
 BLOCK = 128
 """Samples of a block of the stroke."""

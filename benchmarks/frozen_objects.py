@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.values import Recording
-from tactophone.evaluation.events import decided_touches
-from tactophone.evaluation.metrics import false_positives_at_recall, measure
-from tactophone.evaluation.predict import in_true_contact, model_predictor, scores_of, true_contact
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.perception.noise_floor import measure_floor
-from tactophone.training.tracks import FeatureSpec, extract_features
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.values import Recording
+from tactophone.lab.evaluation.events import decided_touches
+from tactophone.lab.evaluation.metrics import false_positives_at_recall, measure
+from tactophone.lab.evaluation.predict import in_true_contact, model_predictor, scores_of, true_contact
+from tactophone.lab.training.tracks import FeatureSpec, extract_features
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
+from tactophone.signal.perception.noise_floor import measure_floor
 
 REFERENCE = "paper"
 

@@ -14,10 +14,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 from OpenSSL import SSL, crypto
 
-from tactophone.link.handshake import PROFILE
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import Address
-from tactophone.link.session import Session
+from tactophone.net.link.handshake import PROFILE
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.packet import Address
+from tactophone.net.link.session import Session
 
 Answer = Callable[[bytes], list[bytes]]
 """Sends a datagram to the answerer; returns its replies."""

@@ -20,14 +20,14 @@ import numpy as np
 import psutil
 import soundfile
 
-from tactophone.bridges.mcap import read_log
-from tactophone.errors import DatasetError, TactophoneError
-from tactophone.offline.replay import Replay
-from tactophone.runtime.pairing import pair_on_one_machine
-from tactophone.settings import Settings
-from tactophone.telemetry.memory import folder as memory_folder
-from tactophone.telemetry.records import EventBatch
-from tactophone.telemetry.watcher import Watcher
+from tactophone.app.replay import Replay
+from tactophone.core.errors import DatasetError, TactophoneError
+from tactophone.core.settings import Settings
+from tactophone.live.log.mcap import read_log
+from tactophone.live.runtime.pairing import pair_on_one_machine
+from tactophone.live.telemetry.memory import folder as memory_folder
+from tactophone.live.telemetry.records import EventBatch
+from tactophone.live.telemetry.watcher import Watcher
 
 MARK = "TACTOPHONE_KILLED_RUN"
 

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 import peers
 from failsafe import freeze_operator, kill_robot, measure_time_to_silence
-from tactophone.devices.dummy import DummyServer
-from tactophone.haptics.oscillator import Oscillator
-from tactophone.link.codec import Codec, open_decoder
-from tactophone.link.stream import BlockEncoder
-from tactophone.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, measure
-from tactophone.pipeline import open_pipeline
-from tactophone.runtime.pairing import Sides
-from tactophone.settings import Settings, change
-from tactophone.types import LIVE_SAMPLE_RATE as RATE
-from tactophone.types import AudioBlock
+from tactophone.app.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, measure
+from tactophone.core.settings import Settings, change
+from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
+from tactophone.core.types import AudioBlock
+from tactophone.live.audio.dummy import DummyServer
+from tactophone.live.runtime.pairing import Sides
+from tactophone.net.link.codec import Codec, open_decoder
+from tactophone.net.link.stream import BlockEncoder
+from tactophone.signal.haptics.oscillator import Oscillator
+from tactophone.signal.pipeline import open_pipeline
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")

@@ -12,24 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
-from tactophone.errors import ModelError
-from tactophone.haptics.oscillator import Oscillator
-from tactophone.link.codec import Codec
-from tactophone.link.events import PacketReceived
-from tactophone.link.packet import parse_packet
-from tactophone.link.playout import Playout, PlayoutController
-from tactophone.link.receive import ReceiveSession
-from tactophone.link.send import SendGroup
-from tactophone.link.stream import DecodedAudio
-from tactophone.pipeline import open_pipeline
-from tactophone.simulation.catalogue import find
-from tactophone.simulation.motion import single
-from tactophone.simulation.network import ImpairedLink, NetworkProfile
-from tactophone.simulation.source import SimulatedFinger
-from tactophone.simulation.strokes import take_moves
-from tactophone.simulation.takes import TAKES
-from tactophone.types import AudioBlock, FloatArray, PipelineStep, Touch
+from tactophone.core.errors import ModelError
+from tactophone.core.types import AudioBlock, FloatArray, PipelineStep, Touch
+from tactophone.lab.simulation.catalogue import find
+from tactophone.lab.simulation.motion import single
+from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.lab.simulation.source import SimulatedFinger
+from tactophone.lab.simulation.strokes import take_moves
+from tactophone.lab.simulation.takes import TAKES
+from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.net.link.codec import Codec
+from tactophone.net.link.events import PacketReceived
+from tactophone.net.link.packet import parse_packet
+from tactophone.net.link.playout import Playout, PlayoutController
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.send import SendGroup
+from tactophone.net.link.stream import DecodedAudio
+from tactophone.signal.haptics.oscillator import Oscillator
+from tactophone.signal.pipeline import open_pipeline
 from virtual_link import ROBOT_ADDRESS, VirtualLink, paired_sessions
 
 RATE = 48_000

@@ -88,9 +88,9 @@ def child(*arguments: str) -> dict:
 def paced(model: str, fingers: int = 1) -> dict:
     import numpy as np
 
-    from tactophone.haptics.oscillator import Oscillator
-    from tactophone.pipeline import Hand, open_pipeline
-    from tactophone.types import AudioBlock
+    from tactophone.core.types import AudioBlock
+    from tactophone.signal.haptics.oscillator import Oscillator
+    from tactophone.signal.pipeline import Hand, open_pipeline
 
     # On one core: a process that moves between cores finds colder caches.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

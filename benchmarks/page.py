@@ -39,11 +39,11 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
-from tactophone.pages.server import watch
-from tactophone.telemetry.layout import FingerState, State
-from tactophone.telemetry.watcher import Watcher
-from tactophone.telemetry.writer import Telemetry
-from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.faces.web.server import watch
+from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.writer import Telemetry
 
 RATE, STEP = 48_000, 480
 REPEATS = int(os.environ.get("REPEATS", "20"))

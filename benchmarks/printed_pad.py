@@ -14,16 +14,16 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.read import open_dataset
-from tactophone.evaluation.predict import model_predictor
-from tactophone.evaluation.report import make_report
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.simulation import finger
-from tactophone.simulation.catalogue import catalogue
-from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
-from tactophone.simulation.takes import TAKES
-from tactophone.types import DEFAULT_TIP
+from tactophone.core.types import DEFAULT_TIP
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.evaluation.predict import model_predictor
+from tactophone.lab.evaluation.report import make_report
+from tactophone.lab.simulation import finger
+from tactophone.lab.simulation.catalogue import catalogue
+from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+from tactophone.lab.simulation.takes import TAKES
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
 
 QUIET = ("long_medium", "short_light", "wiggle")
 SILICONE = {"as in training": None, "Shore 00-30": 0.12e6, "Shore 10 A": 0.26e6, "Shore 20 A": 0.58e6}

@@ -26,17 +26,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distortions import GROUPS, distorted
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.splits import kin_of, with_kin
-from tactophone.dataset.values import Dataset, Recording
-from tactophone.evaluation.events import calibration_error, decided_touches
-from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predict import TakePredictions, model_predictor
-from tactophone.evaluation.report import unknown_shares
-from tactophone.perception.model_file import Model, read_model
-from tactophone.training.recipes import RECIPES, TrainingOptions
-from tactophone.training.tracks import FeatureSpec, extract_features
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.splits import kin_of, with_kin
+from tactophone.lab.dataset.values import Dataset, Recording
+from tactophone.lab.evaluation.events import calibration_error, decided_touches
+from tactophone.lab.evaluation.metrics import rough_score
+from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone.lab.evaluation.report import unknown_shares
+from tactophone.lab.training.recipes import RECIPES, TrainingOptions
+from tactophone.lab.training.tracks import FeatureSpec, extract_features
+from tactophone.signal.perception.model_file import Model, read_model
 
 AUDIBLE_DB = 30.0
 

@@ -23,22 +23,22 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import psutil
 
     from second_operator import with_operator
-    from tactophone.devices.dummy import DummyServer
-    from tactophone.hand import with_fingers
-    from tactophone.link.codec import Codec
-    from tactophone.link.identity import Identity, Peers
-    from tactophone.link.send import SendGroup
-    from tactophone.link.session import Session
-    from tactophone.link.udp import UdpSocket
-    from tactophone.measurement.impulses import Graph, ImpulseLatency, measure, running_sides
-    from tactophone.pipeline import Hand, open_pipeline
-    from tactophone.runtime.operator import run_operator
-    from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
-    from tactophone.runtime.robot import run_robot
-    from tactophone.runtime.supervisor import Supervisor
-    from tactophone.settings import Settings, change
-    from tactophone.telemetry.watcher import Watcher
-    from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Prediction
+    from tactophone.app.measurement.impulses import Graph, ImpulseLatency, measure, running_sides
+    from tactophone.core.hand import with_fingers
+    from tactophone.core.settings import Settings, change
+    from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Prediction
+    from tactophone.live.audio.dummy import DummyServer
+    from tactophone.live.runtime.operator import run_operator
+    from tactophone.live.runtime.pairing import pair_on_one_machine, temporary_keys
+    from tactophone.live.runtime.robot import run_robot
+    from tactophone.live.runtime.supervisor import Supervisor
+    from tactophone.live.telemetry.watcher import Watcher
+    from tactophone.net.link.codec import Codec
+    from tactophone.net.link.identity import Identity, Peers
+    from tactophone.net.link.send import SendGroup
+    from tactophone.net.link.session import Session
+    from tactophone.net.link.udp import UdpSocket
+    from tactophone.signal.pipeline import Hand, open_pipeline
 
 GOALS = {
     1: ("25 %", "5.3 / 8", "110 MB", "0.1-0.6"),

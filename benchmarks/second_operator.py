@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.udp import UdpSocket
-from tactophone.settings import Settings, change
+from tactophone.core.settings import Settings, change
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.udp import UdpSocket
 
 
 def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:

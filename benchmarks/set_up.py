@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distortions import DISTORTIONS, distorted
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.splits import kin_of, with_kin
-from tactophone.dataset.values import Recording
-from tactophone.perception.noise_floor import measure_floor
-from tactophone.training.linear import fit_classifier
-from tactophone.training.recipes import RECIPES
-from tactophone.training.sets import MOST_WINDOWS, Examples
-from tactophone.training.setup import ObjectSound, fit_set_up
-from tactophone.training.tracks import FeatureSpec, FeatureTrack, RunningMoments, extract_features
-from tactophone.types import FloatArray
+from tactophone.core.types import FloatArray
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.splits import kin_of, with_kin
+from tactophone.lab.dataset.values import Recording
+from tactophone.lab.training.linear import fit_classifier
+from tactophone.lab.training.recipes import RECIPES
+from tactophone.lab.training.sets import MOST_WINDOWS, Examples
+from tactophone.lab.training.setup import ObjectSound, fit_set_up
+from tactophone.lab.training.tracks import FeatureSpec, FeatureTrack, RunningMoments, extract_features
+from tactophone.signal.perception.noise_floor import measure_floor
 
 SCORED = 4
 """Takes of a surface that are scored."""
@@ -60,7 +60,7 @@ class Heard:
 
 def hear(tracks: list[FeatureTrack], contact: list[NDArray[np.bool_]]) -> list[Heard]:
     """Run the statistics over takes."""
-    from tactophone.training.features import run_statistics
+    from tactophone.lab.training.features import run_statistics
 
     metric = np.zeros((1, SPEC.values, SPEC.values))
     descriptions = [track.description for track in tracks]

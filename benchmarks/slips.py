@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.values import Recording
-from tactophone.evaluation.predict import model_predictor
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.values import Recording
+from tactophone.lab.evaluation.predict import model_predictor
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
 
 AFTER = 0.4
 """Seconds: a window of 256 ms and the fall."""

@@ -1,6 +1,6 @@
 """What touches of soft and of hard tips sound like: fits it, or scores how often a wrong tip is noticed.
 
-    python benchmarks/tip_sounds.py FOLDER ... --out src/tactophone/perception/models/tips.npz
+    python benchmarks/tip_sounds.py FOLDER ... --out src/tactophone/signal/perception/models/tips.npz
     python benchmarks/tip_sounds.py FOLDER ... [--seconds 10]
 
 A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one after another. With
@@ -19,12 +19,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.values import Recording
-from tactophone.perception.detector import CERTAINLY_NONE, WindowDetector
-from tactophone.perception.fit import HARD, SOFT, FitCheck, Misfit
-from tactophone.perception.models import TIP_MODELS, open_detector
-from tactophone.types import AudioBlock
+from tactophone.core.types import AudioBlock
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.values import Recording
+from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
+from tactophone.signal.perception.fit import HARD, SOFT, FitCheck, Misfit
+from tactophone.signal.perception.models import TIP_MODELS, open_detector
 
 RIDGE_DB = 1.2
 """Standard deviation that is added to every value, for what the sets do not vary; chosen in folds by kin."""

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from tactophone.types import TouchEvent
+from tactophone.core.types import TouchEvent
 
 MISSED = "missed"
 """Class of a true event near which none was detected."""

@@ -22,9 +22,9 @@ import soundfile
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from tactophone.perception.contact import ContactGate
-from tactophone.perception.events import EventDetector
-from tactophone.types import DEFAULT_TIP, AudioBlock, TouchEvent
+from tactophone.core.types import DEFAULT_TIP, AudioBlock, TouchEvent
+from tactophone.signal.perception.contact import ContactGate
+from tactophone.signal.perception.events import EventDetector
 from touch_event_metrics import MISSED, class_accuracy, confusion, match_moments
 from touch_scenes import touch_scene
 

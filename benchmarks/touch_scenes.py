@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.simulation.catalogue import find
-from tactophone.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.simulation.motion import single
-from tactophone.simulation.source import SimulatedFinger, Truth
-from tactophone.simulation.strokes import Script
-from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, TouchEvent
+from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, TouchEvent
+from tactophone.lab.simulation.catalogue import find
+from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone.lab.simulation.motion import single
+from tactophone.lab.simulation.source import SimulatedFinger, Truth
+from tactophone.lab.simulation.strokes import Script
 
 KNOCK_TO_CONTACT_DB = -20.0
 """What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
@@ -71,7 +71,7 @@ def touch_scene(
     motors
         Whether it takes place in the competition's noise: a hall full of people, and running motors.
     tip
-        What touches, one of `tactophone.types.TIP_NAMES`.
+        What touches, one of `tactophone.core.types.TIP_NAMES`.
     """
     rng = np.random.default_rng([0x7A9, seed])
     scene = single(find(name))

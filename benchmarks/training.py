@@ -27,14 +27,14 @@ import torch
 from torch import nn
 
 from tactophone import Touch
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.splits import Fold, split
-from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.predict import TakePredictions, scores_of
-from tactophone.training.network import SIZE, PaperNetwork, Windows, find_windows, magnitudes
-from tactophone.training.recipes import FAST_CHANGES, NetworkSettings, network_settings
-from tactophone.training.tracks import read_signals
-from tactophone.training.trainer import Run
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.splits import Fold, split
+from tactophone.lab.evaluation.metrics import measure
+from tactophone.lab.evaluation.predict import TakePredictions, scores_of
+from tactophone.lab.training.network import SIZE, PaperNetwork, Windows, find_windows, magnitudes
+from tactophone.lab.training.recipes import FAST_CHANGES, NetworkSettings, network_settings
+from tactophone.lab.training.tracks import read_signals
+from tactophone.lab.training.trainer import Run
 
 SETTINGS = replace(network_settings("general"), **FAST_CHANGES)
 EXACT = replace(SETTINGS, hop=1, batch_size=6000, least_steps=0)

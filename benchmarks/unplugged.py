@@ -22,9 +22,9 @@ import soundfile
 from benchmarks.failsafe import ENDLESS_TONE, SILENT
 from benchmarks.kills import TACTOPHONE, KilledRun
 
-from tactophone.runtime.pairing import pair_on_one_machine
-from tactophone.settings import Settings
-from tactophone.telemetry.watcher import Watcher
+from tactophone.core.settings import Settings
+from tactophone.live.runtime.pairing import pair_on_one_machine
+from tactophone.live.telemetry.watcher import Watcher
 
 ADDRESSES = {"robot": "10.77.0.2", "operator": "10.77.0.1"}
 PORT = 4_000

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from tactophone.link.codec import Codec
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.receive import ReceiveSession
-from tactophone.link.send import Datagrams, SendGroup
-from tactophone.link.session import Session
-from tactophone.link.stream import RedundancyRule
-from tactophone.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.net.link.codec import Codec
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.send import Datagrams, SendGroup
+from tactophone.net.link.session import Session
+from tactophone.net.link.stream import RedundancyRule
 
 ROBOT_ADDRESS, OPERATOR_ADDRESS = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
 """Addresses reserved for documentation (RFC 5737)."""

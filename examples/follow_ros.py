@@ -7,7 +7,7 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from tactophone.bridges import ros_topics as messages
+from tactophone.faces.bridges import ros_topics as messages
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 domain = DomainParticipant(0)

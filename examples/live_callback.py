@@ -18,5 +18,5 @@ def print_step(step: tactophone.PipelineStep) -> None:
 
 if __name__ == "__main__":
     source, seconds = sys.argv[1] if len(sys.argv) > 1 else "finger", float((sys.argv[2:] or ["5"])[0])
-    with tactophone.live(source).start(print_step):
+    with tactophone.open_live(source).start(print_step):
         time.sleep(seconds)

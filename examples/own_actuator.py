@@ -7,7 +7,7 @@ In a package, `[project.entry-points."tactophone.actuators"]` with `mine = "pack
 import numpy as np
 
 from tactophone import LIVE_SAMPLE_RATE, HapticCommand, Oscillator
-from tactophone.haptics.actuator import Actuator, ClockedDevice, RenderHand
+from tactophone.live.audio.actuator import Actuator, ClockedDevice, RenderHand
 
 
 def make(*, render: RenderHand, fingers: int, device: str) -> Actuator:

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from tactophone.bridges.mcap import LoggedPrediction, read_log
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.live.log.mcap import LoggedPrediction, read_log
 
 begun = None
 for entry in read_log(Path(sys.argv[1])):

@@ -10,7 +10,7 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-SHARED = Path(__file__).parent.parent / "src" / "tactophone" / "pages" / "static"
+SHARED = Path(__file__).parent.parent / "src" / "tactophone" / "faces" / "web" / "static"
 
 BLOCK = re.compile(r'<div class="[^"]*highlight"(?=><pre>(.*?)</pre></div>)', re.DOTALL)
 

@@ -13,9 +13,9 @@ import numpy as np
 import soundfile
 from PIL import Image, ImageDraw, ImageFont
 
-from tactophone.dataset.plots import TOUCH_COLOURS
-from tactophone.simulation.demonstration import demonstration
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.plots import TOUCH_COLOURS
+from tactophone.lab.simulation.demonstration import demonstration
 
 SIZE, SCALE, RATE = (880, 400), 2, 10
 """Pixels; how much larger it is drawn, to smooth edges; frames a second."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-from tactophone.devices.dummy import DummyServer
+from tactophone.live.audio.dummy import DummyServer
 
 # A shell makes what it starts in the background ignore Ctrl+C, and programs under test would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -6,13 +6,13 @@ import json
 from pathlib import Path
 from typing import Any, cast
 
-from tactophone.endpoints import OperatorEndpoint
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.profiles import open_profile
-from tactophone.link.events import Connected, PacketReceived
-from tactophone.link.receive import ReceiveSession
-from tactophone.link.session import Session
-from tactophone.pipeline import Pipeline, open_pipeline
+from tactophone.net.endpoints import OperatorEndpoint
+from tactophone.net.link.events import Connected, PacketReceived
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.session import Session
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.profiles import open_profile
+from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 FOLDER = Path(__file__).parent / "data" / "golden_run"
 

@@ -11,8 +11,8 @@ import onnx.utils
 import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
-from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
-from tactophone.training.export import join, magnitudes
+from tactophone.lab.training.export import join, magnitudes
+from tactophone.signal.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
 
 CARD = ModelCard(
     name="tiny",

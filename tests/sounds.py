@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.core.types import AudioBlock, FloatArray
 
 ODD_SIZES = (1, 17, 480, 509)
 

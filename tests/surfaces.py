@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.dataset.values import Dataset, Recording, Segment
-from tactophone.types import FloatArray, Touch
+from tactophone.core.types import FloatArray, Touch
+from tactophone.lab.dataset.values import Dataset, Recording, Segment
 
 RATE = 16_000
 DURATION = 1.2

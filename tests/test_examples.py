@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.perception.models import model_path
-from tactophone.telemetry.writer import Telemetry
+from tactophone.live.telemetry.writer import Telemetry
+from tactophone.signal.perception.models import model_path
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -130,7 +130,7 @@ def repeated(work: Callable[[], object]) -> Iterator[None]:
 
 def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
-    from tests.bridges.recorded_run import record
+    from tests.live.log.recorded_run import record
     from tests.models import write_tiny_model
 
     log = record(tmp_path / "run.mcap", write_tiny_model(tmp_path / "tiny.onnx"))
@@ -145,9 +145,9 @@ def test_a_pulse_of_isaac_is_rendered_under_the_limits(tmp_path: Path) -> None:
 
 def test_osc_messages_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("pythonosc")
-    from tactophone.bridges.osc import OscBridge
-    from tests.bridges.test_osc import STEP
-    from tests.runtime.live_system import free_port
+    from tactophone.faces.bridges.osc import OscBridge
+    from tests.faces.bridges.test_osc import STEP
+    from tests.live.runtime.live_system import free_port
 
     port = free_port()
     with (
@@ -161,8 +161,8 @@ def test_osc_messages_are_printed(tmp_path: Path) -> None:
 
 def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
-    from tactophone.bridges.foxglove import FoxgloveBridge
-    from tests.bridges.test_osc import STEP
+    from tactophone.faces.bridges.foxglove import FoxgloveBridge
+    from tests.faces.bridges.test_osc import STEP
 
     name = f"test-{tmp_path.name}"
     with (
@@ -177,8 +177,8 @@ def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> No
 @pytest.mark.realtime
 def test_the_vibration_on_ros_is_printed(tmp_path: Path) -> None:
     pytest.importorskip("cyclonedds")
-    from tactophone.bridges.ros import RosBridge
-    from tests.bridges.test_osc import STEP
+    from tactophone.faces.bridges.ros import RosBridge
+    from tests.faces.bridges.test_osc import STEP
 
     name = f"test-{tmp_path.name}"
     with (

@@ -11,9 +11,9 @@ from isaacteleop.retargeting_engine.deviceio_source_nodes import HapticSink
 from isaacteleop.retargeting_engine.interface import OptionalTensorGroup
 from isaacteleop.retargeting_engine.interface.tensor_group_type import OptionalType
 
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.oscillator import Oscillator
-from tactophone.types import HapticCommand
+from tactophone.core.types import HapticCommand
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.oscillator import Oscillator
 from tests.test_examples import EXAMPLES
 
 TactophoneDevice: Any = runpy.run_path(str(EXAMPLES / "isaac_device.py"))["TactophoneDevice"]

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.dataset.folders import write_sound
+from tests.lab.dataset.folders import write_sound
 
 HIDING = """
 import os, signal, sys
@@ -35,7 +35,7 @@ for verb in ("feel", "train", "finetune", "evaluate", "benchmark", "dataset", "s
         main([verb, "--help"])
     assert "usage: tactophone" in help.getvalue(), verb
 import tactophone.cli.data, tactophone.cli.dataset, tactophone.cli.evaluate, tactophone.cli.model
-import tactophone.cli.record, tactophone.cli.simulate, tactophone.cli.train, tactophone.simulation.render
+import tactophone.cli.record, tactophone.cli.simulate, tactophone.cli.train, tactophone.lab.simulation.render
 assert len(tactophone.classify(sys.argv[1]).times) > 10
 assert main(["feel", sys.argv[1], "--out", sys.argv[2], "--plot"]) == 0
 assert main(["dataset", "check", sys.argv[2]]) in (0, 1)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.cli import VERBS
-from tactophone.cli.extras import EXTRA_OF_MODULE, EXTRAS_OF_VERB
-from tests.dataset.folders import audiofolder
+from tactophone.cli import EXTRAS_OF_VERB, VERBS
+from tactophone.core.extras import EXTRA_OF_MODULE
+from tests.lab.dataset.folders import audiofolder
 
 ROOT = Path(__file__).parent.parent
 INSTALL = re.compile(r"pip install 'tactophone\[([a-z,]+)\]'")

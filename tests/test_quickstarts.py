@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.link.identity import Identity
-from tests.runtime.live_system import free_port
+from tactophone.net.link.identity import Identity
+from tests.live.runtime.live_system import free_port
 
 PAGES = Path(__file__).parent.parent / "docs" / "quickstart"
 
@@ -61,7 +61,7 @@ def test_the_code_of_the_python_page_runs(
 
 @pytest.mark.realtime
 def test_the_phones_page_answers_encrypted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.link.identity.IDENTITY_FOLDER", tmp_path)
+    monkeypatch.setattr("tactophone.net.link.identity.IDENTITY_FOLDER", tmp_path)
     (_, pair), (_, serve) = commands("phone.md")
     assert main([*pair, "--identity", str(tmp_path)]) == 0
     extra = ["--name", "quickstart-phone", "--set", f"link.identity={tmp_path}"]

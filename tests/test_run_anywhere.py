@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.perception.models import model_path, open_detector, shipped_models
-from tactophone.simulation.demonstration import demonstration
-from tactophone.types import AudioBlock, Prediction, Touch
+from tactophone.core.types import AudioBlock, Prediction, Touch
+from tactophone.lab.simulation.demonstration import demonstration
+from tactophone.signal.perception.models import model_path, open_detector, shipped_models
 from tests.sounds import blocks
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "run_anywhere.py"

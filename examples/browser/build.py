@@ -11,11 +11,11 @@ from pathlib import Path
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parent.parent
 RUNTIME = REPOSITORY / "tests" / "node" / "node_modules" / "onnxruntime-web" / "dist"
-STATIC = REPOSITORY / "src" / "tactophone" / "pages" / "static"
+STATIC = REPOSITORY / "src" / "tactophone" / "faces" / "web" / "static"
 PARTS = (
     *(HERE / name for name in ("index.html", "page.css", "page.js", "model.js")),
     *(STATIC / name for name in ("palette.css", "capture.js", "fingertip.js", "speaker.js")),
-    REPOSITORY / "src" / "tactophone" / "perception" / "models" / "stylus.onnx",
+    REPOSITORY / "src" / "tactophone" / "signal" / "perception" / "models" / "stylus.onnx",
     *(RUNTIME / name for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")),
 )
 

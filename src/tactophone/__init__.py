@@ -17,9 +17,9 @@ Values and errors are imported at once, everything else when it is first used.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from tactophone.errors import ConfigError, DatasetError, DeviceError, ModelError, PacketError, TactophoneError
-from tactophone.microphones import AIR, CONTACT
-from tactophone.types import (
+from tactophone.core.errors import ConfigError, DatasetError, DeviceError, ModelError, PacketError, TactophoneError
+from tactophone.core.microphones import AIR, CONTACT
+from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
     ContactThreshold,
@@ -31,35 +31,35 @@ from tactophone.types import (
     Source,
     Touch,
 )
+from tactophone.core.version import __version__
 
 if TYPE_CHECKING:
-    from tactophone.capture.files import FileSource
-    from tactophone.capture.live import jack_source, portaudio_source
-    from tactophone.haptics.limits import Limits
-    from tactophone.haptics.oscillator import Oscillator
-    from tactophone.haptics.profiles import open_profile
-    from tactophone.perception.model_file import read_model
-    from tactophone.perception.models import open_detector
-    from tactophone.pipeline import Pipeline, open_pipeline
-    from tactophone.tables import Live, Table, classify, live
-    from tactophone.telemetry.watcher import Watcher
-
-__version__ = "0.1.0"
+    from tactophone.app.tables import Live, Table, classify, open_live
+    from tactophone.live.audio.files import FileSource
+    from tactophone.live.audio.sources import jack_source, portaudio_source
+    from tactophone.live.telemetry.watcher import Watcher
+    from tactophone.signal.haptics.limits import Limits
+    from tactophone.signal.haptics.oscillator import Oscillator
+    from tactophone.signal.haptics.profiles import open_profile
+    from tactophone.signal.perception.model_file import read_model
+    from tactophone.signal.perception.models import open_detector
+    from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 __all__ = [
     "AIR", "CONTACT", "LIVE_SAMPLE_RATE", "AudioBlock", "ConfigError", "ContactThreshold", "DatasetError", "Detector",
     "DeviceError", "FileSource", "HapticCommand", "Limits", "Live", "ModelError", "Oscillator", "PacketError",
     "Pipeline", "PipelineStep", "Prediction", "Profile", "Source", "Table", "TactophoneError", "Touch", "Watcher",
-    "__version__", "classify", "jack_source", "live", "open_detector", "open_pipeline", "open_profile",
+    "__version__", "classify", "jack_source", "open_detector", "open_live", "open_pipeline", "open_profile",
     "portaudio_source", "read_model",
 ]  # fmt: skip
 
 _MODULES = {
-    "capture.files": ("FileSource",), "capture.live": ("jack_source", "portaudio_source"),
-    "haptics.limits": ("Limits",), "haptics.oscillator": ("Oscillator",), "haptics.profiles": ("open_profile",),
-    "perception.model_file": ("read_model",), "perception.models": ("open_detector",),
-    "pipeline": ("Pipeline", "open_pipeline"), "tables": ("Live", "Table", "classify", "live"),
-    "telemetry.watcher": ("Watcher",),
+    "app.tables": ("Live", "Table", "classify", "open_live"),
+    "live.audio.files": ("FileSource",), "live.audio.sources": ("jack_source", "portaudio_source"),
+    "live.telemetry.watcher": ("Watcher",), "signal.haptics.limits": ("Limits",),
+    "signal.haptics.oscillator": ("Oscillator",), "signal.haptics.profiles": ("open_profile",),
+    "signal.perception.model_file": ("read_model",), "signal.perception.models": ("open_detector",),
+    "signal.pipeline": ("Pipeline", "open_pipeline"),
 }  # fmt: skip
 
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.cli import main
 from tactophone.cli.benchmark import paper_parts
 from tactophone.cli.output import show
-from tactophone.dataset.metadata import write_metadata
-from tactophone.evaluation.bootstrap import Estimate
+from tactophone.lab.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
+from tactophone.lab.dataset.metadata import write_metadata
+from tactophone.lab.evaluation.bootstrap import Estimate
 from tests.surfaces import surfaces
 
 
@@ -97,7 +97,7 @@ def test_a_ray_cluster_with_another_working_directory_gets_relative_paths(
         split = ["--splits", "2-fold", "--out", str(tmp_path / "out")]
         assert main(["benchmark", *command, "--methods", "level", *split]) == 0
         assert main(["evaluate", *command, "--vary", "recipe=level", "--split", "2-fold"]) == 0
-        monkeypatch.setattr("tactophone.benchmark.folds._absolute", lambda fold: fold)
+        monkeypatch.setattr("tactophone.lab.benchmark.folds._absolute", lambda fold: fold)
         capsys.readouterr()
         assert main(["benchmark", *command, "--methods", "texture", *split]) == 1
     finally:

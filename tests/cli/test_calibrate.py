@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.perception.calibration import Calibration
+from tactophone.signal.perception.calibration import Calibration
 
 FINGER = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-12"]
 

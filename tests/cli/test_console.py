@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tactophone.cli.console import _ConsoleView
-from tactophone.telemetry.layout import Fault, State
-from tactophone.telemetry.writer import Telemetry
-from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.live.telemetry.layout import Fault, State
+from tactophone.live.telemetry.writer import Telemetry
 
 
 def test_the_terminal_says_why_there_is_no_link_once(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.telemetry.watcher import Watcher
+from tactophone.live.telemetry.watcher import Watcher
 from tests.browser import browser, chromium, text, wait
 
 __all__ = ["browser", "chromium"]

@@ -6,7 +6,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tests.dataset.folders import audiofolder, authors, write_sound
+from tests.lab.dataset.folders import audiofolder, authors, write_sound
 
 
 def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from tactophone import DatasetError
 from tactophone.cli.data import open_filtered
-from tests.dataset.folders import audiofolder, write_sound
+from tests.lab.dataset.folders import audiofolder, write_sound
 
 
 def test_every_filter_must_match(tmp_path: Path) -> None:

@@ -7,10 +7,10 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.dataset.read import ground_truth
-from tactophone.telemetry.timeline import read_timeline
-from tactophone.types import Touch
-from tests.dataset.folders import write_sound
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.read import ground_truth
+from tactophone.live.telemetry.timeline import read_timeline
+from tests.lab.dataset.folders import write_sound
 
 pytestmark = pytest.mark.realtime
 

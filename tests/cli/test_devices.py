@@ -8,7 +8,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.devices.dummy import DummyServer
+from tactophone.live.audio.dummy import DummyServer
 
 
 @pytest.mark.realtime

@@ -5,9 +5,9 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.perception.model_file import read_model
+from tactophone.signal.perception.model_file import read_model
 from tests.cli.test_train import QUICK
-from tests.dataset.folders import audiofolder
+from tests.lab.dataset.folders import audiofolder
 from tests.sounds import noise
 
 

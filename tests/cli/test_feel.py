@@ -8,9 +8,9 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.perception.model_file import read_model
-from tactophone.training.export import write_graph
-from tactophone.types import FloatArray
+from tactophone.core.types import FloatArray
+from tactophone.lab.training.export import write_graph
+from tactophone.signal.perception.model_file import read_model
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone
 

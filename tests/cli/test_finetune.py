@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tactophone.cli import main
-from tactophone.perception.model_file import Gate, read_model
-from tactophone.training import finetune
-from tactophone.training.export import make_card, write_model
-from tactophone.training.network import PaperNetwork, weights_of
-from tactophone.types import FloatArray
-from tests.dataset.folders import audiofolder
+from tactophone.core.types import FloatArray
+from tactophone.lab.training import finetune
+from tactophone.lab.training.export import make_card, write_model
+from tactophone.lab.training.network import PaperNetwork, weights_of
+from tactophone.signal.perception.model_file import Gate, read_model
+from tests.lab.dataset.folders import audiofolder
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import options
-from tactophone.errors import ConfigError
-from tactophone.settings import Finger
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import Finger
 
 
 def parse(*words: str) -> argparse.Namespace:

@@ -11,17 +11,17 @@ import pytest
 import torch
 
 from tactophone.cli import main
-from tactophone.dataset.metadata import write_metadata
-from tactophone.errors import ConfigError
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.model_file import Gate
-from tactophone.training.export import make_card, write_model
-from tactophone.training.network import PaperNetwork, weights_of
-from tests.bridges.recorded_run import record
-from tests.dataset.folders import audiofolder
+from tactophone.core.errors import ConfigError
+from tactophone.lab.dataset.metadata import write_metadata
+from tactophone.lab.training.export import make_card, write_model
+from tactophone.lab.training.network import PaperNetwork, weights_of
+from tactophone.signal.perception.calibration import Calibration
+from tactophone.signal.perception.model_file import Gate
+from tests.app.robot_data import robot_data
+from tests.lab.dataset.folders import audiofolder
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
-from tests.offline.robot_data import robot_data
-from tests.perception.test_calibration_file import CALIBRATION
+from tests.signal.perception.test_calibration_file import CALIBRATION
 from tests.surfaces import surfaces
 
 VERBS = {
@@ -109,8 +109,8 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
     named: str,
 ) -> None:
     monkeypatch.setattr("tactophone.cli._discard_output", lambda: None)  # pytest has taken its descriptor
-    monkeypatch.setattr("tactophone.simulation.demonstration.STROKING", 0.1)
-    monkeypatch.setattr("tactophone.training.finetune.train_on_both", lambda *_, **__: weights_of(PaperNetwork()))
+    monkeypatch.setattr("tactophone.lab.simulation.demonstration.STROKING", 0.1)
+    monkeypatch.setattr("tactophone.lab.training.finetune.train_on_both", lambda *_, **__: weights_of(PaperNetwork()))
     if "{robot}" in command:
         robot_data(tmp_path / "robot")
     before = old(disk)
@@ -127,7 +127,7 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
 def test_a_disk_that_fills_on_the_way_holds_the_old_results_and_no_half_ones(
     disk: Path, tmp_path: Path, places: dict[str, Path], monkeypatch: pytest.MonkeyPatch, verb: str
 ) -> None:
-    monkeypatch.setattr("tactophone.simulation.demonstration.STROKING", 0.1)
+    monkeypatch.setattr("tactophone.lab.simulation.demonstration.STROKING", 0.1)
     os.truncate(disk / "filler", (disk / "filler").stat().st_size - ROOM)
     (disk / "00_0.haptic.wav").write_text("old")
     before = old(disk)

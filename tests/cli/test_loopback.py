@@ -9,8 +9,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-
-from ..models import write_tiny_model
+from tests.models import write_tiny_model
 
 pytestmark = pytest.mark.realtime
 

@@ -8,7 +8,7 @@ import pytest
 
 from tactophone.cli import GROUPS, VERBS, _parse, add_verb, examples_of, main, options
 from tactophone.cli.options import Parser
-from tactophone.errors import ConfigError
+from tactophone.core.errors import ConfigError
 
 MOST_OPTIONS = 16
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.link.identity import Identity, Peers
+from tactophone.net.link.identity import Identity, Peers
 
 
 def pair(*words: str | Path) -> int:

@@ -13,9 +13,9 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.simulation.takes import shuffled
-from tactophone.telemetry.watcher import Watcher
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.simulation.takes import shuffled
+from tactophone.live.telemetry.watcher import Watcher
 from tests.browser import browser, chromium, stroke, text, wait
 
 __all__ = ["browser", "chromium"]

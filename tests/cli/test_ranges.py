@@ -5,7 +5,7 @@ import pytest
 
 from tactophone.cli import VERBS, add_verb, main
 from tactophone.cli.options import Parser, Within
-from tactophone.errors import ConfigError
+from tactophone.core.errors import ConfigError
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

@@ -10,8 +10,8 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.dataset.read import open_dataset
-from tests.perception.test_calibration_file import CALIBRATION
+from tactophone.lab.dataset.read import open_dataset
+from tests.signal.perception.test_calibration_file import CALIBRATION
 
 FINGER = [
     "record",

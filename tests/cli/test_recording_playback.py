@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture.files import FileSource
 from tactophone.cli import playback
-from tactophone.dataset.values import Segment
-from tactophone.pipeline import open_pipeline
-from tactophone.telemetry.memory import folder
-from tactophone.telemetry.watcher import Watcher
-from tactophone.telemetry.writer import Telemetry
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.values import Segment
+from tactophone.live.audio.files import FileSource
+from tactophone.live.telemetry.memory import folder
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.writer import Telemetry
+from tactophone.signal.pipeline import open_pipeline
 
 pytestmark = pytest.mark.realtime
 

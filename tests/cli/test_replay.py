@@ -4,10 +4,10 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main, playback
-from tactophone.link.codec import Codec
-from tests.bridges.recorded_run import record
+from tactophone.net.link.codec import Codec
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
-from tests.perception.test_calibration_file import CALIBRATION
+from tests.signal.perception.test_calibration_file import CALIBRATION
 
 pytest.importorskip("mcap")
 
@@ -49,7 +49,7 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Pat
         messages = list(reader.messages())
         times = [time for _, time, _ in messages]
         pytest.importorskip("cyclonedds")
-        from tactophone.bridges.ros_topics import open_type_store
+        from tactophone.faces.bridges.ros_topics import open_type_store
 
         store = open_type_store()
         for connection, time, data in messages:

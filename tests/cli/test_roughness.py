@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.cli import main
-from tactophone.dataset.read import open_dataset
-from tests.dataset.folders import audiofolder
-from tests.dataset.test_heights import STEP, SURFACES, ridges
+from tactophone.lab.dataset.read import open_dataset
+from tests.lab.dataset.folders import audiofolder
+from tests.lab.dataset.test_heights import STEP, SURFACES, ridges
 
 
 def test_a_map_is_measured_and_written_into_a_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

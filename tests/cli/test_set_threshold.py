@@ -7,12 +7,12 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.cli import model as model_verbs
-from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.values import Recording, Segment
-from tactophone.evaluation.bootstrap import Estimate
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.lab.dataset.metadata import write_metadata
+from tactophone.lab.dataset.values import Recording, Segment
+from tactophone.lab.evaluation.bootstrap import Estimate
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
 from tests.models import write_tiny_model
 
 

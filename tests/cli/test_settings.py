@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.settings import SETTINGS, Settings, read_settings
+from tactophone.core.settings import SETTINGS, Settings, read_settings
 
 
 def test_the_printed_file_is_read_back_as_the_defaults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,9 +8,9 @@ import pytest
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage
 from tactophone.cli.setup import Fitted
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.training.setup import SHIPPED, Correction, LeftOut, SetUpFit
+from tactophone.lab.training.setup import SHIPPED, Correction, LeftOut, SetUpFit
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
 
 QUICK = ["setup", "--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "3", "--yes"]
 
@@ -78,7 +78,7 @@ def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: p
         def __exit__(self, *_: object) -> None:
             pass
 
-    monkeypatch.setattr("tactophone.pages.server.serve_guide", Ended)
+    monkeypatch.setattr("tactophone.faces.web.server.serve_guide", Ended)
     with GuidePage(wait=True) as page:
         page.show(instruction="slide")
         assert not page.pressed()

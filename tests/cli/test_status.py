@@ -4,10 +4,9 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.telemetry.writer import Telemetry
-
-from ..models import write_tiny_model
-from ..runtime.live_system import LiveSystem, eventually
+from tactophone.live.telemetry.writer import Telemetry
+from tests.live.runtime.live_system import LiveSystem, eventually
+from tests.models import write_tiny_model
 
 
 @pytest.mark.realtime

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.perception.model_file import read_model
-from tests.dataset.folders import audiofolder
+from tactophone.signal.perception.model_file import read_model
+from tests.lab.dataset.folders import audiofolder
 
 QUICK = ["--recipe", str(Path(__file__).with_name("quick.toml"))]
 

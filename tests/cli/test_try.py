@@ -18,14 +18,14 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone import open_pipeline
-from tactophone.devices.dummy import DummyServer
-from tactophone.devices.jack import JackClient
-from tactophone.errors import TactophoneError
-from tactophone.perception.resample import Resampler
-from tactophone.telemetry.watcher import Watcher
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.core.errors import TactophoneError
+from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.live.audio.dummy import DummyServer
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.signal.perception.resample import Resampler
 from tests.browser import start_chromium, text, wait
-from tests.runtime.live_system import eventually
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 

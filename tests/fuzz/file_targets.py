@@ -12,19 +12,19 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.capture.files import FileSource
-from tactophone.dataset.read import open_dataset
-from tactophone.errors import TactophoneError
-from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE, Identity, Peers
-from tactophone.pages.dashboard import parse_request
-from tactophone.pages.game import read_results
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.model_file import ModelCard, read_model
-from tactophone.perception.models import default_model, model_path
-from tactophone.recording.safe_writer import _read_entry
-from tactophone.settings import Settings, change, read_settings
-from tactophone.telemetry.layout import FingerState, State
-from tactophone.telemetry.timeline import read_timeline
+from tactophone.core.errors import TactophoneError
+from tactophone.core.settings import Settings, change, read_settings
+from tactophone.faces.web.dashboard import parse_request
+from tactophone.faces.web.game import read_results
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.recording.safe_writer import _read_entry
+from tactophone.live.audio.files import FileSource
+from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.timeline import read_timeline
+from tactophone.net.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE, Identity, Peers
+from tactophone.signal.perception.calibration import Calibration
+from tactophone.signal.perception.model_file import ModelCard, read_model
+from tactophone.signal.perception.models import default_model, model_path
 
 from .target import Run, Target
 

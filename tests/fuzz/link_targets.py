@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 from pylibsrtp import Error
 
-from tactophone.call.messages import Accepted, Hello, Offer, Refused, read_message, write_message
-from tactophone.call.messages import Address as Candidate
-from tactophone.errors import PacketError
-from tactophone.link.codec import Codec, open_decoder
-from tactophone.link.events import Connected, Disconnected, PacketReceived, Renewed, read_event, write_event
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import (
+from tactophone.core.errors import PacketError
+from tactophone.core.types import Prediction, Touch
+from tactophone.net.call.messages import Accepted, Hello, Offer, Refused, read_message, write_message
+from tactophone.net.call.messages import Address as Candidate
+from tactophone.net.link.codec import Codec, open_decoder
+from tactophone.net.link.events import Connected, Disconnected, PacketReceived, Renewed, read_event, write_event
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.packet import (
     Packet,
     Payload,
     PayloadType,
@@ -21,8 +22,8 @@ from tactophone.link.packet import (
     read_predictions,
     write_predictions,
 )
-from tactophone.link.receive import ReceiveSession
-from tactophone.link.rtcp import (
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.rtcp import (
     Goodbye,
     Introduction,
     ReceiverReport,
@@ -30,11 +31,10 @@ from tactophone.link.rtcp import (
     SenderReport,
     parse_report,
 )
-from tactophone.link.send import SendGroup
-from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
-from tactophone.link.udp import CHANNEL_HEADER
-from tactophone.link.way import channel_content, is_stun, read_kept, write_kept
-from tactophone.types import Prediction, Touch
+from tactophone.net.link.send import SendGroup
+from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
+from tactophone.net.link.udp import CHANNEL_HEADER
+from tactophone.net.link.way import channel_content, is_stun, read_kept, write_kept
 
 from .target import Run, Target
 

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tactophone.simulation.finger import TIPS
+from tactophone.lab.simulation.finger import TIPS
 
 pytest.importorskip("manifold3d")
 

@@ -13,9 +13,11 @@ import sys
 from collections.abc import Sequence
 
 import tactophone
-from tactophone.cli import extras, output
+from tactophone.cli import output
 from tactophone.cli.options import Parser
-from tactophone.errors import TactophoneError, did_you_mean
+from tactophone.core import extras
+from tactophone.core.errors import TactophoneError, did_you_mean
+from tactophone.core.version import __version__
 
 _ABOUT = (tactophone.__doc__ or "").partition("\n\n")[0]
 
@@ -67,6 +69,27 @@ GROUPS: dict[str, dict[str, str]] = {
 
 VERBS: dict[str, str] = {verb: line for group in GROUPS.values() for verb, line in group.items()}
 
+EXTRAS_OF_VERB = {
+    "demo": ("link", "plot", "sim"),
+    "pair": ("link",),
+    "play": ("dashboard", "link", "sim"),
+    "loopback": ("link",),
+    "try": ("dashboard", "link"),
+    "send": ("link",),
+    "receive": ("link",),
+    "call": ("call", "link"),
+    "answer": ("call", "link"),
+    "latency": ("jack", "link", "sim"),
+    "replay": ("link", "record"),
+    "export": ("lerobot", "link", "record"),
+    "simulate": ("sim",),
+    "train": ("link", "train"),
+    "setup": ("link", "train"),
+    "finetune": ("link", "train"),
+    "benchmark": ("link", "sim", "train"),
+}
+"""What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
+
 _SHARED_MODULES = {
     "answer": "call",
     **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
@@ -87,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             _print_short_help()
             return 0
         args = _parse(words, verb)
-        extras.require(verb)
+        extras.require_extras(*EXTRAS_OF_VERB.get(verb, ()))
         code = int(args.run(args))
         if sys.stdout is not None:  # it is closed with `>&-`
             sys.stdout.flush()  # here, so that a full disk is reported
@@ -128,7 +151,7 @@ def _discard_output() -> None:
 
 def _parse(words: list[str], verb: str) -> argparse.Namespace:
     parser = Parser(prog="tactophone", description=_ABOUT, epilog=_listed(), usage="%(prog)s [-h] [--version] VERB ...")
-    parser.add_argument("--version", action="version", version=f"tactophone {tactophone.__version__}")
+    parser.add_argument("--version", action="version", version=f"tactophone {__version__}")
     if verb and verb not in VERBS:
         parser.error(f"there is no verb {verb}{did_you_mean(verb, VERBS)}")
     verbs = parser.add_subparsers(prog=parser.prog, metavar="VERB", required=True, help=argparse.SUPPRESS)

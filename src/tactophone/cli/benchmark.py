@@ -14,14 +14,14 @@ from rich.text import Text
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
-from tactophone.dataset.values import Dataset
+from tactophone.lab.dataset.values import Dataset
 
 if TYPE_CHECKING:
-    from tactophone.benchmark.folds import Cache
-    from tactophone.benchmark.paper_tables import TableRow
-    from tactophone.benchmark.results import DatasetResults
-    from tactophone.evaluation.bootstrap import Estimate
-    from tactophone.evaluation.predict import TakePredictions
+    from tactophone.lab.benchmark.folds import Cache
+    from tactophone.lab.benchmark.paper_tables import TableRow
+    from tactophone.lab.benchmark.results import DatasetResults
+    from tactophone.lab.evaluation.bootstrap import Estimate
+    from tactophone.lab.evaluation.predict import TakePredictions
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Length of the simulated takes, and their random seed, where no data is given."""
@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.benchmark.report import steps_by_profile, write_report
+    from tactophone.lab.benchmark.report import steps_by_profile, write_report
 
     cache = cache_of(args)
     if args.table1 or args.table2 or args.table3:
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_ablations(args: argparse.Namespace, cache: "Cache") -> int:
-    from tactophone.benchmark.paper_tables import ablation_rows, ablations_in
-    from tactophone.benchmark.plan import origin_of
+    from tactophone.lab.benchmark.paper_tables import ablation_rows, ablations_in
+    from tactophone.lab.benchmark.plan import origin_of
 
     methods = ablations_in(args.ablations)
     for dataset in _datasets(args, cache):
@@ -116,9 +116,9 @@ def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
 
 
 def _simulated(folder: Path, workers: int) -> Path:
-    from tactophone.simulation.catalogue import catalogue
-    from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
-    from tactophone.simulation.takes import TAKES
+    from tactophone.lab.simulation.catalogue import catalogue
+    from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+    from tactophone.lab.simulation.takes import TAKES
 
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
     objects = [obj for obj in catalogue() if obj.number >= 0]
@@ -131,7 +131,7 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 
 def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "DatasetResults":
-    from tactophone.benchmark.plan import run_benchmark, splits_of
+    from tactophone.lab.benchmark.plan import run_benchmark, splits_of
 
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
     names = args.methods.split(",") if args.methods else ()
@@ -144,7 +144,7 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
 
 def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
     """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
-    from tactophone.benchmark.report import control_of, format_delay, steps_by_profile
+    from tactophone.lab.benchmark.report import control_of, format_delay, steps_by_profile
 
     for of_dataset in results:
         for split in dict.fromkeys(result.split for result in of_dataset.results):
@@ -170,8 +170,8 @@ def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
 
 def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "Cache") -> int:
     """Print the tables that ``args`` names; I and II of each data set."""
-    from tactophone.benchmark.paper_tables import by_gate, table_one, table_two
-    from tactophone.benchmark.plan import origin_of
+    from tactophone.lab.benchmark.paper_tables import by_gate, table_one, table_two
+    from tactophone.lab.benchmark.plan import origin_of
 
     for dataset in datasets:
         predictions = _predict(dataset, args.methods.split(",") if args.methods else (), cache)
@@ -187,7 +187,7 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "
 
 
 def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[str, list[TakePredictions]]":
-    from tactophone.benchmark.paper_tables import predict_held_out
+    from tactophone.lab.benchmark.paper_tables import predict_held_out
 
     with output.progress("Tables I and II") as update:
         return predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
@@ -215,7 +215,7 @@ def _cell(score: "Estimate") -> str:
 
 
 def _print_task(args: argparse.Namespace) -> None:
-    from tactophone.benchmark.paper_tables import PAPER_THREE, play_task, task_methods
+    from tactophone.lab.benchmark.paper_tables import PAPER_THREE, play_task, task_methods
 
     names = args.methods.split(",") if args.methods else task_methods()
     with output.progress("simulated operator", len(names) + 1) as update:

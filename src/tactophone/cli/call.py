@@ -15,15 +15,16 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tactophone.cli import audio, live, options, output, page
-from tactophone.errors import ConfigError, TactophoneError
-from tactophone.settings import Settings, change
+from tactophone.app import sources
+from tactophone.cli import live, options, output, page
+from tactophone.core.errors import ConfigError, TactophoneError
+from tactophone.core.settings import Settings, change
 
 if TYPE_CHECKING:
-    from tactophone.call.messages import Role
-    from tactophone.call.process import CallProcess, Found, Step
-    from tactophone.link.identity import Identity
-    from tactophone.runtime.supervisor import Supervisor
+    from tactophone.live.runtime.supervisor import Supervisor
+    from tactophone.net.call.messages import Role
+    from tactophone.net.call.process import CallProcess, Found, Step
+    from tactophone.net.link.identity import Identity
 
 EXAMPLES = {
     "call": ("tactophone call", "tactophone call --robot --source finger --remember lab", "tactophone call --check"),
@@ -57,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.call.process import CallProcess, Plan
-    from tactophone.link.identity import IDENTITY_FOLDER
+    from tactophone.net.call.process import CallProcess, Plan
+    from tactophone.net.link.identity import IDENTITY_FOLDER
 
     settings = options.settings_of(args)
     if args.verb == "call" and args.check:
@@ -136,7 +137,7 @@ class _Side(AbstractContextManager["_Side", None]):
     """The live side, which starts while the other end is searched for; a context manager."""
 
     def __init__(self, args: argparse.Namespace, settings: Settings, process: "CallProcess") -> None:
-        from tactophone.link.way import PEER
+        from tactophone.net.link.way import PEER
 
         self._args, self._keeper, self._role = args, process.keeper, ""
         self.name = settings.process.name or args.verb
@@ -155,7 +156,7 @@ class _Side(AbstractContextManager["_Side", None]):
         self._resources.close()
         self._role, open_source = role, None
         if role == "robot":
-            open_source, self.microphone = audio.source_of(self.settings, page=page.wanted(self._args, self.settings))
+            open_source, self.microphone = sources.source_of(self.settings, page=page.wanted(self._args, self.settings))
         self._supervisor = live.open_side(self.settings, self.name, open_source, keeper=self._keeper)
         self._resources.push(self._supervisor)
         self._supervisor.begin()
@@ -168,7 +169,7 @@ class _Side(AbstractContextManager["_Side", None]):
 
 def _identity(folder: Path) -> "Identity":
     """Return this machine's identity; a first call makes it."""
-    from tactophone.link.identity import KEY_FILE, Identity
+    from tactophone.net.link.identity import KEY_FILE, Identity
 
     if not (folder / KEY_FILE).exists():
         Identity.create(socket.gethostname()).save(folder)
@@ -193,7 +194,7 @@ def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
 
 
 def _fingerprint_of(folder: Path, name: str) -> str:
-    from tactophone.link.identity import Peers
+    from tactophone.net.link.identity import Peers
 
     if found := dict(Peers.load(folder).items()).get(name):
         return found
@@ -202,7 +203,7 @@ def _fingerprint_of(folder: Path, name: str) -> str:
 
 def _remember(folder: Path, name: str, found: "Found") -> None:
     """Trust the other end from now on, and keep the secrets from which both derive the next code."""
-    from tactophone.link.identity import Peers, write_private
+    from tactophone.net.link.identity import Peers, write_private
 
     path = _secret_path(folder, name)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

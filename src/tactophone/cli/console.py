@@ -16,16 +16,16 @@ import numpy as np
 from rich.text import Text
 
 from tactophone.cli import output
-from tactophone.telemetry.layout import Action, State
-from tactophone.telemetry.watcher import Snapshot, Watcher
-from tactophone.types import Touch
+from tactophone.core.types import Touch
+from tactophone.live.telemetry.layout import Action, State
+from tactophone.live.telemetry.watcher import Snapshot, Watcher
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.runtime.supervisor import Supervisor
+    from tactophone.live.runtime.supervisor import Supervisor
 
 KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
 """Which key makes which request; the space bar is the emergency stop, as it is the largest key. A page's
-keys are in `pages/static/stop.js`."""
+keys are in `faces/web/static/stop.js`."""
 
 QUIT_KEYS = ("q", "\x03", "\x04")
 """Keys that end the run: q, Ctrl-C and Ctrl-D."""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli import output
 from tactophone.cli.options import Within
-from tactophone.dataset.checks import usable, with_channels
-from tactophone.dataset.read import open_dataset
-from tactophone.dataset.splits import with_kin
-from tactophone.dataset.values import Dataset
-from tactophone.errors import DatasetError
+from tactophone.core.errors import DatasetError
+from tactophone.lab.dataset.checks import usable, with_channels
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.splits import with_kin
+from tactophone.lab.dataset.values import Dataset
 
 if TYPE_CHECKING:
-    from tactophone.benchmark.folds import Cache
+    from tactophone.lab.benchmark.folds import Cache
 
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def add_folds(parser: argparse._ActionsContainer) -> None:
 
 
 def cache_of(args: argparse.Namespace) -> "Cache":
-    from tactophone.benchmark.folds import Cache, default_cache
+    from tactophone.lab.benchmark.folds import Cache, default_cache
 
     return Cache(args.cache) if args.cache else default_cache()
 

@@ -10,20 +10,20 @@ from typing import Any
 import soundfile
 from rich.markup import escape
 
-from tactophone.bridges.mcap import is_mcap
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
-from tactophone.dataset.convert import convert, set_columns, write_card
-from tactophone.dataset.layouts import import_biotac
-from tactophone.dataset.metadata import FILE_NAME
-from tactophone.dataset.plots import draw_dataset
-from tactophone.dataset.read import find_importable, open_dataset
-from tactophone.dataset.splits import SPLITS, split
-from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
-from tactophone.errors import ConfigError
-from tactophone.microphones import MICROPHONES
-from tactophone.perception.calibration import Calibration
+from tactophone.core.errors import ConfigError
+from tactophone.core.microphones import MICROPHONES
+from tactophone.lab.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
+from tactophone.lab.dataset.convert import convert, set_columns, write_card
+from tactophone.lab.dataset.layouts import import_biotac
+from tactophone.lab.dataset.metadata import FILE_NAME
+from tactophone.lab.dataset.plots import draw_dataset
+from tactophone.lab.dataset.read import find_importable, open_dataset
+from tactophone.lab.dataset.splits import SPLITS, split
+from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
+from tactophone.live.log.mcap import is_mcap
+from tactophone.signal.perception.calibration import Calibration
 
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""
@@ -132,7 +132,7 @@ def _split(args: argparse.Namespace) -> int:
 
 def _import_log(args: argparse.Namespace, log: Path) -> int:
     """Make a take of each session of a log, and of each finger of a hand."""
-    from tactophone.offline.replay import write_sound
+    from tactophone.app.replay import write_sound
 
     if args.label not in LABEL_NAMES:
         raise ConfigError(f"--label {args.label}: must be one of {', '.join(filter(None, LABEL_NAMES))}")

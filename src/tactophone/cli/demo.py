@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import console, live, options, output, page
-from tactophone.errors import ConfigError
-from tactophone.hand import each_finger, names_of
-from tactophone.settings import Finger, Settings, change
-from tactophone.telemetry.prediction_log import PredictionLog
-from tactophone.telemetry.watcher import running
+from tactophone.core.errors import ConfigError
+from tactophone.core.hand import each_finger, names_of
+from tactophone.core.settings import Finger, Settings, change
+from tactophone.live.telemetry.prediction_log import PredictionLog
+from tactophone.live.telemetry.watcher import running
 
 if TYPE_CHECKING:
-    from tactophone.capture.files import FileSource
-    from tactophone.dataset.values import Segment
-    from tactophone.offline.vibration_wav import RunRecorder, RunScores
-    from tactophone.telemetry.watcher import Snapshot
+    from tactophone.app.vibration_wav import RunRecorder, RunScores
+    from tactophone.lab.dataset.values import Segment
+    from tactophone.live.audio.files import FileSource
+    from tactophone.live.telemetry.watcher import Snapshot
 
     Fingers = dict[str, tuple[RunScores, dict[str, Path]]]  # scores and files by name; a single finger has none
 
@@ -87,10 +87,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int:
-    from tactophone.capture.files import FileSource
-    from tactophone.dataset.read import ground_truth
-    from tactophone.offline.vibration_wav import RunRecorder, score_run
-    from tactophone.telemetry.timeline import read_timeline
+    from tactophone.app.vibration_wav import RunRecorder, score_run
+    from tactophone.lab.dataset.read import ground_truth
+    from tactophone.live.audio.files import FileSource
+    from tactophone.live.telemetry.timeline import read_timeline
 
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)
@@ -152,7 +152,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
     if not settings.is_hand:
         sound = args.recording
         if sound is None:
-            from tactophone.simulation.demonstration import write_demonstration
+            from tactophone.lab.simulation.demonstration import write_demonstration
 
             (sound,) = write_demonstration(args.out, seed=seed, tip=tip)
         return change(settings, [f"capture.device={sound}"])
@@ -160,7 +160,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
         raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
     if all(own.capture.device for own in each_finger(settings)):
         return settings
-    from tactophone.simulation.demonstration import write_demonstration
+    from tactophone.lab.simulation.demonstration import write_demonstration
 
     paths = write_demonstration(args.out, names_of(settings), seed=seed, tip=tip)
     fingers = zip(settings.fingers, paths, strict=True)
@@ -178,9 +178,9 @@ def _write(
 ) -> dict[str, Path]:  # fmt: skip
     import soundfile
 
-    from tactophone.offline.plot import draw_recording
-    from tactophone.offline.vibration_wav import PeakEnvelope
-    from tactophone.types import LIVE_SAMPLE_RATE
+    from tactophone.app.plot import draw_recording
+    from tactophone.app.vibration_wav import PeakEnvelope
+    from tactophone.core.types import LIVE_SAMPLE_RATE
 
     ending = f"-{finger}" if finger else ""
     files = {

@@ -12,19 +12,19 @@ from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.devices.device import Device, Process
-from tactophone.devices.jack import JackClient
-from tactophone.devices.portaudio import PortAudioStream
-from tactophone.devices.survey import SurveyedDevice, survey
-from tactophone.errors import ConfigError, DeviceError
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.oscillator import Oscillator
-from tactophone.haptics.profiles import ROUGH_STIMULUS, SMOOTH_STIMULUS
-from tactophone.settings import SETTINGS, Settings
-from tactophone.types import FloatArray, HapticCommand
+from tactophone.core.errors import ConfigError, DeviceError
+from tactophone.core.settings import SETTINGS, Settings
+from tactophone.core.types import FloatArray, HapticCommand
+from tactophone.live.audio.device import Device, Process
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.portaudio import PortAudioStream
+from tactophone.live.audio.survey import SurveyedDevice, survey
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.oscillator import Oscillator
+from tactophone.signal.haptics.profiles import ROUGH_STIMULUS, SMOOTH_STIMULUS
 
 if TYPE_CHECKING:
-    from tactophone.measurement.sweep import MeasuredResponse
+    from tactophone.app.measurement.sweep import MeasuredResponse
 
 EXAMPLES = {
     "devices": (
@@ -98,7 +98,7 @@ BURST, STEPS_DB = 0.5, range(-40, 1, 5)
 
 def _feel(settings: Settings) -> int:
     """Play bursts at both ends of the paper's profile, ever louder, until the operator feels one."""
-    from tactophone.runtime.wiring import open_actuator
+    from tactophone.live.runtime.wiring import open_actuator
 
     oscillator, now = Oscillator(Limits(ceiling=settings.rendering.ceiling)), ROUGH_STIMULUS
 
@@ -131,7 +131,7 @@ def _feel(settings: Settings) -> int:
 
 
 def _measure(args: argparse.Namespace, settings: Settings) -> int:
-    from tactophone.measurement.sweep import fit
+    from tactophone.app.measurement.sweep import fit
 
     if settings.output.actuator not in ("jack", "portaudio"):
         raise ConfigError("devices measure needs an actuator that plays any waveform: --actuator jack or portaudio")
@@ -164,8 +164,8 @@ def as_toml(found: "MeasuredResponse") -> str:
 
 
 def _record(amplitude: float, settings: Settings) -> FloatArray:
-    from tactophone.measurement.sweep import SweepRecorder, sweep
-    from tactophone.runtime.wiring import open_actuator
+    from tactophone.app.measurement.sweep import SweepRecorder, sweep
+    from tactophone.live.runtime.wiring import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
     return recorder.run(

@@ -13,16 +13,16 @@ from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
 from tactophone.cli.train import add_recipe, recipe_of
-from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
-from tactophone.dataset.values import Dataset, tip_of
-from tactophone.errors import ConfigError
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path, tip_mismatch
+from tactophone.core.errors import ConfigError
+from tactophone.lab.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
+from tactophone.lab.dataset.values import Dataset, tip_of
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path, tip_mismatch
 
 if TYPE_CHECKING:
-    from tactophone.benchmark.folds import Cache, Method
-    from tactophone.evaluation.predict import TakePredictions
-    from tactophone.evaluation.report import Report
+    from tactophone.lab.benchmark.folds import Cache, Method
+    from tactophone.lab.evaluation.predict import TakePredictions
+    from tactophone.lab.evaluation.report import Report
 
 EXAMPLES = (
     "tactophone evaluate texture --data recordings",
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
-    from tactophone.evaluation.predict import model_predictor
-    from tactophone.evaluation.report import make_report
+    from tactophone.lab.evaluation.predict import model_predictor
+    from tactophone.lab.evaluation.report import make_report
 
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
@@ -103,10 +103,10 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
-    from tactophone.benchmark.folds import permute_labels
-    from tactophone.benchmark.methods import method_of, recipe_method
-    from tactophone.evaluation.report import make_report
-    from tactophone.training.recipes import RECIPES
+    from tactophone.lab.benchmark.folds import permute_labels
+    from tactophone.lab.benchmark.methods import method_of, recipe_method
+    from tactophone.lab.evaluation.report import make_report
+    from tactophone.lab.training.recipes import RECIPES
 
     recipe, how = recipe_of(args), args.split or KIN_SPLIT
     configured = recipe.configured()
@@ -123,16 +123,16 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Re
 
 
 def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
-    from tactophone.benchmark.folds import cross_validate
+    from tactophone.lab.benchmark.folds import cross_validate
 
     with output.progress(method.name, len(folds)) as update:
         return cross_validate(method, folds, cache=cache, report=lambda done, name: update(completed=done, note=name))
 
 
 def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
-    from tactophone.evaluation.metrics import RULES
-    from tactophone.evaluation.report import RENDERED
-    from tactophone.training.export import add_scores
+    from tactophone.lab.evaluation.metrics import RULES
+    from tactophone.lab.evaluation.report import RENDERED
+    from tactophone.lab.training.export import add_scores
 
     scores: dict[str, Any] = {
         "dataset": dataset.name,
@@ -150,7 +150,7 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
 
 def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
     """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
-    from tactophone.evaluation.metrics import RULES
+    from tactophone.lab.evaluation.metrics import RULES
 
     first = next(iter(reports.values()))
     known = math.isfinite(first.rendered.balanced_accuracy.low)
@@ -199,10 +199,10 @@ def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[outpu
 
 
 def _vary(args: argparse.Namespace) -> int:
-    from tactophone.benchmark.folds import cross_validate, run_folds
-    from tactophone.benchmark.methods import method_of
-    from tactophone.evaluation.bootstrap import estimate
-    from tactophone.evaluation.predict import scores_of
+    from tactophone.lab.benchmark.folds import cross_validate, run_folds
+    from tactophone.lab.benchmark.methods import method_of
+    from tactophone.lab.evaluation.bootstrap import estimate
+    from tactophone.lab.evaluation.predict import scores_of
 
     choices = {name: values.split(",") for name, values in options.assigned(args.vary, "--vary").items()}
     recipes = []

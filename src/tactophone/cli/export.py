@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.offline.lerobot import export
+    from tactophone.app.lerobot import export
 
     found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start)
     words = (

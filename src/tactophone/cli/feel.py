@@ -11,24 +11,24 @@ from typing import Any
 
 from rich.markup import escape
 
-from tactophone.capture.files import FileSource
+from tactophone.app.plot import draw_recording
+from tactophone.app.prepare import Preparation, PreparedSource
+from tactophone.app.vibration_wav import OutputFiles, RunScores, RunSummary, process_recording, score_run
 from tactophone.cli import options, output, page
-from tactophone.dataset.read import ground_truth
-from tactophone.dataset.values import Segment
-from tactophone.errors import ConfigError, TactophoneError
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.passthrough import PASSTHROUGH
-from tactophone.haptics.profiles import PROFILES
-from tactophone.offline.plot import draw_recording
-from tactophone.offline.prepare import Preparation, PreparedSource
-from tactophone.offline.vibration_wav import OutputFiles, RunScores, RunSummary, process_recording, score_run
-from tactophone.perception.model_file import ModelCard, read_model
-from tactophone.perception.models import default_model, model_path, tip_mismatch
-from tactophone.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
-from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.settings import Settings
-from tactophone.telemetry.timeline import read_timeline
-from tactophone.types import DEFAULT_TIP, PipelineStep, TouchEvent
+from tactophone.core.errors import ConfigError, TactophoneError
+from tactophone.core.settings import Settings
+from tactophone.core.types import DEFAULT_TIP, PipelineStep, TouchEvent
+from tactophone.lab.dataset.read import ground_truth
+from tactophone.lab.dataset.values import Segment
+from tactophone.live.audio.files import FileSource
+from tactophone.live.telemetry.timeline import read_timeline
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.profiles import PROFILES
+from tactophone.signal.perception.model_file import ModelCard, read_model
+from tactophone.signal.perception.models import default_model, model_path, tip_mismatch
+from tactophone.signal.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
+from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 EXAMPLES = (
     "tactophone feel stroke.wav --plot",
@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
     """Put the sound of each session in place of a log, written to ``--out``; true if one holds none."""
-    from tactophone.bridges.mcap import is_mcap
+    from tactophone.live.log.mcap import is_mcap
 
     if args.finger and not any(map(is_mcap, args.recordings)):
         raise ConfigError("--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out")
@@ -186,7 +186,7 @@ def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
         if not is_mcap(path):
             recordings.append(path)
             continue
-        from tactophone.offline.replay import write_sound  # for logs alone: it needs the extras link and record
+        from tactophone.app.replay import write_sound  # for logs alone: it needs the extras link and record
 
         try:
             recordings += [sound.path for sound in write_sound(path, args.out, finger=args.finger)]

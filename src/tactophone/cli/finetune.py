@@ -15,20 +15,20 @@ from rich.markup import escape
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import SEED
-from tactophone.dataset.splits import split
-from tactophone.dataset.values import Dataset, Recording
-from tactophone.errors import DatasetError
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
-from tactophone.processes import atomic_write
+from tactophone.core.errors import DatasetError
+from tactophone.core.processes import atomic_write
+from tactophone.lab.dataset.splits import split
+from tactophone.lab.dataset.values import Dataset, Recording
+from tactophone.signal.perception.calibration import Calibration
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
 
 if TYPE_CHECKING:
-    from tactophone.evaluation.bootstrap import Change
-    from tactophone.evaluation.predict import TakePredictions
-    from tactophone.training.finetune import FinetuningData
-    from tactophone.training.trainer import NetworkRecipe
-    from tactophone.types import FloatArray
+    from tactophone.core.types import FloatArray
+    from tactophone.lab.evaluation.bootstrap import Change
+    from tactophone.lab.evaluation.predict import TakePredictions
+    from tactophone.lab.training.finetune import FinetuningData
+    from tactophone.lab.training.trainer import NetworkRecipe
 
 REPLAYED, VALIDATED, TESTED = 40, 12, 21
 """Most recordings used of the general set: with takes of 30 s, the whole verb takes under five minutes on two cores."""
@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.training import finetune
+    from tactophone.lab.training import finetune
 
     began = time.monotonic()
     data = _data(args)
@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> "FinetuningData":
-    from tactophone.training.finetune import FinetuningData, hold_out, thinned
+    from tactophone.lab.training.finetune import FinetuningData, hold_out, thinned
 
     channels = read_model(model_path(args.model)).card.channels
     new, held_out = hold_out(open_filtered(args.new, args.filter, channels=channels))
@@ -141,8 +141,8 @@ def _choose(
     args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
-    from tactophone.evaluation.bootstrap import accuracy_of
-    from tactophone.training.finetune import mixtures, write_finetuned
+    from tactophone.lab.evaluation.bootstrap import accuracy_of
+    from tactophone.lab.training.finetune import mixtures, write_finetuned
 
     start = model_path(args.model)
     facts: dict[str, object] = {
@@ -169,7 +169,7 @@ def _measure(
     args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None
 ) -> dict[str, dict[str, "Change"]]:
     """Score before and after, each set with the contact threshold of its own set-up."""
-    from tactophone.evaluation.bootstrap import compare_models
+    from tactophone.lab.evaluation.bootstrap import compare_models
 
     start = model_path(args.model)
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
@@ -191,7 +191,7 @@ def _measure(
 
 
 def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_dbfs: float) -> "list[TakePredictions]":
-    from tactophone.evaluation.predict import model_predictor
+    from tactophone.lab.evaluation.predict import model_predictor
 
     model = read_model(path)
     gate = replace(model.card.gate, threshold_dbfs=threshold_dbfs)

@@ -17,11 +17,11 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
+from tactophone.app.sources import SETTLING, AudioInput, SimulatedAct
 from tactophone.cli import console, output
-from tactophone.cli.audio import SETTLING, AudioInput, SimulatedAct
-from tactophone.errors import DatasetError, TactophoneError
-from tactophone.microphones import CONTACT, MICROPHONES
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.core.errors import DatasetError, TactophoneError
+from tactophone.core.microphones import CONTACT, MICROPHONES
+from tactophone.core.types import AudioBlock, FloatArray
 
 LAST_LOOK = 0.3
 """Seconds for which the page of a command that waits for nobody stays, so that it shows the end."""
@@ -98,7 +98,7 @@ class GuidePage:
     """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
-        from tactophone.pages.server import serve_guide  # for --dashboard alone: it imports processes
+        from tactophone.faces.web.server import serve_guide  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
         self._wait, self._finished = wait, False

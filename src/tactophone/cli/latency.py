@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.settings import Settings
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.core.settings import Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports take a second, which would slow down --help
-    from tactophone.measurement.delays import DecisionDelays
-    from tactophone.measurement.impulses import ImpulseLatency
-    from tactophone.perception.model_file import ModelCard
+    from tactophone.app.measurement.delays import DecisionDelays
+    from tactophone.app.measurement.impulses import ImpulseLatency
+    from tactophone.signal.perception.model_file import ModelCard
 
 EXAMPLES = (
     "tactophone latency --dummy",
@@ -42,12 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.devices.dummy import DummyServer
-    from tactophone.measurement.delays import measure_decisions
-    from tactophone.measurement.impulses import Graph, measure
-    from tactophone.perception.model_file import read_model
-    from tactophone.perception.models import default_model, model_path
-    from tactophone.runtime.wiring import open_pipeline_for
+    from tactophone.app.measurement.delays import measure_decisions
+    from tactophone.app.measurement.impulses import Graph, measure
+    from tactophone.live.audio.dummy import DummyServer
+    from tactophone.live.runtime.wiring import open_pipeline_for
+    from tactophone.signal.perception.model_file import read_model
+    from tactophone.signal.perception.models import default_model, model_path
 
     settings = options.settings_of(args)
     card = read_model(model_path(settings.detector.model or default_model(settings.capture.tip))).card
@@ -126,7 +126,7 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
 
 
 def _decision_notes(delays: "DecisionDelays", model: str) -> str:
-    from tactophone.measurement.delays import MAX_DECISION_DELAY
+    from tactophone.app.measurement.delays import MAX_DECISION_DELAY
 
     touches, edges = len(delays.touch) + delays.missed_touches, len(delays.edge) + delays.missed_edges
     return (

@@ -13,16 +13,18 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone.cli import audio, console, extras, options, output, page
+from tactophone.app import sources
+from tactophone.cli import console, options, output, page
 from tactophone.cli.console import Outcome
-from tactophone.errors import ConfigError, did_you_mean
-from tactophone.settings import Settings
-from tactophone.telemetry.layout import COUNTERS, STAGES
+from tactophone.core import extras
+from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.settings import Settings
+from tactophone.live.telemetry.layout import COUNTERS, STAGES
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.bridges.process import Bridge
-    from tactophone.runtime.supervisor import Supervisor
-    from tactophone.runtime.wiring import OpenSource
+    from tactophone.faces.bridges.process import Bridge
+    from tactophone.live.runtime.supervisor import Supervisor
+    from tactophone.live.runtime.wiring import OpenSource
 
 EXAMPLES = {
     "send": (
@@ -79,14 +81,14 @@ def add_record(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.runtime.supervisor import supervised
+    from tactophone.live.runtime.supervisor import supervised
 
     settings, open_source, microphone = options.settings_of(args), None, None
     name = settings.process.name or args.verb
     if args.verb == "loopback":
-        settings = audio.for_one_microphone(settings)
+        settings = sources.for_one_microphone(settings)
     if args.verb != "receive":
-        open_source, microphone = audio.source_of(settings, page=page.wanted(args, settings))
+        open_source, microphone = sources.source_of(settings, page=page.wanted(args, settings))
     sides: AbstractContextManager[Sequence[Supervisor]]
     if args.verb == "loopback":
         sides = both_sides(settings, name=name, open_source=open_source)
@@ -97,9 +99,9 @@ def run(args: argparse.Namespace) -> int:
 
 def open_side(settings: Settings, name: str, open_source: "OpenSource | None", **way: Any) -> "Supervisor":
     """Return the robot's side, or without a source the operator's, which is not started yet; ``way`` as of a call."""
-    from tactophone.runtime.operator import run_operator
-    from tactophone.runtime.robot import run_robot
-    from tactophone.runtime.supervisor import Main, Supervisor
+    from tactophone.live.runtime.operator import run_operator
+    from tactophone.live.runtime.robot import run_robot
+    from tactophone.live.runtime.supervisor import Main, Supervisor
 
     main: Main = partial(run_robot, open_source=open_source, **way) if open_source else partial(run_operator, **way)
     return Supervisor(main, settings, name=name, report=output.note)
@@ -113,12 +115,12 @@ def both_sides(
 
     ``open_source`` replaces the way in which the settings' source is opened.
     """
-    from tactophone.runtime import pairing
-    from tactophone.runtime.priority import prioritize_thread
+    from tactophone.live.runtime import pairing
+    from tactophone.live.runtime.priority import prioritize_thread
 
     @contextmanager
     def network(operator: Settings) -> Iterator[int]:
-        from tactophone.simulation.network import ImpairmentProxy, network_profile
+        from tactophone.lab.simulation.network import ImpairmentProxy, network_profile
 
         # The simulated network stands in front of the operator's port.
         prepare, profile = partial(prioritize_thread, operator.process.priority), network_profile(simulated.network)
@@ -126,7 +128,7 @@ def both_sides(
         with ImpairmentProxy(address, profile, seed=simulated.seed, prepare=prepare) as proxy:
             yield proxy.address[1]
 
-    simulated, opened = settings.simulation, open_source or audio.open_source
+    simulated, opened = settings.simulation, open_source or sources.open_source
     between = None if simulated.network == "clean" else network
     with pairing.both_sides(settings, name=name, open_source=opened, between=between, report=output.note) as sides:
         yield sides
@@ -156,11 +158,11 @@ def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterato
     with ExitStack() as stack:
         for path in args.record:
             if path.suffix == ".csv":
-                from tactophone.telemetry.prediction_log import PredictionLog
+                from tactophone.live.telemetry.prediction_log import PredictionLog
 
                 stack.enter_context(PredictionLog(name, path, report=output.warn))
         for build in _bridges(args, settings, name):
-            from tactophone.bridges.process import BridgeProcess
+            from tactophone.faces.bridges.process import BridgeProcess
 
             stack.enter_context(BridgeProcess(build, report=output.warn))
         yield
@@ -205,7 +207,7 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
         bridge, _, address = text.partition("=")
         if bridge == "foxglove":
             extras.require_modules("aiohttp")
-            from tactophone.bridges.foxglove import ADDRESS, LAYOUT, FoxgloveBridge
+            from tactophone.faces.bridges.foxglove import ADDRESS, LAYOUT, FoxgloveBridge
 
             if address.endswith(":0"):
                 raise ConfigError(f"--bridge {text}: a viewer has to know the port: name one, such as {ADDRESS}")
@@ -216,14 +218,14 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
             output.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
         elif bridge == "osc":
             extras.require_modules("pythonosc")
-            from tactophone.bridges.osc import OscBridge
+            from tactophone.faces.bridges.osc import OscBridge
 
             yield partial(
                 OscBridge, name, address, finger=chosen.finger, listen=chosen.osc_listen, avatar=chosen.osc_avatar
             )
         else:
             extras.require_modules("cyclonedds", *(("zenoh", "rosbags") if bridge == "zenoh" else ()))
-            from tactophone.bridges.ros import RosBridge
+            from tactophone.faces.bridges.ros import RosBridge
 
             if address and not address.isdecimal():
                 raise ConfigError(f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0")

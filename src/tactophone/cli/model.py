@@ -12,15 +12,15 @@ from rich.markup import escape
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import Within, per_minute
-from tactophone.dataset.values import Dataset, Recording
-from tactophone.perception.decision import DecisionRule
-from tactophone.perception.model_file import Model, ModelCard, read_model
-from tactophone.perception.models import model_path, shipped_models
+from tactophone.lab.dataset.values import Dataset, Recording
+from tactophone.signal.perception.decision import DecisionRule
+from tactophone.signal.perception.model_file import Model, ModelCard, read_model
+from tactophone.signal.perception.models import model_path, shipped_models
 
 if TYPE_CHECKING:
-    from tactophone.evaluation.bootstrap import Estimate
-    from tactophone.evaluation.predict import TakePredictions
-    from tactophone.evaluation.rules import Goal, OperatingPoint
+    from tactophone.lab.evaluation.bootstrap import Estimate
+    from tactophone.lab.evaluation.predict import TakePredictions
+    from tactophone.lab.evaluation.rules import Goal, OperatingPoint
 
 EXAMPLES = {
     "model": ("tactophone model show texture", "tactophone model import general.pt --out general.onnx"),
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from tactophone.training.paper_models import import_published
+    from tactophone.lab.training.paper_models import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
     import_published(args.source, out)
@@ -138,7 +138,7 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
 def _set_threshold(args: argparse.Namespace) -> int:
     goal: Goal = "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
     limit = args.false_positives if args.false_bumps is None else per_minute(args.false_bumps)
-    from tactophone.evaluation import rules as trials
+    from tactophone.lab.evaluation import rules as trials
 
     path = model_path(args.model)
     # The package's own files stay as they are: other programs of this installation use them.
@@ -165,7 +165,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
             note = f"[yellow]beware:[/] {note}; keep the rule before, or record more smooth objects"
     files = [picture]
     if not args.dry_run and not refused:
-        from tactophone.training.export import set_decision
+        from tactophone.lab.training.export import set_decision
 
         scores = {"dataset": dataset.name, "sha256": dataset.fingerprint, **chosen.as_json()}
         set_decision(path, chosen.rule, scores, out=out)
@@ -180,7 +180,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
 
 
 def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
-    from tactophone.evaluation.predict import by_label, model_predictor
+    from tactophone.lab.evaluation.predict import by_label, model_predictor
 
     if model.card.training.get("sha256") == dataset.fingerprint:
         output.log().print("beware: the model was trained on these recordings, so the rates are too good")
@@ -191,8 +191,8 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
 
 def _rendered(model: Model, recordings: Sequence[Recording], rules: Sequence[DecisionRule]) -> "Estimate":
     """Return how much smooth is rendered as rough, with a rule for each recording."""
-    from tactophone.evaluation.predict import model_predictor
-    from tactophone.evaluation.report import rendered_scores
+    from tactophone.lab.evaluation.predict import model_predictor
+    from tactophone.lab.evaluation.report import rendered_scores
 
     with output.tracked(list(zip(recordings, rules, strict=True)), "rendering") as takes:
         found = [

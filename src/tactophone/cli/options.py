@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tactophone.errors import ConfigError, DatasetError, did_you_mean
-from tactophone.hand import finger_named, with_fingers
-from tactophone.settings import SETTINGS, Settings, change, read_settings
+from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
+from tactophone.core.hand import finger_named, with_fingers
+from tactophone.core.settings import SETTINGS, Settings, change, read_settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None
 
 
 def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
-    """Add ``--settings``, ``--set`` and the options that `tactophone.settings` declares for a verb.
+    """Add ``--settings``, ``--set`` and the options that `tactophone.core.settings` declares for a verb.
 
     ``usual`` are the verb's own defaults, as in `settings_of`.
     """

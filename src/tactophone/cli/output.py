@@ -18,7 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from tactophone.errors import ConfigError
+from tactophone.core.errors import ConfigError
 
 Entry = TypeVar("Entry")
 
@@ -193,9 +193,9 @@ def write_haptic_files(formats: Iterable[str], stem: Path, timeline: Path, *, du
     """Write the commands of a timeline, of a length in s, in each of the formats; returns the files by format."""
     if not formats:
         return {}
-    from tactophone.bridges.haptic_files import write_haptic_file
-    from tactophone.telemetry.timeline import read_timeline
-    from tactophone.types import HapticCommand
+    from tactophone.core.types import HapticCommand
+    from tactophone.faces.bridges.haptic_files import write_haptic_file
+    from tactophone.live.telemetry.timeline import read_timeline
 
     columns = read_timeline(timeline)
     commands = [

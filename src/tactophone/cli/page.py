@@ -13,13 +13,14 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from tactophone.cli import extras, options, output
-from tactophone.errors import ConfigError, TactophoneError
-from tactophone.settings import Settings
+from tactophone.cli import options, output
+from tactophone.core import extras
+from tactophone.core.errors import ConfigError, TactophoneError
+from tactophone.core.settings import Settings
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.bridges.process import Bridge, BridgeProcess
-    from tactophone.pages.server import Page
+    from tactophone.faces.bridges.process import Bridge, BridgeProcess
+    from tactophone.faces.web.server import Page
 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
@@ -47,7 +48,7 @@ def shown(
     if not page:
         yield
         return
-    from tactophone.pages.server import watch
+    from tactophone.faces.web.server import watch
 
     recorder = PageRecorder(name, Path(), report=output.note)
     record = recorder.page if live else None
@@ -57,7 +58,7 @@ def shown(
 
 
 def place(settings: Settings) -> dict[str, Any]:
-    """Return where and how the page is served, as arguments of `tactophone.pages.server.Page`.
+    """Return where and how the page is served, as arguments of `tactophone.faces.web.server.Page`.
 
     Raises `TactophoneError` if there is no network, or no certificate.
     """
@@ -66,7 +67,7 @@ def place(settings: Settings) -> dict[str, Any]:
         return {"address": page.address or None, "certificate": _certificate(settings)}
     if page.address:
         raise ConfigError("--lan and page.address both choose the address: give one of them")
-    from tactophone.pages.server import network_address
+    from tactophone.faces.web.server import network_address
 
     name = socket.gethostname().lower()
     names = (name, name if name.endswith(".local") else f"{name}.local")  # the second by multicast DNS
@@ -114,7 +115,7 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     """Return the files of certificate and key, and print the fingerprint to compare; none without ``--https``."""
     if not settings.page.https:
         return None
-    from tactophone.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity
+    from tactophone.net.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity
 
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     fingerprint = Identity.load(folder).fingerprint
@@ -126,7 +127,7 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
 def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
     """Return what opens the log of a run in its own process."""
     extras.require_modules("mcap", "zstandard")
-    from tactophone.bridges.mcap import McapLog
+    from tactophone.live.log.mcap import McapLog
 
     return partial(McapLog, name, path.absolute())
 
@@ -170,7 +171,7 @@ class PageRecorder:
                 self._answer({"refused": str(error)})
 
     def _begin(self) -> None:
-        from tactophone.bridges.process import BridgeProcess
+        from tactophone.faces.bridges.process import BridgeProcess
 
         self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
         log = BridgeProcess(log_of(self._name, self._path), report=self._fail)

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
+    from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
 
     folder, say = (args.identity or IDENTITY_FOLDER).expanduser(), output.log().print
     match args.step:

@@ -6,11 +6,12 @@ from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 
-from tactophone.cli import audio, console, live, options, page
+from tactophone.app import sources
+from tactophone.cli import console, live, options, page
 from tactophone.cli.options import SEED
 from tactophone.cli.output import make_folder
-from tactophone.errors import ConfigError
-from tactophone.settings import change
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import change
 
 EXAMPLES = {
     "play": ("tactophone play", "tactophone play --seed 3 --results rounds.jsonl", "tactophone play --lan --https"),
@@ -67,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(args: argparse.Namespace) -> int:
-    from tactophone.pages.game import GameSettings, open_finger, serve_game
-    from tactophone.simulation.takes import shuffled
+    from tactophone.faces.web.game import GameSettings, open_finger, serve_game
+    from tactophone.lab.simulation.takes import shuffled
 
     settings = change(options.settings_of(args, NEAR), SIMULATED)
     if args.results.is_dir():
@@ -88,14 +89,14 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def _try(args: argparse.Namespace) -> int:
-    from tactophone.pages.server import watch
+    from tactophone.faces.web.server import watch
 
     usual = [*USUAL_OF_TRY, f"capture.source={args.source}"]
-    settings = audio.for_one_microphone(options.settings_of(args, usual))
+    settings = sources.for_one_microphone(options.settings_of(args, usual))
     if settings.output.actuator == "none":  # a stalled process then harms nobody
         settings = change(settings, ["process.watchdog=false"])
     name = settings.process.name or "try"
-    open_source, microphone = audio.source_of(settings)
+    open_source, microphone = sources.source_of(settings)
     with watch(name, microphone=microphone, **page.place(settings)) as served:
         page.announce(served, "try", browser=settings.page.open)
         both = live.both_sides(settings, name=name, open_source=open_source)

@@ -9,15 +9,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tactophone.capture.files import FileSource
 from tactophone.cli import output
 from tactophone.cli.page import shown
-from tactophone.dataset.values import Segment, touch_at
-from tactophone.haptics.oscillator import Oscillator, Playback
-from tactophone.pipeline import Pipeline
-from tactophone.settings import Settings
-from tactophone.telemetry.layout import FingerState, State
-from tactophone.telemetry.writer import Telemetry
+from tactophone.core.settings import Settings
+from tactophone.lab.dataset.values import Segment, touch_at
+from tactophone.live.audio.files import FileSource
+from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.writer import Telemetry
+from tactophone.signal.haptics.oscillator import Oscillator, Playback
+from tactophone.signal.pipeline import Pipeline
 
 BLOCK_DURATION = 0.01
 """Seconds of sound in a block: the interval at which the page shows predictions."""

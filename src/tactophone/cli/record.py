@@ -9,22 +9,22 @@ from rich.console import Group
 from rich.markup import escape
 from rich.text import Text
 
+from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.cli import console, options, output
-from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
 from tactophone.cli.simulate import takes_named
-from tactophone.dataset.metadata import manifests_in
-from tactophone.dataset.read import open_dataset
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.health import Reference
-from tactophone.recording import protocol
-from tactophone.recording.protocol import Key, Stage
-from tactophone.recording.quality import GOOD
-from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
-from tactophone.recording.safe_writer import recording_in, recover
-from tactophone.simulation.takes import TAKES
-from tactophone.types import SURFACE_LABELS, Touch
+from tactophone.core.types import SURFACE_LABELS, Touch
+from tactophone.lab.dataset.metadata import manifests_in
+from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.recording import protocol
+from tactophone.lab.recording.protocol import Key, Stage
+from tactophone.lab.recording.quality import GOOD
+from tactophone.lab.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone.lab.recording.safe_writer import recording_in, recover
+from tactophone.lab.simulation.takes import TAKES
+from tactophone.signal.perception.calibration import Calibration
+from tactophone.signal.perception.health import Reference
 
 SCENARIOS = ("held", "table", "box")
 KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT, "\x04": Key.QUIT}
@@ -80,7 +80,7 @@ def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject
     for recovered in recover(plan.root):
         output.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
     known = open_dataset(plan.root) if manifests_in(plan.root) else None
-    with AudioInput(args, args.object) as audio, console.single_keys() as has_keyboard:
+    with AudioInput(options.settings_of(args), args.object) as audio, console.single_keys() as has_keyboard:
         rate, channels = audio.source.sample_rate, audio.source.channels
         recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
         _record(recorder, audio, plan, unattended=args.yes or audio.simulated or not has_keyboard)

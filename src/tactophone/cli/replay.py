@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from tactophone.cli import extras, options, output, page
-from tactophone.errors import ConfigError
-from tactophone.haptics.limits import DEFAULT_CEILING
-from tactophone.settings import Finger, Settings, change
+from tactophone.cli import options, output, page
+from tactophone.core import extras
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import Finger, Settings, change
+from tactophone.core.types import DEFAULT_CEILING
 
 if TYPE_CHECKING:
-    from tactophone.bridges.mcap import LogEntry
-    from tactophone.offline.replay import RenderedFinger, Replay
+    from tactophone.app.replay import RenderedFinger, Replay
+    from tactophone.live.log.mcap import LogEntry
 
 CHANGES = ("detector.model", "rendering.profile", "rendering.ceiling")
 """What may differ from the run that was logged."""
@@ -42,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the run again; exit 1 if nothing was changed and a prediction or command differs from the log."""
-    from tactophone.bridges.mcap import read_log
-    from tactophone.offline.replay import Replay
+    from tactophone.app.replay import Replay
+    from tactophone.live.log.mcap import read_log
 
     if args.to_rosbag:
         extras.require_modules("cyclonedds", "rosbags")
@@ -82,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             f"the ceiling of the run was above {ceiling:g}, to which what is written is bounded: --ceiling raises that"
         )
     if args.audio:
-        from tactophone.offline.replay import add_sound
+        from tactophone.app.replay import add_sound
 
         files["audio"] = add_sound(args.log, args.audio)
     values = _values(args.log, replay, rendered, files)
@@ -99,7 +100,7 @@ def _with_progress(path: Path, entries: "Iterator[LogEntry]") -> "Iterator[LogEn
 
 
 def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> "list[RenderedFinger]":
-    from tactophone.offline.replay import write_replay
+    from tactophone.app.replay import write_replay
 
     rendered = write_replay(replay, args.out, args.log.stem, plot=args.plot)
     for finger in rendered:
@@ -112,9 +113,9 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
 
 def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> None:
     """Write the steps as a bag whose time begins when the run did."""
-    from tactophone.bridges.mcap import read_log
-    from tactophone.bridges.ros import RosBag
-    from tactophone.telemetry.records import EventBatch, RunStart
+    from tactophone.faces.bridges.ros import RosBag
+    from tactophone.live.log.mcap import read_log
+    from tactophone.live.telemetry.records import EventBatch, RunStart
 
     epoch, begun, names = 0.0, 0.0, ["index"]
     for entry in read_log(args.log):
@@ -134,12 +135,12 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings], ceil
     """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
-    from tactophone.bridges.mcap import read_log
-    from tactophone.capture.files import FileSource
+    from tactophone.app.replay import LoggedEndpoint, write_sound
     from tactophone.cli import playback
-    from tactophone.hand import names_of
-    from tactophone.offline.replay import LoggedEndpoint, write_sound
-    from tactophone.telemetry.records import RunStart
+    from tactophone.core.hand import names_of
+    from tactophone.live.audio.files import FileSource
+    from tactophone.live.log.mcap import read_log
+    from tactophone.live.telemetry.records import RunStart
 
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:

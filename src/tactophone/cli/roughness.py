@@ -10,10 +10,10 @@ from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.errors import ConfigError, DatasetError, did_you_mean
+from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactophone.dataset.heights import HeightReport
+    from tactophone.lab.dataset.heights import HeightReport
 
 EXAMPLES = (
     "tactophone roughness profile.csv --unit um",
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.dataset.heights import measure_heights, read_heights
+    from tactophone.lab.dataset.heights import measure_heights, read_heights
 
     if bool(args.write_metadata) != bool(args.surface):
         raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")
@@ -75,8 +75,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
-    from tactophone.dataset.convert import set_columns
-    from tactophone.dataset.read import open_dataset
+    from tactophone.lab.dataset.convert import set_columns
+    from tactophone.lab.dataset.read import open_dataset
 
     dataset = open_dataset(args.write_metadata)
     if args.surface not in dataset.surfaces:

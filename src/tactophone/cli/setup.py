@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.markup import escape
 
+from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.cli import console, options, output
-from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
-from tactophone.errors import ConfigError, ModelError
-from tactophone.microphones import MICROPHONES
-from tactophone.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
-from tactophone.perception.model_file import Model, read_model
-from tactophone.perception.models import default_model, model_path, open_detector
-from tactophone.perception.noise_floor import measure_floor
-from tactophone.types import DEFAULT_TIP, TIP_NAMES, AudioBlock, FloatArray
+from tactophone.core.errors import ConfigError, ModelError
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.types import DEFAULT_TIP, TIP_NAMES, AudioBlock, FloatArray
+from tactophone.signal.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
+from tactophone.signal.perception.model_file import Model, read_model
+from tactophone.signal.perception.models import default_model, model_path, open_detector
+from tactophone.signal.perception.noise_floor import measure_floor
 
 if TYPE_CHECKING:
-    from tactophone.training.setup import SetUpFit
+    from tactophone.lab.training.setup import SetUpFit
 
 SILENCE, SLIDE = 5.0, 10.0
 """Seconds of silence, and of sliding on each object."""
@@ -217,7 +217,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
         raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
     fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
     findings += _misfits(name, recorded, threshold_dbfs=floor.threshold_dbfs)
-    from tactophone.training.setup import write_set_up
+    from tactophone.lab.training.setup import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
     result = Fitted(args.out, fit, findings, floor.threshold_dbfs, tip, model.card.name)
@@ -260,7 +260,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
 
 def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], screen: GuideScreen) -> _Recorded:
     recorded: list[tuple[str, bool, FloatArray]] = []
-    with AudioInput(args, objects[0][0]) as audio, output.live_display() as live:
+    with AudioInput(options.settings_of(args), objects[0][0]) as audio, output.live_display() as live:
         wait = screen.answers and not (args.yes or audio.simulated)
         screen = replace(screen, live=live)
         screen.begin(1)
@@ -275,7 +275,7 @@ def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], scree
             act = SimulatedAct("stroke", args.seconds)
             if number and audio.name == "finger":
                 # A simulated finger lies on one object; the same seed gives the same set-up on the next.
-                with AudioInput(args, name) as other:
+                with AudioInput(options.settings_of(args), name) as other:
                     sound = record_step(other, iter(other), act, instruction, meters=meters, screen=screen, wait=wait)
             else:
                 sound = record_step(audio, blocks, act, instruction, meters=meters, screen=screen, wait=wait)
@@ -294,7 +294,7 @@ def _check(recorded: _Recorded) -> list[Finding]:
 
 
 def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) -> "SetUpFit":
-    from tactophone.training.setup import collect, fit_set_up
+    from tactophone.lab.training.setup import collect, fit_set_up
 
     rate = recorded.sample_rate
     with output.tracked(recorded.objects, "fitting") as objects:
@@ -317,7 +317,11 @@ def _misfits(name: str, recorded: _Recorded, *, threshold_dbfs: float) -> list[F
 def _check_set_up(args: argparse.Namespace) -> int:
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
-    with AudioInput(args, stroked) as audio, console.single_keys() as has_keyboard, output.live_display() as live:
+    with (
+        AudioInput(options.settings_of(args), stroked) as audio,
+        console.single_keys() as has_keyboard,
+        output.live_display() as live,
+    ):
         wait = has_keyboard and not (args.yes or audio.simulated)
         blocks, meters, screen = iter(audio), Meters(audio.source.channels, math.nan), GuideScreen(live, wait)
         parts = [

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import options, output
 from tactophone.cli.options import SEED, Within
-from tactophone.errors import ConfigError, did_you_mean
-from tactophone.simulation.takes import TAKES
-from tactophone.types import DEFAULT_TIP, TIP_NAMES
+from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.types import DEFAULT_TIP, TIP_NAMES
+from tactophone.lab.simulation.takes import TAKES
 
 if TYPE_CHECKING:
-    from tactophone.simulation.catalogue import SimulatedObject
-    from tactophone.simulation.takes import Take
+    from tactophone.lab.simulation.catalogue import SimulatedObject
+    from tactophone.lab.simulation.takes import Take
 
 EXAMPLES = (
     "tactophone simulate objects",
@@ -65,7 +65,7 @@ def _add_sound(add: Callable[..., object]) -> None:
 
 
 def _objects(args: argparse.Namespace) -> int:
-    from tactophone.simulation.catalogue import catalogue
+    from tactophone.lab.simulation.catalogue import catalogue
 
     rows = [_row(obj) for obj in catalogue()]
     table = [
@@ -85,8 +85,8 @@ def _row(obj: "SimulatedObject") -> dict[str, Any]:
 
 
 def _dataset(args: argparse.Namespace) -> int:
-    from tactophone.simulation.catalogue import PAPER
-    from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+    from tactophone.lab.simulation.catalogue import PAPER
+    from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
 
     chosen = RenderOptions(
         args.seconds, args.seed, opus=args.opus, hall=args.hall, authors_layout=args.authors_layout, bits=args.bits,
@@ -118,8 +118,8 @@ def _check_layout(args: argparse.Namespace) -> None:
 
 
 def _competition(args: argparse.Namespace) -> int:
-    from tactophone.dataset.metadata import write_metadata
-    from tactophone.simulation.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
+    from tactophone.lab.dataset.metadata import write_metadata
+    from tactophone.lab.simulation.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
 
     _check_layout(args)
     runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
@@ -137,7 +137,7 @@ def _competition(args: argparse.Namespace) -> int:
 
 
 def _objects_named(names: str) -> "list[SimulatedObject]":
-    from tactophone.simulation.catalogue import PAPER, catalogue, find
+    from tactophone.lab.simulation.catalogue import PAPER, catalogue, find
 
     if names == "all":
         return list(catalogue())
@@ -147,9 +147,9 @@ def _objects_named(names: str) -> "list[SimulatedObject]":
 
 
 def _hand(args: argparse.Namespace) -> int:
-    from tactophone.hand import names_of, with_fingers
-    from tactophone.settings import Settings
-    from tactophone.simulation.demonstration import write_demonstration
+    from tactophone.core.hand import names_of, with_fingers
+    from tactophone.core.settings import Settings
+    from tactophone.lab.simulation.demonstration import write_demonstration
 
     names = names_of(with_fingers(Settings(), args.fingers))
     output.make_folder(args.out)

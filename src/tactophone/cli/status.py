@@ -8,9 +8,9 @@ import time
 from dataclasses import dataclass
 
 from tactophone.cli import options, output
-from tactophone.errors import TactophoneError, did_you_mean
-from tactophone.telemetry.layout import Action
-from tactophone.telemetry.watcher import Watcher, running
+from tactophone.core.errors import TactophoneError, did_you_mean
+from tactophone.live.telemetry.layout import Action
+from tactophone.live.telemetry.watcher import Watcher, running
 
 EXAMPLES = {
     "status": ("tactophone status", "tactophone status --json"),

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, joined, open_filtered
-from tactophone.perception.calibration import Calibration
-from tactophone.training.recipes import RECIPES, RecipeFile
-from tactophone.types import TIP_NAMES
+from tactophone.core.types import TIP_NAMES
+from tactophone.lab.training.recipes import RECIPES, RecipeFile
+from tactophone.signal.perception.calibration import Calibration
 
 EXAMPLES = (
     "tactophone train recordings --recipe texture --out finger.onnx",

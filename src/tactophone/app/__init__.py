@@ -1,0 +1,1 @@
+"""What users do, one function each: values in, results out."""

@@ -1,0 +1,221 @@
+"""What a run felt, beside the frames of a robot's data set (LeRobotDataset v3.0): as features of each frame, and sound.
+
+The format is described in huggingface/lerobot, ``docs/source/lerobot-dataset-v3.mdx``, and in its ``datasets`` folder.
+A data set has one rate, and ours is higher: a frame holds the newest few predictions at its time, oldest first, so that
+none is left out and none comes from the frame's future.
+"""
+
+import json
+import math
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.app.replay import write_sound
+from tactophone.core.errors import ConfigError, DatasetError
+from tactophone.core.types import EVENT_KINDS, LIVE_SAMPLE_RATE, Touch
+from tactophone.live.log import log_topics
+from tactophone.live.log.mcap import LogEnd, read_messages
+
+COLUMNS = ("none", "smooth", "rough", "touch", "contact", "roughness", "level_dbfs", "amplitude", "frequency", "event")
+"""Numbers of a prediction, as in `tactophone.core.prediction_fields.PREDICTION_FIELDS`."""
+
+LOWEST_DBFS = -200.0
+"""Stands for the level of digital silence, because a mean over -inf is useless."""
+
+NEW_SESSION = 0.5
+"""Seconds by which stream time falls back where another session begins; touch events may come a window late."""
+
+_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+
+Rows = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """The predictions of a finger: ``times`` in s since 1970, and a row of `COLUMNS` for each."""
+
+    name: str
+    times: Rows
+    rows: Rows
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was written."""
+
+    folder: Path
+    frames: int
+    felt: int
+    """Frames that the log covers."""
+    rows: int
+    """Predictions in a frame."""
+    features: list[str]
+    sound: list[Path]
+
+
+def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: float | None = None) -> Exported:
+    """Copy a data set to a new folder, with what was felt in one of its episodes.
+
+    The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. Raises
+    `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, or the log covers no frame
+    of the episode.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    if out.exists():
+        raise ConfigError(f"--out {out}: exists already; name a new folder")
+    info = _read_info(dataset)
+    fingers, lead = _read_fingers(log)
+    begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
+    tables = {path: parquet.read_table(path) for path in sorted((dataset / "data").rglob("*.parquet"))}
+    moments = np.concatenate([_moments(table, episode, begin) for table in tables.values()] or [np.empty(0)])
+    inside = np.sort(moments[np.isfinite(moments)])
+    felt = sum(int(np.sum((inside >= finger.times[0]) & (inside <= finger.times[-1] + 1))) for finger in fingers[:1])
+    if not felt:
+        raise ConfigError(
+            f"{log} covers no frame of episode {episode} of {dataset}: give the time of its first frame, in s since "
+            f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to {fingers[0].times[-1]:.1f}"
+        )
+    # As many as fall between any two frames, so that each stands in a frame; a single one would be a number, no array.
+    most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
+    _copy(dataset, out)
+    stats = json.loads((dataset / "meta/stats.json").read_text()) if (dataset / "meta/stats.json").exists() else {}
+    collected: dict[str, list[Rows]] = {}
+    for path, table in tables.items():
+        columns = dict(zip(table.column_names, table.columns, strict=True))
+        features = _features(fingers, _moments(table, episode, begin), most)
+        for name, values in features.items():
+            flat = values.astype(np.float32).ravel()
+            kind = pyarrow.list_(pyarrow.float32(), values.shape[1])
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(flat), type=kind)
+            collected.setdefault(name, []).append(values)
+        target = out / path.relative_to(dataset)
+        target.unlink()  # it may be a link to the original
+        parquet.write_table(pyarrow.table(columns), target)
+    for name, parts in collected.items():
+        info["features"][name] = {"dtype": "float32", "shape": [most], "names": None}
+        stats[name] = _stats(np.concatenate(parts))
+    sounds = _write_sound(log, out, episode)
+    info["tactophone"] = {
+        "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in Hz; the others 0 to 1",
+        "touch": [touch.name.lower() for touch in Touch],
+        "event": ["", *EVENT_KINDS],
+        "audio": {str(path.relative_to(out)): {"start_time_s": lead - begin, "sample_rate": LIVE_SAMPLE_RATE}
+                  for path in sounds},
+    }  # fmt: skip
+    for name, content in (("info.json", info), ("stats.json", stats)):
+        (out / "meta" / name).unlink(missing_ok=True)
+        (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")
+    return Exported(out, len(moments), felt, most, list(collected), sounds)
+
+
+def _read_info(dataset: Path) -> dict[str, Any]:
+    try:
+        info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_text())
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0") from None
+    if info.get("codebase_version") != "v3.0":
+        raise DatasetError(
+            f"{dataset}: version {info.get('codebase_version')}, but v3.0 is wanted; convert it with lerobot"
+        )
+    return info
+
+
+def _read_fingers(log: Path) -> tuple[list[Finger], float]:
+    """Return the predictions of each finger, and the time of the beginning of the sound, in s since 1970."""
+    found: dict[str, list[tuple[float, float, list[float]]]] = {}
+    for message in read_messages(log):
+        if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION.kind:
+            continue
+        entries = msgspec.json.decode(message.data, type=dict[str, Any])
+        entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
+        entries["level_dbfs"] = max(LOWEST_DBFS, entries["level_dbfs"] or LOWEST_DBFS)
+        name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
+        row = [float(entries[key] or 0.0) for key in COLUMNS]
+        found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
+    if not found:
+        raise DatasetError(f"{log}: no prediction in it; record the operator's side")
+    fingers = [
+        Finger(name, _even([row[:2] for row in rows]), np.array([row for *_, row in rows]))
+        for name, rows in found.items()
+    ]
+    return fingers, min(float(finger.times[0]) - found[finger.name][0][1] for finger in fingers)
+
+
+def _even(stamps: list[tuple[float, float]]) -> Rows:
+    """Return the times of predictions, from their stamps and stream times: as even as the stream of each session.
+
+    A stamp follows the least delay seen until then; here the least of a whole session is known.
+    """
+    stamped, ends = np.array(stamps).T
+    starts = np.flatnonzero(np.diff(ends, prepend=math.inf) < -NEW_SESSION)
+    leads = np.minimum.reduceat(stamped - ends, starts)
+    times: Rows = np.repeat(leads, np.diff(np.append(starts, len(ends)))) + ends
+    return np.maximum.accumulate(times)
+
+
+def _moments(table: Any, episode: int, begin: float) -> Rows:
+    """Return the time of each frame, in s since 1970; NaN in other episodes."""
+    moments = begin + table["timestamp"].to_numpy().astype(float).ravel()
+    return np.where(table["episode_index"].to_numpy().ravel() == episode, moments, np.nan)
+
+
+def _features(fingers: list[Finger], moments: Rows, most: int) -> dict[str, Rows]:
+    features: dict[str, Rows] = {}
+    for finger in fingers:
+        base = f"observation.tactile.{finger.name}"
+        newest = np.searchsorted(finger.times, moments, side="right") - 1
+        known = np.isfinite(moments) & (newest >= 0) & (moments <= finger.times[-1] + 1)
+        places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
+        features[f"{base}.valid"] = np.repeat(known[:, None], most, axis=1).astype(float)
+        features[f"{base}.age"] = np.where(known[:, None], moments[:, None] - finger.times[places], 0.0)
+        for number, column in enumerate(COLUMNS):
+            features[f"{base}.{column}"] = np.where(known[:, None], finger.rows[places, number], 0.0)
+    return features
+
+
+def _stats(values: Rows) -> dict[str, list[float]]:
+    rows = values.astype(np.float32)
+    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    found |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
+    return {name: list(map(float, each)) for name, each in found.items()} | {"count": [len(rows)]}
+
+
+def _copy(dataset: Path, out: Path) -> None:
+    def link(source: str, target: str) -> None:
+        try:
+            os.link(source, target)  # videos are large
+        except OSError:
+            shutil.copy2(source, target)
+
+    try:
+        shutil.copytree(dataset, out, copy_function=link)
+    except shutil.Error as error:  # of each file: source, target and reason
+        shutil.rmtree(out)
+        raise ConfigError(f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder") from None
+
+
+def _write_sound(log: Path, out: Path, episode: int) -> list[Path]:
+    """Write the sound where the open proposal (huggingface/lerobot, pull request 2824) has raw sound."""
+    folder = out / "raw_audio/unsorted"
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        sounds = write_sound(log, folder)
+    except DatasetError:
+        sounds = []  # a run that carried predictions alone
+    placed = []
+    for sound in sounds:
+        part = f"-{sound.session}" if sound.session > 1 else ""
+        key = out / f"raw_audio/observation.audio.{sound.finger or 'index'}"
+        key.mkdir(parents=True, exist_ok=True)
+        placed.append(sound.path.rename(key / f"episode_{episode:06d}{part}.wav"))
+    folder.rmdir()
+    return placed

@@ -1,0 +1,154 @@
+"""A recording as models expect it: without a channel that is silent, an offset or mains hum, and loud enough.
+
+A recording can be read twice. So what a live run only reports as a fault of a microphone is corrected here: a
+microphone in one channel of a stereo file, a converter's offset, hum of a cable, a gain far from any in training.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from tactophone.app.hum import Hum, HumMeter
+from tactophone.core.types import AudioBlock, ChangedSource, Source
+from tactophone.signal.perception import health
+
+SILENT = 1e-6
+"""Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a twentieth of the last bit of 16."""
+
+LEAST_OFFSET = 1e-3
+"""Mean of a channel, -60 dBFS, from which it is removed: a smaller one moves no feature, and sound stays bit-equal."""
+
+QUIET_DBFS = -50.0
+"""Banded level of the loudest 32 ms under which sound is amplified: in training it is -10 to -44 dBFS."""
+
+LEVEL_DBFS = -35.0
+"""Level to which it is amplified: in the middle of the training levels."""
+
+MOST_GAIN_DB = 60.0
+"""Over that, it is a converter's noise that would be amplified."""
+
+TRAINED_HUM_DBFS = -30.0
+"""Models but for a hard tip are trained with hum under this, that of the simulated contact microphone: without it they
+are right 0.02 less often (docs/research/contact.md)."""
+
+WITHOUT_HUM = ("plastic", "stylus")
+"""Tips whose models were trained on an air microphone, without hum."""
+
+_MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What is changed in a recording."""
+
+    channels: tuple[int, ...]
+    """Numbers of the channels that are kept."""
+    offset: tuple[float, ...]
+    """Mean of each of these, which is removed; 0 where it is negligible."""
+    gain_db: float = 0.0
+    """Gain of all channels."""
+    hum: Hum | None = None
+    """Hum to subtract from all channels of the source, if any."""
+    invalid: int = 0
+    """Samples that are no sound; they are left as they are, and the detector withholds its predictions there."""
+    clipped: float = 0.0
+    """Share of the samples of a channel, the one that has most, that are cut off; floats may go over 1."""
+    faults: tuple[health.SensorFault, ...] = ()
+    """Other faults of the microphones that a live run would report; they are only said."""
+
+    @classmethod
+    def of(cls, source: Source) -> Self:
+        """Read a source to its end, and return what to change but for the gain."""
+        peak, total, railed = np.zeros((3, source.channels))
+        count = invalid = 0
+        meter, detector = HumMeter(source.sample_rate, source.channels), health.FaultDetector(source.sample_rate)
+        faults: dict[health.SensorFault, None] = {}
+        with source:
+            for block in source:
+                peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
+                samples = block.samples
+                if len(found := health.find_invalid(samples)):
+                    samples, invalid = samples.copy(), invalid + len(found)
+                    samples[found] = 0
+                total += samples.sum(axis=0, dtype=np.float64)
+                railed += health.clipped_samples(samples.T).sum(axis=1)
+                count += block.size
+                meter.push(samples)
+                if source.sample_rate >= health.LOWEST_RATE and detector.push(replace(block, samples=samples)):
+                    faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
+        live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
+        channels = live or tuple(range(source.channels))
+        mean = total / max(count, 1)
+        offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
+        clipped = float(np.max(railed, where=peak <= 1, initial=0.0)) / max(count, 1)
+        return cls(channels, offset, hum=meter.hum(), invalid=invalid, clipped=clipped, faults=tuple(faults))
+
+    def for_tip(self, tip: str) -> Self:
+        """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
+        trained = tip not in WITHOUT_HUM and self.hum is not None and self.hum.level_dbfs < TRAINED_HUM_DBFS
+        return replace(self, hum=None) if trained else self
+
+    def amplified(self, loudest_dbfs: float) -> Self:
+        """Return this with the gain for sound whose loudest 32 ms have this banded level."""
+        quiet = loudest_dbfs < QUIET_DBFS and loudest_dbfs > LEVEL_DBFS - MOST_GAIN_DB
+        return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
+
+    def notes(self, channels: int, *, used: int = 2) -> list[str]:
+        """Return sentences on a recording of so many ``channels``, for a model that uses so many."""
+        notes = []
+        if len(self.channels) == channels:
+            notes += [str(fault) for fault in self.faults if used > 1 or fault.kind is not health.FaultKind.ALIKE]
+        else:
+            notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
+        if self.invalid:
+            notes.append(
+                f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
+                "a file of floats to -1 to 1"
+            )
+        if self.clipped > health.CLIPPED_SHARE:
+            notes.append(f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain")
+        if any(self.offset):
+            notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
+        if self.hum:
+            notes.append(
+                f"hum of {self.hum.mains} Hz mains at {self.hum.level_dbfs:.0f} dBFS was removed: see the cables"
+            )
+        if self.gain_db:
+            notes.append(f"very quiet: amplified by {self.gain_db:.0f} dB; record with more gain")
+        return notes
+
+
+class PreparedSource(ChangedSource):
+    """A source with the changes of a preparation; a :class:`~tactophone.core.types.Source` itself.
+
+    >>> from tactophone.live.audio.files import FileSource
+    >>> def prepared(path):
+    ...     return PreparedSource(FileSource(path), Preparation.of(FileSource(path)))
+    """
+
+    def __init__(self, source: Source, preparation: Preparation) -> None:
+        super().__init__(source)
+        self.channels = len(preparation.channels)
+        self._channels = list(preparation.channels) if self.channels < source.channels else None
+        self._offset = np.array(preparation.offset, np.float32)
+        self._gain = np.float32(10 ** (preparation.gain_db / 20))
+        self._hum = preparation.hum
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        self._position = 0
+        return map(self._prepared, self._source)
+
+    def _prepared(self, block: AudioBlock) -> AudioBlock:
+        samples = block.samples
+        if self._hum:
+            samples = samples - self._hum.waveform(self._position, block.size)
+            self._position += block.size
+        if self._channels is not None:
+            samples = samples[:, self._channels]
+        if self._offset.any():
+            samples = samples - self._offset
+        if self._gain != 1:
+            samples = samples * self._gain
+        return block if samples is block.samples else replace(block, samples=np.ascontiguousarray(samples))

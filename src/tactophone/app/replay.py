@@ -1,0 +1,474 @@
+"""Logs of live runs: computed again from their packets, compared, rendered, and read as sound.
+
+The same endpoint gets the same packets at the same times, without network or clock. Needs the link's libraries.
+"""
+
+import hashlib
+import itertools
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+import soundfile
+
+from tactophone.app.plot import draw_recording
+from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
+from tactophone.core.errors import ConfigError, DatasetError
+from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.settings import Finger, Settings, change, set_value
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
+from tactophone.live.log.log_topics import topics_of
+from tactophone.live.log.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
+from tactophone.live.log.reader import encoded
+from tactophone.live.log.sound import SoundMessages
+from tactophone.live.runtime.gate import FingerOutput
+from tactophone.live.runtime.wiring import open_pipeline_for
+from tactophone.live.telemetry.layout import Request
+from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
+from tactophone.net.endpoints import OperatorEndpoint
+from tactophone.net.link.events import Connected, LoggedSession
+from tactophone.net.link.packet import Address
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.session import Session
+from tactophone.net.link.stream import DecodedAudio
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.oscillator import Oscillator
+from tactophone.signal.perception.models import default_model, model_path, shipped_models
+from tactophone.signal.pipeline import Hand, Pipeline
+
+Change = Callable[[Settings], Settings]
+
+_NOWHERE: Address = ("", 0)
+_CALIBRATION, _MODEL, _CEILING = "detector.calibration", "detector.model", "rendering.ceiling"
+
+
+@dataclass(slots=True)
+class WakeUp:
+    """What the end processed at one moment, and what was changed while it did."""
+
+    time: float
+    received: tuple[bytes, ...] = ()
+    polled: tuple[bytes, ...] = ()
+    changes: list[Controls] = field(default_factory=list)
+
+
+LoggedItem = RunStart | Controls | WakeUp | LoggedPrediction | LogEnd
+
+
+def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
+    """Put together the arrivals of each moment, and the changes during them; pass on everything else."""
+    pending: WakeUp | None = None
+    for entry in entries:
+        match entry:
+            case LoggedPrediction():
+                yield entry  # written after what it was made of, so it ends nothing
+            case Controls(step=step) if step and pending:
+                pending.changes.append(entry)
+            case EventBatch(time, events, polled=True) if pending and time == pending.time and not pending.changes:
+                pending.polled = events
+            case _:
+                if pending:
+                    yield pending
+                    pending = None
+                if isinstance(entry, EventBatch):
+                    pending = WakeUp(entry.time, *((), entry.events) if entry.polled else (entry.events,))
+                else:
+                    yield entry
+    if pending:
+        yield pending
+
+
+def _open_session() -> tuple[LoggedSession, ReceiveSession]:
+    logged = LoggedSession()
+    return logged, ReceiveSession(cast(Session, logged))
+
+
+class LoggedEndpoint:
+    """The operator's end of one logged process.
+
+    ``change`` changes its settings: another model, another profile. Controls in the log then no longer set them.
+    ``ceiling`` bounds that of the log, which may come from a machine that allows more, or from anybody; ``lowered``
+    says whether it did. ``notes`` say what differs here from the machine of the run.
+    """
+
+    def __init__(self, run: RunStart, change: Change, *, ceiling: float = 1.0) -> None:
+        logged = settings_of(run)
+        settings, self.notes = change(logged), list[str]()
+        # What was chosen for the replay, finger by finger, stays as it is.
+        self._chosen = [_differences(*pair) for pair in zip(each_finger(settings), each_finger(logged), strict=True)]
+        self.settings = _bounded(settings, ceiling)
+        self.lowered = self.settings != settings
+        own = each_finger(self.settings)
+        names = dict.fromkeys(each.detector.model or default_model(each.capture.tip) for each in own)
+        for name in names if settings.detector.model == logged.detector.model else ():
+            with model_path(name).open("rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != run.models.get(name):
+                    self.notes.append(f"the model {name} here is not the one that the run used")
+        self._calibrations = [finger["calibration"] for finger in run.fingers] or [""]
+        self._session, session = _open_session()
+        channels = channels_of(self.settings, alone=2)
+        hand = Hand([self.open(count, finger=finger) for finger, count in enumerate(channels)], channels=channels)
+        self.endpoint = OperatorEndpoint(session, hand, reopen=None if self.settings.is_hand else self.open)
+        # The renderers stand for actuators: a replay moves nothing but numbers.
+        self._outputs = [
+            FingerOutput(each, Oscillator(Limits(ceiling=each.rendering.ceiling)), self.endpoint, index=index)
+            for index, each in enumerate(own)
+        ]
+
+    def open(self, channels: int, *, finger: int = 0) -> Pipeline:
+        """Open the pipeline of a finger for this number of channels, with the calibration that the log holds."""
+        settings = of_finger(self.settings, finger)
+        with TemporaryDirectory(prefix="tactophone-") as folder:
+            if self._calibrations[finger]:
+                path = Path(folder, "calibration.json")
+                path.write_text(self._calibrations[finger])
+                settings = change(settings, [f"{_CALIBRATION}={path}"])
+            return open_pipeline_for(settings, channels=channels)
+
+    def process(self, wake_up: WakeUp) -> Iterator[tuple[PipelineStep, bool]]:
+        """Process one moment again; returns its steps, with commands as limited and gated.
+
+        Beside each, whether it is certain: where a control changed while a step was computed, the log cannot say
+        whether that was before its command or after.
+        """
+        datagrams = [(content, _NOWHERE) for content in wake_up.received]
+        self._session.polled = list(wake_up.polled)
+        steps = itertools.chain(self.endpoint.receive(datagrams, now=wake_up.time), self.endpoint.poll(wake_up.time))
+        for number, (_, step) in enumerate(steps, 1):
+            changes = [controls for controls in wake_up.changes if controls.step == number]
+            if step is not None:
+                yield self._outputs[step.finger].submit(step), not changes
+            for controls in changes:
+                self.apply(controls)
+
+    def apply(self, controls: Controls) -> None:
+        """Set what somebody changed during the run; what was chosen for the replay stays.
+
+        Raises `DatasetError` if they are of a finger that the run does not have.
+        """
+        if not 0 <= controls.finger < len(self._outputs):
+            raise DatasetError(
+                f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
+            )
+        output, chosen = self._outputs[controls.finger], self._chosen[controls.finger]
+        requests = [Request("arm" if controls.armed else "mute"), Request("output_level", controls.output_level)]
+        if "ceiling" not in chosen:
+            requests.append(Request("ceiling", min(controls.ceiling, output.gate.local_ceiling)))
+        if "profile" not in chosen and output.pipeline.profile.name != controls.profile:
+            requests.append(Request("profile", text=controls.profile))
+        # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
+        # end that.
+        threshold_dbfs = controls.threshold_dbfs
+        if "detector" not in chosen and threshold_dbfs not in (None, output.pipeline.detector.threshold.dbfs):
+            requests.append(Request("threshold_dbfs", threshold_dbfs))
+        output.apply(requests)
+
+
+def _differences(settings: Settings, logged: Settings) -> set[str]:
+    pairs = {
+        "ceiling": (settings.rendering.ceiling, logged.rendering.ceiling),
+        "profile": (settings.rendering.profile, logged.rendering.profile),
+        "detector": (settings.detector, logged.detector),
+    }
+    return {name for name, (chosen, before) in pairs.items() if chosen != before}
+
+
+def settings_of(run: RunStart) -> Settings:
+    """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
+    tables = {f"{section}.{name}": value for section, table in run.settings.items() for name, value in table.items()}
+    settings = _with(Settings(), tables)
+    fingers: list[Finger] = []
+    for finger in run.fingers:
+        own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
+        _with(settings, own)  # checked here, where the log can be named
+        fingers.append(Finger(finger["name"], tuple(own.items())))
+    return replace(settings, fingers=tuple(fingers) or settings.fingers)
+
+
+def _with(settings: Settings, values: dict[str, Any]) -> Settings:
+    for name, value in values.items():
+        # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
+        if value is None or name == _CALIBRATION:
+            continue
+        if isinstance(value, str) and not value.isprintable():
+            raise ConfigError(f"the log: {name} = {value!r} holds what is no text; was the log changed?")
+        if name == _MODEL and value and value not in shipped_models() and Path(value).suffix != ".onnx":
+            raise ConfigError(f"the log: {name} = {value!r}, but a model is shipped or a file that ends in .onnx")
+        settings = set_value(settings, name, value, where="the log")
+    return settings
+
+
+def _bounded(settings: Settings, ceiling: float) -> Settings:
+    """Return settings with no ceiling above this one."""
+    rendering = replace(settings.rendering, ceiling=min(settings.rendering.ceiling, ceiling))
+    fingers = (
+        Finger(each.name, tuple((name, min(own, ceiling) if name == _CEILING else own) for name, own in each.settings))
+        for each in settings.fingers
+    )
+    return replace(settings, rendering=rendering, fingers=tuple(fingers))
+
+
+@dataclass(slots=True)
+class Comparison:
+    """How the predictions and commands of a replay compare with those in the log, one by one."""
+
+    equal: int = 0
+    different: int = 0
+    """`equal` and `different`: predictions that are equal to the bit, command included, and those that are not."""
+    uncertain: int = 0
+    """Of which the log cannot say which controls held; not compared."""
+    first: tuple[LoggedPrediction, LoggedPrediction] | None = None
+    """The first that differs: as logged, and as computed."""
+
+    def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
+        # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
+        if encoded(logged.prediction, logged.command) == encoded(computed.prediction, computed.command):
+            self.equal += 1
+        elif not certain:
+            self.uncertain += 1
+        else:
+            self.different += 1
+            self.first = self.first or (logged, computed)
+
+
+@dataclass(slots=True)
+class Replay:
+    """Runs the entries of a log; iterate over :meth:`steps` to the end."""
+
+    entries: Iterable[LogEntry]
+    change: Change = lambda settings: settings
+    """Changes the settings of each process in it."""
+    ceiling: float = 1.0
+    """Bounds that of the log."""
+    comparison: Comparison = field(default_factory=Comparison)
+    """With what was logged; complete when the steps have been computed."""
+    role: str = ""
+    complete: bool = True
+    """Whether the log has its end; the writer of one without was killed, or its disk was full."""
+    missed: int = 0
+    """Bytes and predictions that the log lacks, because they were not read in time."""
+    processes: int = 0
+    notes: list[str] = field(default_factory=list)
+    lowered: bool = False
+    """Whether a ceiling in the log was above the bound; the comparison then says nothing."""
+    endpoint: LoggedEndpoint | None = None
+    _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
+    _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))
+    _offset: int = 0
+    _end: int = 0
+
+    def steps(self) -> Iterator[PipelineStep]:
+        """Compute the run again; returns its steps on one time axis, through all its sessions.
+
+        Raises `DatasetError` if the log holds no beginning of a run.
+        """
+        for item in wake_ups(self.entries):
+            match item:
+                case RunStart():
+                    self._begin(item)
+                case Controls() if self.endpoint:
+                    self.endpoint.apply(item)
+                case WakeUp():
+                    yield from self._process(item)
+                case LoggedPrediction():
+                    self._logged[item.finger].append(item)
+                case LogEnd(complete, missed):
+                    self.complete, self.missed = complete, missed
+            self._compare()
+        if self.endpoint is None:
+            raise DatasetError("the log holds no run: was it written by --record?")
+
+    def _begin(self, run: RunStart) -> None:
+        self.endpoint = LoggedEndpoint(run, self.change, ceiling=self.ceiling)
+        self.lowered |= self.endpoint.lowered
+        self.role, self.processes = run.role, self.processes + 1
+        self.notes += [note for note in self.endpoint.notes if note not in self.notes]
+        # What a killed process had no time to publish has no counterpart.
+        self._logged.clear()
+        self._computed.clear()
+        self._offset = self._end
+
+    def _process(self, wake_up: WakeUp) -> Iterator[PipelineStep]:
+        if self.endpoint is None:
+            raise DatasetError("the log begins within a run: packets before its start cannot be replayed")
+        for step, certain in self.endpoint.process(wake_up):
+            for number, prediction in enumerate(step.predictions):
+                command = step.commands[number] if step.commands else HapticCommand(math.nan, math.nan, prediction.end)
+                logged = LoggedPrediction(prediction, command, step.finger)
+                self._computed[step.finger].append((logged, certain))
+            self._end = max(self._end, step.block.end + self._offset)
+            yield _shifted(step, self._offset) if self._offset else step
+
+    def _compare(self) -> None:
+        # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
+        for finger, logged in self._logged.items() if self.role == "operator" else ():
+            while logged and self._computed[finger]:
+                computed, certain = self._computed[finger].popleft()
+                self.comparison.add(logged.popleft(), computed, certain=certain)
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedFinger:
+    """What a replay wrote of one finger; its name is empty for the only one."""
+
+    name: str
+    summary: RunSummary
+    files: dict[str, Path]
+
+
+def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> list[RenderedFinger]:
+    """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
+
+    Raises `DatasetError` if nothing in the log can be rendered.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = replay.steps()
+    first = next(steps, None)
+    if first is None or replay.endpoint is None:
+        raise DatasetError("the log holds no sound and no predictions: was a robot connected?")
+    names, pipelines = names_of(replay.endpoint.settings), replay.endpoint.endpoint.hand.pipelines
+    stems = [f"{stem}-{name}" if name else stem for name in names]
+    outputs = [OutputFiles.in_folder(folder, each) for each in stems]
+    with ExitStack() as stack:
+        renderers = [
+            stack.enter_context(OfflineRenderer(files, pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE))
+            for files, pipeline in zip(outputs, pipelines, strict=True)
+        ]
+        for step in itertools.chain([first], steps):
+            renderers[step.finger].write(_complete(step))
+        summaries = [renderer.finish(flush=False) for renderer in renderers]
+    written = [{"vibration": files.waveform, "timeline": files.timeline} for files in outputs]
+    for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
+        files["figure"] = folder / f"{name}.replay.png"
+        draw_recording(
+            files["figure"], timeline=files["timeline"], microphones=renderer.microphones, vibration=renderer.vibration,
+            title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
+        )  # fmt: skip
+    return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
+
+
+def _complete(step: PipelineStep) -> PipelineStep:
+    """Give each prediction a command, silence where there was none, and each block two channels."""
+    samples = step.block.samples
+    if samples.shape[1] == 1:
+        step = replace(step, block=replace(step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1)))
+    if len(step.commands) == len(step.predictions):
+        return step
+    silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)
+    return replace(step, commands=silence)
+
+
+def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
+    """Return a step ``offset`` samples later: the processes of a run follow one another, each begins at 0."""
+    shift = offset / step.block.sample_rate
+    return PipelineStep(
+        replace(step.block, start=step.block.start + offset),
+        tuple(replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
+        tuple(replace(each, time=each.time + shift) for each in step.commands),
+        step.finger,
+    )
+
+
+def decoded_sessions(entries: Iterable[LogEntry]) -> Iterator[list[AudioBlock]]:
+    """Return the blocks of sound of each session in a log; sessions without sound are left out."""
+    (logged, session), blocks = _open_session(), list[AudioBlock]()
+    for item in wake_ups(entries):
+        if isinstance(item, RunStart):
+            logged, session = _open_session()
+        if not isinstance(item, WakeUp):
+            continue
+        logged.polled = list(item.polled)
+        events = session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
+        for event in [*events, *session.poll(item.time)]:
+            match event:
+                case DecodedAudio(block):
+                    blocks.append(block)
+                case Connected() if blocks:
+                    yield blocks
+                    blocks = []
+    if blocks:
+        yield blocks
+
+
+def joined(blocks: Iterable[AudioBlock]) -> FloatArray:
+    """Join blocks to one array, ``(samples, channels)``; gaps too long to be concealed are silence."""
+    parts: list[FloatArray] = []
+    reached = 0
+    for block in blocks:
+        if block.start > reached and parts:
+            parts.append(np.zeros((block.start - reached, block.channels), np.float32))
+        parts.append(block.samples)
+        reached = block.end
+    channels = max(part.shape[1] for part in parts)
+    return np.concatenate([part if part.shape[1] == channels else np.repeat(part, channels, axis=1) for part in parts])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSound:
+    """The sound of one session of a log, counted from 1, at one finger; its name is empty for the only one."""
+
+    path: Path
+    session: int
+    finger: str = ""
+
+
+def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
+    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
+
+    Raises `DatasetError` if the log has no such finger or no sound: a link may carry predictions only.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    settings = settings_of(start)
+    names, channels = names_of(settings), channels_of(settings, alone=2)
+    if finger and finger not in names:
+        known = f"there are {', '.join(names)}" if any(names) else "it has a single, unnamed finger"
+        raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
+    written = []
+    for number, blocks in enumerate(decoded_sessions(read_log(log)), 1):
+        sound = joined(blocks)
+        if max(1, sound.shape[1] // 2) != len(names):
+            continue  # of a robot with another number of fingers, which the operator refused
+        for place, (name, count) in enumerate(zip(names, channels, strict=True)):
+            if finger in ("", name):
+                parts = (log.stem, name, "" if number == 1 else str(number))
+                path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                soundfile.write(path, sound[:, 2 * place : 2 * place + count], LIVE_SAMPLE_RATE, subtype="FLOAT")
+                written.append(SessionSound(path, number, name))
+    if not written:
+        raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
+    return written
+
+
+def add_sound(log: Path, path: Path) -> Path:
+    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or samples of 16 bits.
+
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    names = names_of(settings_of(start))
+    if path.exists() and path.samefile(log):
+        raise ConfigError(f"{path}: the log itself; name another file")
+    sound = SoundMessages(names)
+    try:
+        with LogFile(path, topics_of(names, sound=True)) as copy:
+            for message in read_messages(log):
+                if isinstance(message, LogEnd):
+                    added = sound.flush()
+                else:
+                    added = sound.push(message.topic.name, message.data)
+                    copy.write(message)
+                for each in added:
+                    copy.write(each)
+    except ValueError as error:
+        raise DatasetError(f"{log}: a message cannot be read ({error}); was the file changed?") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
+    return path

@@ -1,0 +1,183 @@
+"""Where sound comes from: a device, a recording, a page's microphone, or the simulated finger."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Self
+
+from tactophone.core import extras
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import Settings, change
+from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
+
+if TYPE_CHECKING:  # their imports would slow down --help
+    from tactophone.core.types import AudioBlock, Source
+    from tactophone.live.audio.files import FileSource, RecordedSource
+    from tactophone.live.runtime.wiring import OpenSource
+
+SETTLING = 0.5
+"""Seconds that are discarded after a source is opened and after each instruction."""
+
+ONE_MICROPHONE_MODEL = "stylus"
+"""The shipped model for one air microphone, and the tip it is for; `paper-mono` was trained on a contact microphone."""
+
+
+def open_source(settings: Settings) -> "Source":
+    """Open the source of ``settings.capture``; it delivers sound at the live sample rate.
+
+    Raises `ConfigError` if the setting ``capture.device`` does not fit the source, and `DatasetError` if a recording is
+    missing or damaged.
+    """
+    from tactophone.core.hand import each_finger
+    from tactophone.live.audio.files import CombinedSource, FileSource
+    from tactophone.live.runtime.wiring import open_device
+
+    capture, fingers = settings.capture, each_finger(settings)
+    if capture.source == "finger":
+        from tactophone.lab.simulation.demonstration import StrokingFinger, StrokingHand
+
+        try:
+            seed = int(capture.device or 0)
+        except ValueError:
+            raise ConfigError(
+                f"capture.device = {capture.device!r}, but for the simulated finger it is a seed, a whole number"
+            ) from None
+        if settings.is_hand:
+            return StrokingHand(len(fingers), capture.block_size, seed=seed, tip=capture.tip)
+        return StrokingFinger(capture.block_size, seed=seed, tip=capture.tip)
+    if capture.source == "ros":
+        return _ros_source(capture.device)
+    if capture.source != "file":
+        return open_device(settings)
+    for place, own in enumerate(fingers):
+        if not own.capture.device and settings.is_hand:
+            name = settings.fingers[place].name
+            raise ConfigError(f'no recording is named for the finger {name}: write device = "FILE" under [{name}]')
+        if not own.capture.device:
+            raise ConfigError("capture.source = 'file', but no file is named: give --source file:RECORDING")
+    sources = [
+        recorded(FileSource(own.capture.device, block_size=capture.block_size, loop=capture.loop)) for own in fingers
+    ]
+    return CombinedSource(sources) if settings.is_hand else sources[0]
+
+
+def recorded(source: "FileSource") -> "RecordedSource":
+    """Return a recording as a live source, with the labels of the data set that it belongs to."""
+    from tactophone.lab.dataset.read import ground_truth
+    from tactophone.lab.dataset.values import touch_at
+    from tactophone.live.audio.files import RecordedSource
+    from tactophone.signal.perception.resample import Resampler
+
+    resampler = Resampler(source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels)
+    truth = ground_truth(source.path, duration=source.duration)
+    return RecordedSource(source, resample=resampler.push, label_at=partial(touch_at, segments=truth))
+
+
+def _ros_source(topic: str) -> "Source":
+    extras.require_modules("cyclonedds")
+    from tactophone.faces.bridges.ros import RosSource
+
+    if not topic:
+        raise ConfigError("capture.source = 'ros', but no topic is named: give --source ros:/TOPIC")
+    source = RosSource(topic)
+    if source.sample_rate != LIVE_SAMPLE_RATE:
+        raise ConfigError(
+            f"--source ros:{topic}: {source.sample_rate} Hz, but {LIVE_SAMPLE_RATE} Hz is needed; set its node so"
+        )
+    return source
+
+
+def source_of(settings: Settings, *, page: bool = True) -> "tuple[OpenSource, Connection | None]":
+    """Return what opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources.
+
+    Raises `ConfigError` if it is the microphone of a page, and there is none.
+    """
+    if settings.capture.source != "browser":
+        return open_source, None
+    if not page:
+        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
+    inbox, microphone = Pipe(duplex=False)
+    return partial(_open_browser, inbox), microphone
+
+
+def _open_browser(sound: Connection, _: Settings) -> "Source":
+    from tactophone.live.audio.sources import browser_source
+
+    return browser_source(sound)
+
+
+def for_one_microphone(settings: Settings) -> Settings:
+    """Choose the model for one air microphone, where that is the source and no model is named.
+
+    What touches is anything then, so the tip is the model's, unless another than the default is named.
+    """
+    if settings.capture.source not in ("browser", "microphone") or settings.detector.model:
+        return settings
+    tip = [f"capture.tip={ONE_MICROPHONE_MODEL}"] if settings.capture.tip == DEFAULT_TIP else []
+    return change(settings, [f"detector.model={ONE_MICROPHONE_MODEL}", *tip])
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedAct:
+    """An instruction for the simulated person: ``rest``, ``stroke``, ``tap`` or ``take``, and its duration in s."""
+
+    verb: str
+    duration: float
+    take: str = ""
+
+
+class AudioInput:
+    """An open source; a person touching ``object_name`` if it is the simulated finger. A context manager.
+
+    The simulated person needs no time: minutes take seconds.
+    """
+
+    def __init__(self, settings: Settings, object_name: str) -> None:
+        self.name = settings.capture.source
+        self._participant = None
+        if self.name == "finger":
+            from tactophone.lab.simulation.catalogue import find
+            from tactophone.lab.simulation.faults import FaultSpan, FaultySource
+            from tactophone.lab.simulation.participant import SimulatedParticipant
+
+            simulated = settings.simulation
+            self._participant = SimulatedParticipant(
+                find(object_name), gain_db=simulated.gain_db, air_gain_db=simulated.air_gain_db, seed=simulated.seed,
+                tip=settings.capture.tip,
+            )  # fmt: skip
+            faults = [FaultSpan.parse(text.strip()) for text in simulated.faults.split(",") if text.strip()]
+            self.source: Source = FaultySource(self._participant, faults)
+        else:
+            self.source = open_source(change(settings, ["capture.loop=false"]))
+        self._resources = ExitStack()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether no real person takes part."""
+        return self.name in ("finger", "file")
+
+    def __enter__(self) -> Self:
+        self._resources.enter_context(self.source)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def __iter__(self) -> "Iterator[AudioBlock]":
+        return iter(self.source)
+
+    def ask(self, act: SimulatedAct) -> None:
+        """Instruct the simulated person, if there is one; a real person reads the screen."""
+        if self._participant is None:
+            return
+        if act.take:
+            from tactophone.lab.simulation.takes import TAKES
+
+            self._participant.take(next(take for take in TAKES if take.name == act.take), act.duration)
+        elif act.verb == "rest":
+            self._participant.rest()
+        else:
+            {"stroke": self._participant.stroke, "tap": self._participant.tap}[act.verb](act.duration)

@@ -1,0 +1,63 @@
+"""Which optional dependency a missing module belongs to, and the command that installs it."""
+
+import importlib.util
+
+from tactophone.core.errors import ConfigError
+
+_MODULES = {
+    "plot": ("matplotlib",),
+    "sim": ("numba", "scipy"),
+    "link": ("pylibsrtp", "OpenSSL", "opuslib_next", "samplerate"),
+    "call": ("aioice", "wormhole"),
+    "jack": ("jack",),
+    "portaudio": ("sounddevice",),
+    "dashboard": ("aiohttp", "segno"),
+    "gamepad": ("evdev",),
+    "train": ("torch", "onnx", "sklearn"),
+    "ray": ("ray",),
+    "record": ("mcap", "zstandard"),
+    "osc": ("pythonosc",),
+    "ros": ("cyclonedds", "rosbags"),
+    "zenoh": ("zenoh",),
+    "lerobot": ("pyarrow",),
+}
+
+EXTRA_OF_MODULE = {module: extra for extra, modules in _MODULES.items() for module in modules}
+"""Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
+
+
+def require_extras(*extras: str) -> None:
+    """Check that everything in these extras is installed.
+
+    Raises `ConfigError` if a module is missing; names the command that installs it.
+    """
+    require_modules(*(module for extra in extras for module in _MODULES[extra]))
+
+
+def require_modules(*modules: str) -> None:
+    """Check that the modules that an option needs are installed.
+
+    Raises `ConfigError` if one is missing; names the command that installs it.
+    """
+    if missing := [module for module in modules if importlib.util.find_spec(module) is None]:
+        raise ConfigError(_advice(missing))
+
+
+def explain(error: ModuleNotFoundError) -> str:
+    """Return one line that says which module is missing and how to install it.
+
+    Raises the same error if no extra has the module: then it is a mistake in the code.
+
+    >>> explain(ModuleNotFoundError(name="pylibsrtp.policy"))
+    "pylibsrtp is not installed: pip install 'tactophone[link]'"
+    """
+    module = (error.name or "").partition(".")[0]
+    if module not in EXTRA_OF_MODULE:
+        raise error
+    return _advice([module])
+
+
+def _advice(modules: list[str]) -> str:
+    extras = sorted({EXTRA_OF_MODULE[module] for module in modules})
+    verb = "is" if len(modules) == 1 else "are"
+    return f"{', '.join(modules)} {verb} not installed: pip install 'tactophone[{','.join(extras)}]'"

@@ -1,0 +1,239 @@
+"""Child processes, worker pools, and files that appear whole or not at all."""
+
+import errno
+import multiprocessing
+import os
+import pickle
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from tactophone.core.errors import TactophoneError
+
+Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
+"""What a child tells its parent: what it does next, that it has begun, or the error or the bug that ended it."""
+
+ORPHAN_TIMEOUT = 2.5
+"""Seconds after the end of its parent in which a child may end in order; a log is complete by then."""
+
+
+class _ChildProcess(SpawnProcess):
+    """A process that never sees Ctrl-C, not even while it imports its modules; its parent ends it.
+
+    A terminal sends Ctrl-C to every process in it. Here the new process inherits that it is blocked, so that it shows
+    no traceback; one that comes at this moment reaches the parent afterwards.
+    """
+
+    pipe: Connection | None = None
+    """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
+
+    def start(self) -> None:
+        from multiprocessing import resource_tracker  # Unix alone has it; `feel` and `train` run elsewhere too
+
+        resource_tracker.ensure_running()  # which unblocks SIGINT when it begins
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _ChildContext(SpawnContext):
+    """Spawns processes rather than forking: a fork would carry audio threads' locks and files along."""
+
+    Process = _ChildProcess
+
+
+class _Later:
+    """What a child unpickles only when asked to: that may import for seconds, which would delay all it does before."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def __getstate__(self) -> bytes:
+        return bytes(ForkingPickler.dumps(self._value))
+
+    def __setstate__(self, state: bytes) -> None:
+        self._state = state
+
+    def unpickle(self) -> Any:
+        return pickle.loads(self._state)
+
+
+class Parent:
+    """A child's end of the pipe to its parent."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def tell(self, message: Message) -> None:
+        """Send a message, if the parent still listens."""
+        with suppress(OSError):
+            self._pipe.send(message)
+
+    def wants_end(self, timeout: float = 0.0) -> bool:
+        """Wait up to ``timeout`` s for the end: the parent asks for it, or is gone itself, which wakes up alike."""
+        return self._pipe.poll(timeout)
+
+    def fileno(self) -> int:
+        """Return what an event loop can wait for in place of `wants_end`."""
+        return self._pipe.fileno()
+
+
+class Child:
+    """A process of this machine, started at once; it ends no later than its parent.
+
+    Parameters
+    ----------
+    work
+        Called in the new process with its `Parent` and the arguments, all picklable. A `TactophoneError` ends it with
+        one message and no traceback.
+    name
+        Shown by the system, and in what `how_ended` returns.
+    niceness
+        By how much its priority is lowered: on a busy machine it waits, not the sound.
+    """
+
+    def __init__(self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0) -> None:
+        context = _ChildContext()
+        self._pipe, its = context.Pipe()
+        self._process = context.Process(
+            target=_begin, args=(_Later((work, arguments)), niceness, its), name=name, daemon=True
+        )
+        self._process.start()
+        self._process.pipe = self._pipe
+        its.close()  # the child's copy alone is left, so the pipe ends when the child does
+
+    @property
+    def pid(self) -> int:
+        """Process id; 0 if it never started."""
+        return self._process.pid or 0
+
+    @property
+    def alive(self) -> bool:
+        return self._process.is_alive()
+
+    def messages(self, timeout: float | None = 0.0) -> Iterator[Message]:
+        """Yield messages while one comes within ``timeout`` s of the last, ``None`` for any time, and it is not ended.
+
+        What it told before its end comes first.
+        """
+        with suppress(EOFError, OSError):
+            while self._pipe.poll(timeout):
+                yield self._pipe.recv()
+
+    def how_ended(self) -> str:
+        """Wait for the end and return how it came, as ``exit code 1`` or ``signal SIGKILL``; empty for one in order."""
+        self._process.join()
+        code = self._process.exitcode or 0
+        with suppress(ValueError):
+            return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}" if code else ""
+        return f"exit code {code}"
+
+    def ask_to_end(self) -> None:
+        """Ask the process to end in order, where it looks at `Parent.wants_end`."""
+        with suppress(OSError):  # when it has ended by itself
+            self._pipe.send(None)
+
+    def end(self, timeout: float) -> None:
+        """Wait up to ``timeout`` s for the end that was asked for, then kill the process."""
+        self._process.join(timeout)
+        self.kill()
+
+    def terminate(self) -> None:
+        self._process.terminate()
+
+    def kill(self) -> None:
+        """Kill the process if it still runs, and wait until it is gone."""
+        if self._process.is_alive():
+            self._process.kill()
+        self._process.join()
+
+    def close(self) -> None:
+        """Close the pipe: nobody reads its messages any more."""
+        self._pipe.close()
+
+
+def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
+    os.nice(niceness)
+    if orphaned():
+        return
+    # A side that still starts looks at nothing else, and without its parent nobody would end it.
+    threading.Thread(target=_end_with_parent, args=(ORPHAN_TIMEOUT,), daemon=True).start()
+    parent = Parent(pipe)
+    try:
+        work, arguments = later.unpickle()
+        work(parent, *arguments)
+    except TactophoneError as error:
+        parent.tell(("error", str(error)))
+        raise SystemExit(1) from None
+    except Exception as error:
+        parent.tell(("bug", f"{type(error).__name__}: {error}"))
+        raise
+
+
+def orphaned() -> bool:
+    """Return whether the process that started this one is gone, so that this one should end too."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and not parent.is_alive()
+
+
+def open_pool(workers: int, *, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
+    """Return a pool of ``workers`` processes, each of which calls ``prepare`` first.
+
+    They are spawned, not forked: torch and BLAS do not survive a fork once their threads run. They end with the process
+    that started them, however that ends.
+    """
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(prepare,))
+
+
+def _begin_worker(prepare: Callable[[], None] | None) -> None:
+    # The pool alone does not: where its process is killed, its workers finish what they were at and wait for more.
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if prepare is not None:
+        prepare()
+
+
+def _end_with_parent(grace: float = 0.0) -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        time.sleep(grace)
+        os._exit(1)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield the path of a file to write; it replaces ``path`` when all went well, and is on the disk by then.
+
+    After a kill or on a full disk (an `OSError` that names it), ``path`` is the old file or the new one, never half.
+    The next write overwrites what a kill left, as its name is the same; two processes must not write one path at once.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.part")
+    try:
+        yield unfinished
+        flush_to_disk(unfinished)
+        os.replace(unfinished, path)
+    except (OSError, RuntimeError) as error:
+        # The libraries of sound files and torch do not say why. Asked now: what is unfinished will be removed.
+        if shutil.disk_usage(path.parent).free < 1 << 16:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        raise
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def flush_to_disk(path: Path) -> None:
+    """Return when a file's bytes are on the disk."""
+    with path.open("r+b") as file:  # Windows flushes only what may be written
+        os.fsync(file.fileno())

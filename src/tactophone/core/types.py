@@ -1,0 +1,351 @@
+"""The values that cross the doors between rooms (sound, prediction, command), and the contracts of the stages.
+
+Values are frozen. Arrays inside them are shared, never copied: a receiver does not write to them.
+"""
+
+import enum
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float32]
+
+LIVE_SAMPLE_RATE = 48_000
+"""Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
+
+TIP_NAMES = ("rubber", "pad", "plastic", "stylus")
+"""Kinds of tip that touch, softest first: soft rubber, a hard skin on a silicone pad, a plastic rod, a steel stylus."""
+
+DEFAULT_TIP = "pad"
+"""The tip of the paper's finger, as the simulator has it."""
+
+DEFAULT_CEILING = 0.5
+"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
+
+
+class Touch(enum.IntEnum):
+    """What the finger does, in the class order of the paper's published models."""
+
+    NONE = 0
+    """It touches nothing, or rests."""
+    SMOOTH = 1
+    """It slides over a smooth surface."""
+    ROUGH = 2
+    """It slides over a rough surface."""
+
+
+SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
+"""Touches that a surface can be labelled as, smoothest first. A further class begins here."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AudioBlock:
+    """Consecutive samples of sound as they arrived.
+
+    Parameters
+    ----------
+    samples
+        float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is *contact*, channel 1 is *air*.
+        They stay unchanged: a detector keeps the array until a window falls due.
+    sample_rate
+        In Hz.
+    start
+        Index of the first sample since the stream began, at ``sample_rate``.
+    concealed
+        True when the sound was lost on the network and these samples replace it.
+
+    Examples
+    --------
+    >>> block = AudioBlock(np.zeros((480, 2), np.float32), sample_rate=48_000, start=960)
+    >>> block.size, block.channels, block.time, block.duration
+    (480, 2, 0.02, 0.01)
+    """
+
+    samples: FloatArray
+    sample_rate: int
+    start: int = 0
+    concealed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.samples.ndim != 2 or self.samples.dtype != np.float32:
+            raise ValueError(
+                f"samples are {self.samples.dtype} of shape {self.samples.shape}, "
+                "but a block holds float32 of shape (samples, channels); reshape or convert them"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of samples a channel."""
+        return len(self.samples)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return int(self.samples.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds."""
+        return self.size / self.sample_rate
+
+    @property
+    def time(self) -> float:
+        """Seconds from the stream's beginning to the first sample."""
+        return self.start / self.sample_rate
+
+    @property
+    def end(self) -> int:
+        """Index of the sample after the last one."""
+        return self.start + len(self.samples)
+
+
+FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")
+"""Names of the fingers of one hand, in the order of gloves."""
+
+FINGER_PATTERN = "[a-z][a-z0-9_-]{0,15}"
+"""Pattern of a finger's name, which becomes part of file names and topics."""
+
+MOST_FINGERS = 10
+"""Fingers of one hand, or of a pair of them: the link has a payload type for each number."""
+
+EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
+"""Kinds of touch events; telemetry counts them from 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class TouchEvent:
+    """A moment of touch.
+
+    Parameters
+    ----------
+    kind
+        One of `EVENT_KINDS`: ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down),
+        ``knock`` (it was in the air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without),
+        ``lift-off`` (sliding ended).
+    time
+        Seconds since the stream began.
+    """
+
+    kind: str
+    time: float
+
+
+def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
+    """Return whether roughness is a guess: no class is twice as likely as the other, or *none* is likelier than both.
+
+    Numbers or arrays. Figures: docs/research/detector.md.
+
+    >>> is_unknown(0.0, 0.4, 0.6), is_unknown(0.0, 0.3, 0.7), is_unknown(0.6, 0.0, 0.4)
+    (True, False, True)
+    """
+    return (none >= 0.5) | ((smooth < 2 * rough) & (rough < 2 * smooth))
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What the detector computed from one window.
+
+    Parameters
+    ----------
+    probabilities
+        Of ``Touch.NONE, Touch.SMOOTH, Touch.ROUGH``; they sum to 1.
+    touch
+        The decision, after the contact gate and the hysteresis of the model, if it has any.
+    roughness
+        From 0 (smooth) to 1 (rough); meaningless while ``touch`` is ``NONE``.
+    level_dbfs
+        Level of the contact channel over the window, by the model's loudness rule.
+    start
+        Where the window begins, in seconds since the stream began.
+    end
+        Where it ends.
+    faulty
+        True when the sound or the model's output held invalid numbers; the command is then silence.
+    events
+        Touch events that became known since the last prediction; always empty where they are not detected.
+    """
+
+    probabilities: tuple[float, float, float]
+    touch: Touch
+    roughness: float
+    level_dbfs: float
+    start: float
+    end: float
+    faulty: bool = False
+    events: tuple[TouchEvent, ...] = ()
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it touches, but its roughness is a guess: a word for people, which changes nothing that is felt."""
+        return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
+
+
+@dataclass(frozen=True, slots=True)
+class HapticCommand:
+    """A sine vibration for the actuator, after every limit.
+
+    Parameters
+    ----------
+    amplitude
+        From 0 to 1 of full drive.
+    frequency
+        In Hz.
+    time
+        Seconds from the beginning of the stream to the moment at which the command was made.
+    """
+
+    amplitude: float
+    frequency: float
+    time: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PipelineStep:
+    """What a block of sound led to: its predictions, and the commands made from them.
+
+    There is one command for each prediction, or none at all when they came too late to be rendered. Of a hand, each
+    finger has a step of its own, with its own sound.
+    """
+
+    block: AudioBlock
+    predictions: tuple[Prediction, ...]
+    commands: tuple[HapticCommand, ...]
+    finger: int = 0
+
+    @property
+    def command(self) -> HapticCommand | None:
+        """The newest command of the step; ``None`` if there is none."""
+        return self.commands[-1] if self.commands else None
+
+
+class Source(AbstractContextManager[Any, None], Protocol):
+    """Where sound comes from: a device, a file or the simulated finger.
+
+    Used as a context manager and iterated: ``with source: for block in source: ...``. Blocks are contiguous unless
+    the device lost sound; then ``start`` jumps by as many samples. Iteration ends with the sound.
+    """
+
+    @property
+    def sample_rate(self) -> int:
+        """In Hz."""
+
+    @property
+    def channels(self) -> int:
+        """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in turn."""
+
+    def __iter__(self) -> Iterator[AudioBlock]: ...
+
+
+@runtime_checkable
+class LabelledSource(Source, Protocol):
+    """A source whose true touch is known, because it is simulated or labelled."""
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
+
+
+class AlwaysOpen:
+    """Base of sources that have nothing to open or close."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+
+class ChangedSource:
+    """Base of sources that change the sound of another one, and open and close with it."""
+
+    def __init__(self, source: Source) -> None:
+        self._source, self.sample_rate, self.channels = source, source.sample_rate, source.channels
+
+    def __enter__(self) -> Self:
+        self._source.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._source.__exit__(None, None, None)
+
+
+class ContactThreshold:
+    """Level of the contact microphone from which there is contact: fixed, or following the noise floor.
+
+    One object is shared by the contact gate, the windows, and whoever shows or changes it.
+
+    Parameters
+    ----------
+    dbfs
+        In dB of full scale; another may be assigned at any time, and then follows the noise floor no longer.
+    follows_floor
+        Whether the contact gate moves it with the noise.
+    """
+
+    def __init__(self, dbfs: float, *, follows_floor: bool = False) -> None:
+        self._dbfs, self.follows_floor = dbfs, follows_floor
+
+    @property
+    def dbfs(self) -> float:
+        """Level in dB of full scale."""
+        return self._dbfs
+
+    @dbfs.setter
+    def dbfs(self, dbfs: float) -> None:
+        self._dbfs, self.follows_floor = dbfs, False
+
+    def follow(self, dbfs: float) -> None:
+        """Move to what the noise floor asks for; without effect once a level was assigned."""
+        if self.follows_floor:
+            self._dbfs = dbfs
+
+
+class Detector(Protocol):
+    """Sound to predictions: a streaming stage with its own rate, window, hop, gate and hysteresis.
+
+    Pushing the same sound in blocks of any size gives bit-equal predictions.
+    """
+
+    @property
+    def name(self) -> str:
+        """As ``feel --model`` takes it."""
+
+    @property
+    def latency(self) -> float:
+        """Seconds from the end of a window to its prediction (filter delay)."""
+
+    @property
+    def bandwidth(self) -> float:
+        """The highest frequency, in Hz, that it uses."""
+
+    @property
+    def faults(self) -> Counter[str]:
+        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
+
+    @property
+    def threshold(self) -> ContactThreshold:
+        """Level of the contact channel above which there is contact."""
+
+    def push(self, block: AudioBlock) -> list[Prediction]:
+        """Process a block; returns the predictions that it completes, oldest first."""
+
+    def flush(self) -> list[Prediction]:
+        """Return what the end of the stream still completes."""
+
+    def reset(self) -> None:
+        """Return to the initial state."""
+
+
+class Profile(Protocol):
+    """Rendering profile: which vibration a prediction is mapped to, before limits."""
+
+    @property
+    def name(self) -> str:
+        """As ``feel --profile`` takes it."""
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        """Return the vibration for a prediction, in amplitude 0 to 1 of full drive; limits are applied later."""

@@ -1,1 +1,0 @@
-"""Sound devices that come and go: JACK clients, PortAudio streams, a clocked device, and a survey of them."""

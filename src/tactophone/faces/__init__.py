@@ -1,0 +1,1 @@
+"""How others see a run: web pages, and bridges to other systems."""

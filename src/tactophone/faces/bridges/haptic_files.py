@@ -1,0 +1,177 @@
+"""Haptic files: a command stream as amplitude and frequency envelopes in formats that phones, editors and codecs read.
+
+=========  =====================================================  ================================================
+ending     format                                                 checked against
+=========  =====================================================  ================================================
+.haptic    Meta (formerly Lofelt) Haptics, version 1.0.0          the rules of its documentation, as cited below
+.ahap      Apple Haptic and Audio Pattern, version 1.0            Apple's documented keys; there is no schema
+.hjif      MPEG haptics, ISO/IEC 23090-31, in JSON                the rules of the reference software; its schema
+                                                                  could not be had, nor a player
+=========  =====================================================  ================================================
+
+Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (tests decode them). Between two
+points all formats interpolate linearly; a change is therefore written as two points.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactophone.core.errors import ConfigError
+from tactophone.core.types import HapticCommand
+
+LOWEST_HZ, HIGHEST_HZ = 35.0, 1000.0
+"""The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the file states this one."""
+
+SILENT = 1e-4
+"""Amplitude, -80 dB of full drive, below which a command is written as 0."""
+
+_STEP = 1e-4
+"""Seconds between the two points of a change."""
+
+_AHAP_POINTS = 16
+"""Control points of a parameter curve: Core Haptics ignores those beyond (Apple, CHHapticParameterCurve)."""
+
+Point = tuple[float, float, float]
+"""Time in s, amplitude 0-1, frequency in Hz."""
+
+
+def envelope(commands: Iterable[HapticCommand], *, duration: float = 0.0) -> list[Point]:
+    """Return the points of a stream of at least ``duration`` s, from time 0, each command held until the next."""
+    points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
+    for command in commands:
+        _, amplitude, frequency = points[-1]
+        target = (command.amplitude if command.amplitude > SILENT else 0.0, command.frequency)
+        if target == (amplitude, frequency):
+            continue
+        if target[0] == 0.0:
+            target = (0.0, frequency)  # a silence has no frequency of its own
+            if amplitude == 0.0:
+                continue
+        time = max(command.time, points[-1][0] + _STEP)
+        if time - _STEP > points[-1][0]:
+            points.append((time - _STEP, amplitude, frequency))
+        points.append((time, *target))
+    end = max(duration, points[-1][0] + _STEP)
+    return [*points, (end, points[-1][1], points[-1][2])]
+
+
+def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
+    """Encode as .haptic 1.0.0; its frequency runs from 0 to 1, here by ratio over `LOWEST_HZ` to `HIGHEST_HZ`."""
+    return {
+        "version": {"major": 1, "minor": 0, "patch": 0},
+        "metadata": {
+            "editor": "tactophone",
+            "description": f"frequency 0 to 1 is {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz by ratio",
+        },
+        "signals": {
+            "continuous": {
+                "envelopes": {
+                    "amplitude": [{"time": _time(time), "amplitude": _digits(level)} for time, level, _ in points],
+                    "frequency": [{"time": _time(time), "frequency": _relative(hertz)} for time, _, hertz in points],
+                }
+            }
+        },
+    }
+
+
+def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
+    """Encode as .ahap: one continuous event, and curves of intensity and sharpness."""
+    end = points[-1][0]
+    event = {
+        "Event": {
+            "Time": 0.0,
+            "EventType": "HapticContinuous",
+            "EventDuration": _time(end),
+            "EventParameters": [
+                {"ParameterID": "HapticIntensity", "ParameterValue": 1.0},
+                # The control parameter is added to it.
+                {"ParameterID": "HapticSharpness", "ParameterValue": 0.0},
+            ],
+        }
+    }
+    curves = [
+        _curve(name, points[start : start + _AHAP_POINTS], value)
+        for start in range(0, len(points), _AHAP_POINTS - 1)
+        if start == 0 or start < len(points) - 1
+        for name, value in (
+            ("HapticIntensityControl", lambda point: _digits(point[1])),
+            ("HapticSharpnessControl", lambda point: _relative(point[2])),
+        )
+    ]
+    return {"Version": 1.0, "Metadata": {"Project": "tactophone"}, "Pattern": [event, *curves]}
+
+
+def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
+    """Encode as .hjif: one perception with one channel, and a band of vectorial waves; times in ms."""
+    keyframes = [
+        {"relative_position": round(1000 * time, 1), "amplitude_modulation": _digits(level),
+         "frequency_modulation": round(hertz, 2)}
+        for time, level, hertz in points
+    ]  # fmt: skip
+    band = {
+        "band_type": "VectorialWave", "lower_frequency_limit": LOWEST_HZ, "upper_frequency_limit": HIGHEST_HZ,
+        "effects": [
+            {"id": 0, "position": 0, "phase": 0.0, "base_signal": "Sine", "effect_type": "Basis",
+             "keyframes": keyframes}
+        ],
+    }  # fmt: skip
+    channel = {
+        "id": 0, "description": "fingertip", "gain": 1.0, "mixing_coefficient": 1.0, "body_part_mask": 0,
+        "bands": [band],
+    }  # fmt: skip
+    return {
+        "version": "2023", "profile": "Main", "level": 1, "date": "", "timescale": 1000,
+        "description": "commands of tactophone, after its limits",
+        "avatars": [{"id": 0, "lod": 0, "type": "Vibration"}],
+        "perceptions": [
+            {"id": 0, "avatar_id": 0, "description": "roughness", "perception_modality": "Vibrotactile",
+             "channels": [channel]}
+        ],
+        "syncs": [],
+    }  # fmt: skip
+
+
+FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
+    ".haptic": encode_haptic,
+    ".ahap": encode_ahap,
+    ".hjif": encode_hjif,
+}
+
+
+def write_haptic_file(path: Path, commands: Iterable[HapticCommand], *, duration: float = 0.0) -> Path:
+    """Write a command stream in the format of the file's ending; raises `ConfigError` for another ending."""
+    if path.suffix not in FORMATS:
+        raise ConfigError(f"{path}: haptic files end in {', '.join(FORMATS)}")
+    content = FORMATS[path.suffix](envelope(commands, duration=duration))
+    path.write_text(json.dumps(content, indent=None, separators=(",", ":")) + "\n")
+    return path
+
+
+def _curve(name: str, points: Sequence[Point], value: Callable[[Point], float]) -> dict[str, Any]:
+    start = _time(points[0][0])
+    return {
+        "ParameterCurve": {
+            "ParameterID": name,
+            "Time": start,
+            "ParameterCurveControlPoints": [
+                {"Time": _time(point[0] - start), "ParameterValue": value(point)} for point in points
+            ],
+        }
+    }
+
+
+def _time(seconds: float) -> float:
+    return round(seconds, 4)
+
+
+def _digits(amplitude: float) -> float:
+    return float(f"{amplitude:.4g}")
+
+
+def _relative(hertz: float) -> float:
+    """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by ratio."""
+    share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(HIGHEST_HZ / LOWEST_HZ)
+    return round(min(share, 1.0), 4)

@@ -1,0 +1,135 @@
+"""Open Sound Control: predictions and vibration out, the emergency stop in.
+
+OSC has no authentication. So the only address that is listened to is ``/tactophone/stop``, and only where asked for.
+"""
+
+import socket
+from collections import Counter
+from typing import Any, Self
+
+from tactophone.core.errors import ConfigError
+from tactophone.live.log.reader import Passed, PredictionReader
+
+INTERVAL = 0.004
+"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
+
+DATAGRAMS = 32
+"""Datagrams read at a time; a flood fills the socket's buffer and is lost there."""
+
+STOP = "/tactophone/stop"
+
+VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "amplitude": "TactophoneVibration"}
+"""Avatar parameters, floats from 0 to 1, that VRChat and bHapticsOSC map to devices."""
+
+
+class OscBridge:
+    """Sends each prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
+
+    Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
+    keeps the value that it has.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    target
+        Host and port to send to, such as ``127.0.0.1:9000``.
+    finger
+        Name of the finger in the addresses; those of a hand have names.
+    listen
+        UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
+    avatar
+        Whether to send VRChat's avatar parameters too.
+
+    Attributes
+    ----------
+    counts
+        Datagrams received: ``stop``, and ``ignored``.
+    """
+
+    interval = INTERVAL
+
+    def __init__(self, name: str, target: str, *, finger: str = "index", listen: int = 0, avatar: bool = False) -> None:
+        host, _, port = target.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+            raise ConfigError(f"--bridge osc={target}: wanted HOST:PORT, such as osc=127.0.0.1:9000")
+        if not 0 <= listen < 1 << 16:
+            raise ConfigError(f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none")
+        self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
+        self._reader = PredictionReader(name, finger=finger)
+        self.counts: Counter[str] = Counter()
+        self._inbound: socket.socket | None = None
+
+    def __enter__(self) -> Self:
+        from pythonosc.udp_client import SimpleUDPClient
+
+        try:
+            self._client: Any = SimpleUDPClient(*self._address)
+            if self._listen:
+                self._inbound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self._inbound.setblocking(False)
+                self._inbound.bind(("127.0.0.1", self._listen))
+        except OSError as error:
+            raise ConfigError(f"--bridge osc: {error}; choose another address or port") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._send(self._reader.silenced())
+        if self._inbound:
+            self._inbound.close()
+
+    def read(self) -> None:
+        self._receive()
+        self._send(self._reader.read())
+
+    @property
+    def missed(self) -> int:
+        return self._reader.missed
+
+    def _send(self, found: list[Passed]) -> None:
+        for passed in found:
+            for address, values in self._messages(passed):
+                try:
+                    self._client.send_message(address, values)
+                except OSError:
+                    self.counts["not sent"] += 1
+
+    def _messages(self, passed: Passed) -> list[tuple[str, Any]]:
+        base, command = f"/tactophone/{passed.finger}", passed.command
+        messages: list[tuple[str, Any]] = [
+            (f"{base}/prediction", list(passed.prediction.probabilities)),
+            (f"{base}/roughness", passed.roughness),
+            (f"{base}/contact", int(passed.contact)),
+            (f"{base}/vibration", [command.amplitude, command.frequency]),
+        ]
+        if self._avatar:
+            values = {"roughness": passed.roughness, "contact": float(passed.contact), "amplitude": command.amplitude}
+            # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.
+            ending = passed.finger.title().replace("-", "") if len(self._reader.fingers) > 1 else ""
+            messages += [(f"/avatar/parameters/{VRCHAT[name]}{ending}", value) for name, value in values.items()]
+        return messages
+
+    def _receive(self) -> None:
+        for _ in range(DATAGRAMS if self._inbound else 0):
+            try:
+                datagram = self._inbound.recv(1 << 12) if self._inbound else b""
+            except BlockingIOError:
+                return
+            if _address(datagram) == STOP:
+                self.counts["stop"] += 1
+                self._reader.watcher.ask("stop")
+            else:
+                self.counts["ignored"] += 1
+
+
+def _address(datagram: bytes) -> str:
+    """Return the address pattern of a message; empty for a bundle and for anything else.
+
+    >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3)), _address(bytes([255] * 9))
+    ('/tactophone/stop', '')
+    """
+    text, end, _ = datagram.partition(b"\0")
+    try:
+        return text.decode("ascii") if end and text.startswith(b"/") else ""
+    except UnicodeDecodeError:
+        return ""

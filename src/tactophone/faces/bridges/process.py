@@ -1,0 +1,90 @@
+"""A bridge in a process of its own: it can neither delay the sound nor end it."""
+
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, Protocol, Self
+
+from tactophone.core.errors import TactophoneError
+from tactophone.core.processes import Child, Parent
+
+START_TIMEOUT = 20.0
+"""Seconds that a bridge may take to import its libraries and begin."""
+
+END_TIMEOUT = 5.0
+"""Seconds that a bridge may take to end, for a log to write its index."""
+
+NICENESS = 5
+"""On a busy machine a bridge waits, not the sound."""
+
+
+class Bridge(AbstractContextManager[Any, None], Protocol):
+    """What runs in the process: entered, then `read` at its interval (s), then left."""
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two reads."""
+
+    @property
+    def missed(self) -> int:
+        """Messages that were lost, the oldest first, as this process or its receiver was too late."""
+
+    def read(self) -> None:
+        """Pass on what is new; an expected error ends the bridge, and the run goes on."""
+
+
+class BridgeProcess:
+    """Runs a bridge while the context lasts.
+
+    ``build`` must be picklable. ``report`` is called with a line when the bridge ends by itself, from another thread.
+    Raises `TactophoneError` when the bridge cannot begin: its file cannot be written, its library is missing.
+    """
+
+    def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:
+        self._name = getattr(build, "func", build).__name__
+        self._report = report
+        self._asked_to_end = False
+        self._child = Child(_run, build, name="tactophone-bridge", niceness=NICENESS)
+        self.pid = self._child.pid
+        self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
+
+    def __enter__(self) -> Self:
+        kind, text = next(self._child.messages(START_TIMEOUT), ("", "a bridge did not begin"))
+        if kind != "ready":
+            self._end()
+            raise TactophoneError(text)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _follow(self) -> None:
+        told = [text for kind, text in self._child.messages(None) if kind in ("error", "progress")]
+        how = self._child.how_ended()
+        if told:
+            self._report(told[-1])
+        elif how and not self._asked_to_end:
+            self._report(
+                f"{self._name} ended ({how}): the run goes on without it, and what it drove may keep its last value"
+            )
+
+    def _end(self) -> None:
+        self._asked_to_end = True
+        self._child.ask_to_end()
+        self._child.end(END_TIMEOUT)
+
+
+def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
+    try:
+        with build() as bridge:
+            parent.tell(("ready", ""))
+            while not parent.wants_end(bridge.interval):
+                bridge.read()
+            bridge.read()
+            if bridge.missed:
+                parent.tell(("progress", f"{type(bridge).__name__} came too late for {bridge.missed} messages"))
+    except ModuleNotFoundError as error:
+        raise TactophoneError(f"{error.name} is not installed: see the extras in docs/guide/bridges.md") from None

@@ -1,0 +1,333 @@
+"""ROS 2 over DDS or Zenoh, without a ROS installation: a run's messages out, stop and mute in; a source; a bag.
+
+Neither has authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
+"""
+
+import math
+import os
+import time
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+import numpy as np
+from cyclonedds.core import DDSException, Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from tactophone.core.errors import ConfigError
+from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, HapticCommand, PipelineStep
+from tactophone.faces.bridges import ros_topics as messages
+from tactophone.live.log.reader import Passed, PredictionReader
+from tactophone.live.telemetry.layout import Action
+from tactophone.live.telemetry.watcher import Snapshot
+
+INTERVAL = 0.004
+"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
+
+SOUND_INTERVAL = 0.01
+"""Seconds of sound in a message, at least."""
+
+DIAGNOSTICS_INTERVAL = 1.0
+"""Seconds between two diagnostics, as ROS's aggregator expects them."""
+
+INFO_TIMEOUT = 10.0
+"""Seconds to wait for the topic's AudioInfo: DDS finds its participants within a few."""
+
+WAIT = 0.02
+"""Seconds without sound after which an empty block is returned, so that the reader of the source can end."""
+
+LOWEST_RATE, HIGHEST_RATE = 2_000, 192_000
+
+_SAMPLE = np.dtype("<i2")
+
+# ROS 2's default for topics: reliable, volatile, the newest ten.
+QOS = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
+)
+LATCHED = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(1),
+)
+
+
+class Transport(Protocol):
+    """How messages of `tactophone.faces.bridges.ros_topics` reach ROS 2; topics are without their first slash."""
+
+    def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+        """Return what has ``write(message)``; a ``latched`` message reaches late subscribers too."""
+
+    def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+        """Return what has ``take(N=...)``, a list of what came since the last call."""
+
+    def close(self) -> None:
+        """Leave."""
+
+
+class DdsTransport:
+    """A participant of a domain; raises `ConfigError` if it cannot be joined."""
+
+    def __init__(self, domain: int) -> None:
+        try:
+            self._participant = DomainParticipant(domain)
+        except DDSException as error:
+            raise ConfigError(f"DDS cannot join domain {domain} ({error}): check CYCLONEDDS_URI") from error
+
+    def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+        return DataWriter(self._participant, self._topic(topic, kind, latched))
+
+    def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
+        return DataReader(self._participant, self._topic(topic, kind, latched))
+
+    def close(self) -> None:
+        """Do nothing: a participant leaves when it is no longer referred to."""
+
+    def _topic(self, topic: str, kind: type, latched: bool) -> Any:
+        return Topic(self._participant, f"rt/{topic}", kind, LATCHED if latched else QOS)
+
+
+def default_domain() -> int:
+    text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
+    if not text.isdecimal() or int(text) > 232:
+        raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")
+    return int(text)
+
+
+class RosBridge:
+    """Passes a run on to ROS 2; a context manager whose `read` is called every `INTERVAL`.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    finger
+        Part of the topics; those of a hand have names.
+    publish
+        Whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
+    sinks
+        Devices to drive, as `open_sink` takes them.
+    domain
+        Of ROS; ``None`` takes ROS_DOMAIN_ID.
+    over
+        ``dds`` or ``zenoh``.
+
+    Raises `ConfigError` if the domain cannot be joined.
+    """
+
+    interval = INTERVAL
+
+    def __init__(
+        self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),
+        domain: int | None = None, over: str = "dds",
+    ) -> None:  # fmt: skip
+        self._name, self._publishes = name, publish
+        self._domain, self._over = default_domain() if domain is None else domain, over
+        self._reader = PredictionReader(name, finger=finger)
+        self._sinks = [sink for text in sinks for sink in messages.open_sinks(text, fingers=self._reader.fingers)]
+        self._snapshots: dict[str, Snapshot] = {}
+        self._beat = 0
+        self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
+        self._diagnosed_at, self._sound_at = -DIAGNOSTICS_INTERVAL, 0.0
+
+    def __enter__(self) -> Self:
+        self._transport: Transport
+        if self._over == "zenoh":
+            from tactophone.faces.bridges.zenoh import ZenohTransport  # its library is an extra of its own
+
+            self._transport = ZenohTransport(self._domain)
+        else:
+            self._transport = DdsTransport(self._domain)
+        writer = self._transport.writer
+        if self._publishes:
+            self._writers = {
+                (finger, suffix): writer(f"tactophone/{finger}/{suffix}", kind)
+                for finger in self._reader.fingers
+                for suffix, kind in messages.PUBLISHED.items()
+            }
+            self._diagnostics = writer("diagnostics", messages.DiagnosticArray)
+            # Kept, as a latched message lives as long as its writer.
+            self._infos = [
+                writer(f"tactophone/{finger}/audio_info", messages.AudioInfo, latched=True)
+                for finger in self._reader.fingers
+            ]
+            for info in self._infos:
+                info.write(messages.INFO)
+        self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
+        actions: tuple[Action, ...] = ("stop", "mute")
+        self._requests = {action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in actions}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._command(dict.fromkeys(self._reader.fingers, 0.0))
+        self._transport.close()
+
+    @property
+    def missed(self) -> int:
+        return self._reader.missed
+
+    def read(self) -> None:
+        for action, reader in self._requests.items():
+            # Whatever a stranger sends in numbers, one read takes some of it and asks once.
+            if reader.take(N=10):
+                self._reader.watcher.ask(action)
+        waiting: defaultdict[str, deque[Passed]] = defaultdict(deque)
+        for passed in self._reader.read():
+            for suffix, message in messages.predicted(passed).items() if self._publishes else ():
+                self._writers[passed.finger, suffix].write(message)
+            waiting[passed.finger].append(passed)
+        # A device gets the fingers of a hand in one message, one prediction of each at a time.
+        while together := [queue.popleft() for queue in waiting.values() if queue]:
+            self._command({passed.finger: passed.command.amplitude for passed in together})
+        now = time.time()
+        if self._publishes and not 0 <= now - self._sound_at < SOUND_INTERVAL:
+            self._sound_at = now
+            for place, finger in enumerate(self._reader.fingers):
+                self._publish_sound(place, finger, now)
+            self._diagnose(now)
+
+    def _command(self, amplitudes: dict[str, float]) -> None:
+        self._beat += 1
+        self._amplitudes |= {finger: min(max(amplitude, 0.0), 1.0) for finger, amplitude in amplitudes.items()}
+        for sink, writer in self._devices:
+            writer.write(sink.make(self._amplitudes, self._beat))
+
+    def _publish_sound(self, place: int, finger: str, now: float) -> None:
+        before = self._snapshots.get(finger)
+        snapshot = self._snapshots[finger] = self._reader.watcher.snapshot(before, finger=place)
+        if before is None or not len(snapshot.sound):
+            return
+        # The newest sample is about now; the first, as long ago as there are samples.
+        begun = now - len(snapshot.sound) / LIVE_SAMPLE_RATE
+        self._writers[finger, "audio"].write(messages.sound(snapshot.sound, begun))
+
+    def _diagnose(self, now: float) -> None:
+        if time.monotonic() - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
+            return
+        self._diagnosed_at = time.monotonic()
+        state = self._reader.watcher.state()
+        counters, _ = self._reader.watcher.totals()
+        values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
+        values |= {name: str(value) for name, value in counters.items() if value}
+        values |= {"predictions_missed": str(self.missed)} if self.missed else {}
+        status = messages.DiagnosticStatus(
+            level=1 if state.faults else 0,
+            name=f"tactophone: {self._name}",
+            message="; ".join(fault.text for fault in state.faults) or "OK",
+            hardware_id=",".join(self._reader.fingers),
+            values=[messages.KeyValue(key, value) for key, value in values.items()],
+        )
+        self._diagnostics.write(messages.DiagnosticArray(messages.header(now), [status]))
+
+
+class RosSource(AlwaysOpen):
+    """A `core.types.Source` of 16-bit samples on a topic such as ``/audio``, with its format on ``/audio_info``.
+
+    Attributes
+    ----------
+    faults
+        ``odd size``: messages that hold no whole samples, which are dropped.
+
+    Raises `ConfigError` if nothing is published there, or in another format.
+    """
+
+    def __init__(self, topic: str, *, domain: int | None = None) -> None:
+        self.faults: Counter[str] = Counter()
+        self._topic = topic
+        dds, name = DdsTransport(default_domain() if domain is None else domain), topic.lstrip("/")
+        info = dds.reader(f"{name}_info", messages.AudioInfo, latched=True)
+        self._reader = dds.reader(name, messages.AudioDataStamped)
+        self.sample_rate, self.channels = self._format(info)
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        start = 0
+        while True:
+            found = list(self._reader.take_iter(timeout=duration(seconds=WAIT)))
+            for message in found:
+                samples = self._samples(message)
+                yield AudioBlock(samples, self.sample_rate, start)
+                start += len(samples)
+            if not found:
+                yield AudioBlock(np.zeros((0, self.channels), np.float32), self.sample_rate, start)
+
+    def _samples(self, message: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
+        data = bytes(message.audio.data)
+        if len(data) % (_SAMPLE.itemsize * self.channels):
+            self.faults["odd size"] += 1
+            data = b""
+        samples = np.frombuffer(data, _SAMPLE).reshape(-1, self.channels)
+        return (samples / np.float32(32_768)).astype(np.float32)
+
+    def _format(self, reader: Any) -> tuple[int, int]:
+        until = time.monotonic() + INFO_TIMEOUT
+        while time.monotonic() < until:
+            for info in reader.take(N=1):
+                return self._checked(info)
+            time.sleep(WAIT)
+        raise ConfigError(
+            f"--source ros:{self._topic}: nothing on {self._topic}_info within {INFO_TIMEOUT:g} s: start the node, or "
+            "check ROS_DOMAIN_ID"
+        )
+
+    def _checked(self, info: Any) -> tuple[int, int]:
+        rate, channels, kind = info.sample_rate, info.channels, (info.coding_format, info.sample_format)
+        if kind != ("wave", "S16LE") or channels not in (1, 2) or not LOWEST_RATE <= rate <= HIGHEST_RATE:
+            raise ConfigError(
+                f"--source ros:{self._topic}: {info.coding_format!r} {info.sample_format!r} of {channels} channels at "
+                f"{rate} Hz, but 'wave' 'S16LE' of 1 or 2 channels at {LOWEST_RATE} Hz or more is needed"
+            )
+        return int(rate), int(channels)
+
+
+class RosBag:
+    """Writes steps as a ROS 2 bag (rosbag2, MCAP storage) with the topics of the bridge; a context manager.
+
+    ``epoch`` is in seconds since 1970, at the beginning of the steps' time. Raises `ConfigError` if the folder exists.
+    """
+
+    def __init__(self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        if folder.exists():
+            raise ConfigError(f"--to-rosbag {folder}: exists already; name a new folder")
+        self._store = messages.open_type_store()
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._epoch, self._fingers = epoch, fingers
+
+    def __enter__(self) -> Self:
+        self._writer.open()
+        kinds = messages.PUBLISHED | {"audio_info": messages.AudioInfo}
+        self._connections = {
+            (finger, suffix): self._writer.add_connection(
+                f"/tactophone/{name}/{suffix}", messages.type_name(kind), typestore=self._store
+            )
+            for finger, name in enumerate(self._fingers)
+            for suffix, kind in kinds.items()
+        }
+        for finger in range(len(self._fingers)):
+            self._write(finger, "audio_info", 0.0, messages.INFO)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+
+    def write(self, step: PipelineStep) -> None:
+        time = step.block.time
+        if step.block.size:
+            self._write(step.finger, "audio", time, messages.sound(step.block.samples, self._epoch + time))
+        for number, prediction in enumerate(step.predictions):
+            command = step.commands[number] if step.commands else HapticCommand(0.0, 0.0, prediction.end)
+            sound, made = self._epoch + prediction.end, self._epoch + command.time
+            passed = Passed(self._fingers[step.finger], prediction, command, sound, made, math.nan)
+            for suffix, message in messages.predicted(passed).items():
+                if suffix != "vibration":
+                    self._write(step.finger, suffix, prediction.end, message)
+                elif step.commands:
+                    self._write(step.finger, suffix, command.time, message)
+
+    def _write(self, finger: int, suffix: str, time: float, message: Any) -> None:
+        self._writer.write(self._connections[finger, suffix], round((self._epoch + time) * 1e9), message.serialize())

@@ -1,0 +1,252 @@
+"""The topics and messages of ROS 2 as DDS types, without a ROS installation; and how predictions become messages.
+
+A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a topic ``/name`` is ``rt/name``
+(ROS 2 design, "Topic and Service name mapping to DDS"). Fields and their order are those of ROS 2 Humble to Kilted.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from types import new_class
+from typing import Any
+
+import numpy as np
+from cyclonedds.idl import IdlStruct, types
+
+from tactophone.core.errors import ConfigError
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
+from tactophone.live.log.reader import Passed
+
+_DEFINITIONS: dict[str, str] = {}
+_TYPES: dict[str, Any] = {name: getattr(types, name) for name in ("uint8", "int32", "uint32", "float32", "float64")}
+_TYPES["string"] = str
+# Every message's definition by its full name, and every type by its name in definitions; `_message` adds to both.
+
+
+def _message(name: str, definition: str) -> Any:
+    """Return the DDS type of a message, whose fields are a line each, as in a file ``.msg``; they default to zero."""
+    namespace: dict[str, Any] = {"__annotations__": {}}
+    for kind, key in map(str.split, definition.splitlines()):
+        base, bracket, length = kind.rstrip("]").partition("[")
+        made = _TYPES[base]
+        zero = made if base == "string" or "/" in base else float if "float" in base else int
+        if bracket:
+            made = types.array[made, int(length)] if length else types.sequence[made]
+            zero = partial(list, [zero()] * int(length or 0))
+        namespace["__annotations__"][key], namespace[key] = made, field(default_factory=zero)
+    package, _, short = name.split("/")
+    wire = {"typename": f"{package}::msg::dds_::{short}_"}
+    _DEFINITIONS[name] = definition
+    _TYPES[f"{package}/{short}"] = dataclass(new_class(short, (IdlStruct,), wire, lambda own: own.update(namespace)))
+    return _TYPES[f"{package}/{short}"]
+
+
+Time = _message("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
+Header = _message("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id")
+Empty = _message("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")  # in DDS, not in ROS
+Float32 = _message("std_msgs/msg/Float32", "float32 data")
+Dimension = _message("std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride")
+Layout = _message("std_msgs/msg/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset")
+Float32MultiArray = _message("std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data")
+Float64MultiArray = _message("std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data")
+KeyValue = _message("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
+DiagnosticStatus = _message(  # level 0 is OK, 1 a warning, 2 an error
+    "diagnostic_msgs/msg/DiagnosticStatus",
+    "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values",
+)
+DiagnosticArray = _message(
+    "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
+)
+AudioData = _message("audio_common_msgs/msg/AudioData", "uint8[] data")
+AudioDataStamped = _message(
+    "audio_common_msgs/msg/AudioDataStamped", "std_msgs/Header header\naudio_common_msgs/AudioData audio"
+)
+AudioInfo = _message(
+    "audio_common_msgs/msg/AudioInfo",
+    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
+)
+JoyFeedback = _message("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
+# Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1.
+TactorGroupState = _message("haptx_interfaces/msg/TactorGroupState", "string[] tactor_group\nfloat64[] inflation")
+# Intensities of a MANUS glove, thumb to little finger, 0 to 1.
+ManusVibrationCommand = _message("manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities")
+# A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
+StampedPrediction = _message(
+    "tactophone_msgs/msg/Prediction",
+    "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
+    "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
+    "string event",
+)
+
+PUBLISHED: dict[str, Any] = {
+    "touch": StampedPrediction,
+    "prediction": Float32MultiArray,
+    "vibration": Float32MultiArray,
+    "roughness": Float32,
+    "contact_dbfs": Float32,
+    "audio": AudioDataStamped,
+}
+"""Topics of a finger, under ``/tactophone/<finger>/``, without the latched ``audio_info``."""
+
+INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
+
+
+def predicted(passed: Passed) -> dict[str, Any]:
+    """Return the messages of a prediction and its command, by the topics of `PUBLISHED`."""
+    prediction, command = passed.prediction, passed.command
+    roughness, level_dbfs = passed.roughness, max(prediction.level_dbfs, _LOWEST_DBFS)
+    return {
+        "touch": StampedPrediction(
+            header(passed.sound, passed.finger), time_of(passed.made), time_of(passed.rendered), prediction.touch,
+            list(prediction.probabilities), roughness, level_dbfs, command.amplitude, command.frequency,
+            prediction.events[-1].kind if prediction.events else "",
+        ),
+        "prediction": Float32MultiArray(data=list(prediction.probabilities)),
+        "vibration": Float32MultiArray(data=[command.amplitude, command.frequency]),
+        "roughness": Float32(roughness),
+        "contact_dbfs": Float32(level_dbfs),
+    }  # fmt: skip
+
+
+def sound(samples: FloatArray, now: float) -> Any:
+    """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
+    every = samples if samples.shape[1] > 1 else np.repeat(samples, len(MICROPHONES), axis=1)
+    data = (np.clip(every, -1, 1) * 32_767).astype("<i2").tobytes()
+    return AudioDataStamped(header(now), AudioData(data=list(data)))
+
+
+def header(now: float, frame: str = "fingertip") -> Any:
+    """Return the header of a message of ``now`` (s since 1970)."""
+    return Header(time_of(now), frame)
+
+
+def time_of(now: float) -> Any:
+    """Return a time in s since 1970; 0 for one that is not known."""
+    return Time(int(now), int(now % 1 * 1e9)) if math.isfinite(now) else Time()
+
+
+_LOWEST_DBFS = -200.0
+
+
+def open_type_store() -> Any:
+    """Return the types of all messages here, with their serialization and RIHS01 hashes."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name in _DEFINITIONS.keys() - store.fielddefs.keys():  # those of other packages than ROS's own
+        store.register(get_types_from_msg(_DEFINITIONS[name], name))
+    return store
+
+
+def type_name(kind: type) -> str:
+    """Return the name that ROS gives a type.
+
+    >>> type_name(Float32)
+    'std_msgs/msg/Float32'
+    """
+    package, _, message = str(kind.__idl_typename__).replace(".", "::").split("::", 2)  # type: ignore[attr-defined]
+    return f"{package}/msg/{message.removeprefix('dds_::').removesuffix('_')}"
+
+
+_SENSEGLOVE_VALUES = 12
+# The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb to little finger, vibration of
+# their tips, then of two places of the palm. A Nova 2 has tips of thumb and index only.
+_SENSEGLOVE_TIPS = 5
+
+_HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
+# Names of a HaptX glove's tactor groups, in the order of FINGER_NAMES (github.com/NU-Haptics-Lab/haptx_interfaces).
+
+_RUMBLE = 1
+
+HEARTBEAT = 0.01
+"""Per cent that the SenseGlove's value alternates by: its driver does not send an equal value again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sink:
+    """A device of ROS that takes amplitudes *as limited*, 0 to 1 of full drive.
+
+    Its topic, its type, and how the amplitudes of the fingers become its message; ``beat`` counts the messages.
+    """
+
+    topic: str
+    kind: type
+    make: Callable[[Mapping[str, float], int], Any]
+
+
+def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
+    """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for each finger.
+
+    Raises `ConfigError` if there is none of that kind, or a finger has no name that the glove knows.
+    """
+    kind, _, topic = text.partition(":")
+    if kind not in _SINKS:
+        raise ConfigError(f"bridges.ros_sinks {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
+    strange = [finger for finger in fingers if finger not in FINGER_NAMES]
+    if kind not in ("joy", "float32") and strange:
+        raise ConfigError(f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
+    sinks = [_SINKS[kind](own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
+    if topic and len(sinks) > 1:
+        raise ConfigError(
+            f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
+        )
+    return [Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks]
+
+
+def _joy(fingers: Sequence[str]) -> Sink:
+    return Sink(
+        "joy/set_feedback", JoyFeedback,
+        # One rumble for all: it follows the finger that vibrates most.
+        lambda amplitudes, beat: JoyFeedback(type=_RUMBLE, id=0, intensity=max(amplitudes.values())),
+    )  # fmt: skip
+
+
+def _senseglove(fingers: Sequence[str]) -> Sink:
+    def make(amplitudes: Mapping[str, float], beat: int) -> Any:
+        values = [0.0] * _SENSEGLOVE_VALUES
+        for finger, amplitude in amplitudes.items():
+            # Below its highest value, so that the heartbeat adds nothing to full drive; silence stays silence.
+            value = max(0.0, 100 * amplitude - HEARTBEAT * (beat % 2)) if amplitude else 0.0
+            values[_SENSEGLOVE_TIPS + FINGER_NAMES.index(finger)] = value
+        return Float64MultiArray(data=values)
+
+    return Sink("haptics_controller/commands", Float64MultiArray, make)
+
+
+def _manus(fingers: Sequence[str]) -> Sink:
+    return Sink(
+        "manus_glove_0/vibration_cmd", ManusVibrationCommand,
+        lambda amplitudes, beat: ManusVibrationCommand(
+            intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES]
+        ),
+    )  # fmt: skip
+
+
+def _haptx(hand: str, fingers: Sequence[str]) -> Sink:
+    groups = [f"{hand}_{_HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers]
+    return Sink(
+        f"haptx/{hand}/tactor_group_state", TactorGroupState,
+        lambda amplitudes, beat: TactorGroupState(
+            tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers]
+        ),
+    )  # fmt: skip
+
+
+def _float32(fingers: Sequence[str]) -> Sink:
+    (finger,) = fingers
+    return Sink(
+        f"tactophone/{finger}/amplitude", Float32,
+        lambda amplitudes, beat: Float32(data=amplitudes[finger]),
+    )  # fmt: skip
+
+
+_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
+    "joy": _joy,
+    "senseglove": _senseglove,
+    "manus": _manus,
+    "haptx": partial(_haptx, "rh"),
+    "haptx-left": partial(_haptx, "lh"),
+    "float32": _float32,
+}

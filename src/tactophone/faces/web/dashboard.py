@@ -1,0 +1,152 @@
+"""The operator's page: a live feed for each viewer, and requests from the viewers; the run alone decides on these.
+
+A viewer acknowledges each message, and receives none while `CREDIT` of them are unacknowledged. So nothing queues up
+for a stalled browser; when it resumes, it receives what it missed in a single message.
+"""
+
+import asyncio
+import json
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from tactophone.faces.web import views
+from tactophone.faces.web.devices import Fingertips, PageMicrophone
+from tactophone.faces.web.feed import Feed, WatchedRun
+from tactophone.live.telemetry.layout import FingerState, Request, State
+
+PERIOD = 1 / 60
+"""Seconds between messages: the refresh interval of a screen."""
+
+_LEVELS = ("ceiling", "output_level")
+_WITHOUT_VALUE = ("stop", "mute", "arm")
+
+MAX_NAME_BYTES = 64
+"""Longest name of a profile: the mailbox holds no more."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRequest:
+    """Begin a log of the run, or end it: for whoever keeps logs, not for the run."""
+
+    begin: bool
+
+
+def parse_request(text: str, state: State, *, finger: int = 0, local: bool = True) -> Request | RecordRequest | str:
+    """Parse a request; returns a text with the reason when it must be refused.
+
+    Parameters
+    ----------
+    state
+        Settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier value. The run
+        itself refuses any ceiling above the local machine's; this check is the stricter.
+    finger
+        Whose settings the request is for.
+    local
+        Whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken the
+        vibration; it never arms, strengthens or changes what is detected.
+
+    >>> parse_request('{"action": "mute"}', State()).action
+    'mute'
+    >>> parse_request('{"action": "ceiling", "value": 0.9}', State(fingers=(FingerState(ceiling=0.5),)))
+    'a page can lower the ceiling (0.5 now), never raise it: raise it at the machine'
+    """
+    own = (state.fingers[finger:] or state.fingers)[0]
+    try:
+        entries = json.loads(text)
+        action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return "not a request: write JSON with an action"
+    weaker = action == "output_level" and isinstance(value, int | float) and value <= own.output_level
+    if not local and not weaker and action not in ("stop", "mute", "ceiling"):
+        name = str(action)[:20]
+        return f"only a page on the run's own machine may do that ({name}): this one may stop, mute and weaken"
+    if action in _WITHOUT_VALUE:
+        return Request(action)
+    if action == "record":
+        return RecordRequest(value is True)
+    if action in (*_LEVELS, "threshold_dbfs"):
+        return _number(action, value, own)
+    if action == "profile":
+        if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
+            return f"profiles are {', '.join(state.profiles)}"
+        return Request("profile", text=name)
+    return f"there is no action {str(action)[:20]!r}"
+
+
+def _number(action: Any, value: Any, own: FingerState) -> Request | str:
+    # An integer of hundreds of digits is no float, so it is bounded before anything converts it.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -1e6 <= value <= 1e6:
+        return f"{action} needs a number"
+    low, high = (0.0, 1.0) if action in _LEVELS else (-120.0, 0.0)
+    if not low <= value <= high:
+        return f"{action} must be from {low:g} to {high:g}"
+    if action == "ceiling" and value > own.ceiling:
+        return f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: raise it at the machine"
+    return Request(action, float(value))
+
+
+def dashboard(name: str, microphone: Connection | None = None, recorder: Connection | None = None) -> web.Application:
+    """Build the operator's page for the run of that name.
+
+    ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true begins one, false ends it, and
+    each answer names the file of the log, empty while there is none; this process writes no file.
+    """
+    app, run, watching = web.Application(), WatchedRun(name), set[web.WebSocketResponse]()
+    logs = views.Answers(recorder, watching, kept={"recording": ""}) if recorder is not None else None
+    app.router.add_get("/", views.page(views.STATIC / "index.html"))
+    app.router.add_get("/try", views.page(views.STATIC / "try.html"))
+    app.router.add_get("/live", partial(_live, run, watching, logs))
+    app.router.add_get("/feel", Fingertips(run).connect)
+    if microphone is not None:
+        app.router.add_get("/listen", PageMicrophone(microphone).connect)
+    if logs is not None:
+        app.on_startup.append(logs.follow)
+    return app
+
+
+async def _live(
+    run: WatchedRun, watching: set[web.WebSocketResponse], logs: views.Answers | None, request: web.Request
+) -> web.StreamResponse:
+    view = await views.admit(request, watching, views.VIEWERS)
+    if view is None:
+        return web.Response()
+    watching.add(view)
+    credit = asyncio.Semaphore(views.CREDIT)
+    try:
+        await views.say_command(view, request)
+        if logs is not None:
+            await view.send_str(json.dumps(logs.status))
+        finger = views.finger_of(request)
+        receiving = _receive(view, run, logs, credit, local=views.is_local(request), finger=finger)
+        await views.exchange(view, Feed(run, finger=finger).message, receiving, credit=credit, interval=PERIOD)
+    finally:
+        watching.discard(view)
+    return view
+
+
+async def _receive(
+    view: web.WebSocketResponse, run: WatchedRun, logs: views.Answers | None, credit: asyncio.Semaphore, *, local: bool,
+    finger: int,
+) -> None:  # fmt: skip
+    snapshot = None
+    async for message in views.messages_of(view):
+        if message.type is not WSMsgType.TEXT:
+            continue
+        if message.data == "ok":
+            credit.release()
+            continue
+        snapshot = run.snapshot(snapshot, finger=finger)  # only what is new: a flood of requests must stay cheap
+        request = parse_request(message.data, snapshot.state if snapshot else State(), finger=finger, local=local)
+        if isinstance(request, str):
+            await view.send_str(json.dumps({"refused": request}))
+        elif isinstance(request, RecordRequest):
+            if logs is not None:
+                logs.send(request.begin)
+        elif request.action == "stop":
+            run.ask(request)  # an emergency stop is for all fingers
+        else:
+            run.ask(replace(request, finger=finger))

@@ -1,0 +1,194 @@
+"""What all pages share: their files behind access control, who is admitted to a WebSocket, and answers to every page.
+
+Sent away are pages too many, of another version, or flooding. A page cannot read the answer to a refused WebSocket, so
+it is accepted and closed at once, with a reason that it shows.
+"""
+
+import asyncio
+import json
+import shlex
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Sized
+from contextlib import suppress
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from aiohttp import WSMessage, web
+
+from tactophone.faces.web.connections import Acceptor, FloodGate
+from tactophone.faces.web.security import HEADERS, AccessControl
+
+VERSION = "1"
+"""Version of the messages between page and server; `feed.js` sends its own. Change both when a message changes."""
+
+TAKEN = 4001
+"""WebSocket close code, of the range for applications: another window took the place."""
+
+OTHER_VERSION, TOO_MANY, FLOOD = 4002, 4003, 4008
+"""Close codes: the page is of another version, too many pages are open, the page sends too much."""
+
+MAX_MESSAGE_BYTES = 4_096
+"""Bytes of a message from a page."""
+
+FLOOD_RATE = 500.0
+"""Messages a second, twice what a page sends that acknowledges 125 a second and follows a fast pointer."""
+
+VIEWERS = 16
+"""Greatest number of viewers, so that forgotten tabs cannot load the machine."""
+
+CREDIT = 3
+"""Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
+
+STATIC = files("tactophone.faces.web") / "static"
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -> web.Application:
+    """Serve a page, and the files that all pages load, under the token and behind access control."""
+
+    @web.middleware
+    async def check_access(request: web.Request, handler: Handler) -> web.StreamResponse:
+        reason = access.refusal(
+            token=request.path.partition("/")[2].partition("/")[0],
+            host=request.headers.get("Host"),
+            origin=request.headers.get("Origin"),
+            websocket="Upgrade" in request.headers,
+        )
+        if reason:
+            return web.Response(status=403, text=f"Refused: {reason}.\n")
+        acceptor.known.add(request.protocol)
+        return await handler(request)
+
+    async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
+        response.headers.update(HEADERS)
+
+    inner.router.add_static("/static", str(STATIC))
+    outer = web.Application(middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES)
+    outer.add_subapp(f"/{access.token}", inner)
+    outer.on_response_prepare.append(add_headers)
+    return outer
+
+
+def page(path: Traversable) -> Handler:
+    async def handler(request: web.Request) -> web.StreamResponse:
+        return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
+
+    return handler
+
+
+def is_local(request: web.Request) -> bool:
+    """Return whether a page is open on this machine: both ends of its connection then have the same address."""
+    if request.transport is None:
+        return False
+    peer, own = (request.transport.get_extra_info(end) for end in ("peername", "sockname"))
+    return bool(peer and own and peer[0] == own[0])
+
+
+async def say_command(view: web.WebSocketResponse, request: web.Request) -> None:
+    """Tell a page on this machine the command line of the run, which it shows when the run has ended."""
+    if is_local(request):
+        with suppress(ConnectionError):
+            await view.send_str(json.dumps({"command": shlex.join(["tactophone", *sys.argv[1:]])}))
+
+
+async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketResponse | None:
+    """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too many, or it is too old."""
+    view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
+    try:
+        await view.prepare(request)
+    except ConnectionError:
+        return None
+    if request.query.get("v", VERSION) != VERSION:
+        await view.close(code=OTHER_VERSION, message=b"this page is of another version: reload it")
+    elif len(views) >= most:
+        await view.close(code=TOO_MANY, message=f"{most} pages are open already: close one".encode())
+    else:
+        return view
+    return None
+
+
+def finger_of(request: web.Request) -> int:
+    """Return which finger of a hand a page shows and controls, counted from 0."""
+    text = request.query.get("finger", "")
+    return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
+
+
+async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
+    """Yield what a page sends until it leaves, or floods and is closed."""
+    gate = FloodGate(FLOOD_RATE)
+    async for message in view:
+        if gate.overflows():
+            await end_flood(view)
+            return
+        yield message
+
+
+async def exchange(
+    view: web.WebSocketResponse, message: Callable[[], bytes], receiving: Awaitable[None], *,
+    credit: asyncio.Semaphore, interval: float,
+) -> None:  # fmt: skip
+    """Send a page what ``message`` returns, if anything, every ``interval`` s as its credit allows, while receiving."""
+
+    async def send() -> None:
+        with suppress(ConnectionError):
+            while not view.closed:
+                await credit.acquire()
+                if content := message():
+                    await view.send_bytes(content)
+                else:
+                    credit.release()
+                await asyncio.sleep(interval)
+
+    async with asyncio.TaskGroup() as tasks:
+        sending = tasks.create_task(send())
+        await receiving
+        sending.cancel()
+
+
+async def end_flood(view: web.WebSocketResponse) -> None:
+    """Close a page that floods; the run never notices."""
+    await view.close(code=FLOOD, message=b"this page sends too much: reload it")
+
+
+class Answers:
+    """A page's end of a pipe to the command that serves it: what pages ask goes in, and its answers go to every page.
+
+    The caller adds and removes the ``views``, the pages that are open now. ``status`` is what a page that is opened
+    later has to show: the newest entry of each kind ``kept``, of every kind if that is ``None``.
+    """
+
+    def __init__(
+        self, orders: Connection, views: set[web.WebSocketResponse], *, kept: dict[str, Any] | None = None
+    ) -> None:
+        self.views = views
+        self.status = kept or {}
+        self._orders, self._every = orders, kept is None
+        self._sending: set[asyncio.Task[None]] = set()
+
+    def send(self, order: Any) -> None:
+        with suppress(OSError):  # the command has ended, and soon ends this process too
+            self._orders.send(order)
+
+    async def follow(self, app: web.Application) -> None:
+        """Take answers as they come, once the server runs."""
+        asyncio.get_running_loop().add_reader(self._orders.fileno(), self._take)
+
+    def _take(self) -> None:
+        try:
+            answer = self._orders.recv()
+        except (EOFError, OSError):
+            asyncio.get_running_loop().remove_reader(self._orders.fileno())
+            return
+        self.status |= {kind: entry for kind, entry in answer.items() if self._every or kind in self.status}
+        for view in self.views:
+            task = asyncio.ensure_future(_send(view, answer))
+            self._sending.add(task)
+            task.add_done_callback(self._sending.discard)
+
+
+async def _send(view: web.WebSocketResponse, answer: dict[str, Any]) -> None:
+    with suppress(ConnectionError):
+        await view.send_str(json.dumps(answer))

@@ -1,0 +1,1 @@
+"""Data sets, simulation, training and scores: nothing that feeling needs."""

@@ -1,0 +1,378 @@
+"""The paper's three tables, with its own numbers beside.
+
+Tables I and II are made on data in its authors' layout. Scores follow the authors' rule: a window in contact is rough
+if P(rough) among all three classes is 0.5 or more; the same moments count for every method. Contact is either the
+authors' (a mean absolute value over 0.005) or the paper's text (an RMS over -26 dBFS): where a microphone's noise is
+over 0.005, the first counts rests as touch.
+
+Models train on the training objects alone; the fine-tuned one on fewer, and on a sample of the competition's stones, as
+the paper has it. That sample is kin of the stones that it is tested with, which its row says.
+
+There is one object a class to test with, so no draw of objects says what another pair of them would change. Intervals
+are of takes of a test object, and of pieces of a competition's run, drawn within each class: what other recordings of
+the same objects would change.
+
+Table III is the paper's task by a simulated operator: five stones, two of them rough, found by vibration alone. The
+operator is the same for every method and has no input but the vibration; it is a model, not a person.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
+from tactophone.lab.benchmark.folds import Cache, cross_validate
+from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
+from tactophone.lab.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
+from tactophone.lab.dataset.splits import Fold, split
+from tactophone.lab.dataset.values import Dataset, Recording, Segment, stretches
+from tactophone.lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
+from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of
+from tactophone.lab.simulation.operator import SoundToVibration, perceive_visits, play_rounds, render_visits
+from tactophone.lab.training.recipes import (
+    LABEL_LEVEL_DBFS,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    REFERENCE_GATE,
+    RecipeFile,
+)
+from tactophone.lab.training.sets import FeatureRecipe
+from tactophone.lab.training.tracks import read_signals
+from tactophone.signal.haptics.oscillator import Oscillator
+from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.profiles import PROFILES
+from tactophone.signal.perception.model_file import Gate
+from tactophone.signal.perception.models import shipped_models
+from tactophone.signal.pipeline import open_pipeline
+
+GATES: Mapping[str, Gate] = {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}
+"""Gates that contact is labelled by, where it is not labelled already."""
+
+LABELLED = "contact as labelled"
+
+FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
+
+METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
+
+STEP = 20
+"""Samples at 2 kHz, 10 ms, from one look at the level to the next."""
+
+SHORT_WINDOW = 64
+"""Samples, 32 ms."""
+
+CLEARLY_DB = 12.0
+"""So far under the threshold there is nothing but noise; between the two, contact is unknown."""
+
+SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
+IN_CONTACT = "in_contact"
+"""Column with the share of windows that count."""
+
+PIECE = 5.0
+"""Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
+
+PAPER_ONE: Mapping[str, tuple[float, ...]] = {
+    "competition": (0.113, 0.472, 0.009, 0.405), "test": (0.240, 0.265, 0.081, 0.413),
+}  # fmt: skip
+"""Table I, general model: shares of all windows, in the order of :data:`SHARES`."""
+
+PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
+"""The same of its piezo-only model, of which the text states ``smooth_as_rough`` alone."""
+
+TWO_COLUMNS = ("rough day 1", "rough day 2", "smooth day 1", "smooth day 2", "test rough", "test smooth")
+
+PAPER_TWO: Mapping[str, tuple[float, ...]] = {
+    "general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
+    "fine-tuned": (0.239, 0.190, 1.000, 0.959, 0.459, 0.999),
+    "one-channel": (0.482, 0.117, 0.998, 0.692, 0.630, 0.736),
+}
+"""Table II: accuracy of each class."""
+
+BLOCK_SIZE = 512
+LIKE_PAPER = ("paper", "dualsense", "events")
+"""Profiles that render roughness as the paper's does: one row stands for them."""
+
+PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
+    "NimbRo": (66, 62), "Pollen Robotics": (144, 119), "Northeastern": (None, 567), "Avatrina": (288, None),
+}  # fmt: skip
+"""Table III: each team's time in s from the begin of the task until a rough stone was fetched, on days 1 and 2;
+``None``: not attempted. ``NimbRo`` are the paper's authors."""
+
+VISITS = 12
+"""Visits of each label, for practice and for rounds; rounds draw from them."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableRow:
+    """A row of a table: its name, and its scores by column; NaN where there is none."""
+
+    name: str
+    values: dict[str, Estimate]
+
+
+def predict_held_out(
+    dataset: Dataset, names: Sequence[str], cache: Cache, *, report: Callable[[str], None] = lambda name: None
+) -> dict[str, list[TakePredictions]]:
+    """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
+
+    Without ``names`` they are the paper's three variants and ``texture``. ``report`` is called with each method's name
+    before it trains. Raises `DatasetError` if there are no held-out recordings.
+    """
+    kept = dataset.labelled()
+    if not any(take.known("split") not in ("train", "") for take in kept.recordings):
+        raise DatasetError(
+            f"{dataset.root}: has no test objects and no competition runs; Tables I and II need the authors' layout: "
+            "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset --authors-layout` makes it)"
+        )
+    # Where contact is not labelled, the authors' test threshold labels it: they score by it.
+    recordings = tuple(
+        take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
+    )
+    predictions = {}
+    for method in methods_for(replace(kept, recordings=recordings), names or METHODS):
+        report(method.name)
+        train, with_kin = training_takes(recordings, method.name)
+        test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
+        name = method.name + KIN_NOTE * with_kin
+        predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
+    return predictions
+
+
+def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Recording, ...], bool]:
+    """Return what a method trains on: the training objects; for the paper's fine-tuned model, as the paper says.
+
+    Returns them, and whether a sample of the competition's stones is among them.
+    """
+    train = tuple(take for take in recordings if take.known("split") == "train")
+    if name != FINE_TUNED:
+        return train, False
+    reduced = tuple(take for take in train if take.surface in {f"object {number:02}" for number in REDUCED_OBJECTS})
+    stones = tuple(take for take in recordings if take.surface == f"object {SPARE_OBJECT:02}")
+    labels = {take.label for take in (*reduced, *stones)}
+    # A set without those objects has no reduced set either.
+    return (train, False) if len(labels) < 2 else ((*reduced, *stones), bool(stones))
+
+
+def by_gate(
+    predictions: Mapping[str, Sequence[TakePredictions]], labelled: Sequence[Recording]
+) -> dict[str, dict[str, list[TakePredictions]]]:
+    """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any."""
+    if any(take.segments for take in labelled):
+        return {LABELLED: {name: list(takes) for name, takes in predictions.items()}}
+    return {
+        title: {
+            name: [
+                replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
+                for take in takes
+            ]
+            for name, takes in predictions.items()
+        }
+        for title, gate in GATES.items()
+    }
+
+
+def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
+    """Return Table I: how windows are classified, as shares of all windows."""
+    rows = []
+    for part in ("competition", "test"):
+        rows.append(_published(f"paper's own, {part}", (*SHARES, IN_CONTACT), PAPER_ONE[part]))
+        if "paper/one-channel" in predictions:
+            stated = (math.nan, math.nan, PAPER_ONE_CHANNEL[part], math.nan)
+            rows.append(_published(f"paper's own one-channel, {part}", (*SHARES, IN_CONTACT), stated))
+        for name, takes in predictions.items():
+            if of_part := [take for take in takes if take.recording.known("split") == part]:
+                scores = _measure(of_part)
+                shares = {share: scores[share] for share in SHARES}
+                rows.append(TableRow(f"{name}, {part}", {**shares, IN_CONTACT: contact_share(of_part)}))
+    return rows
+
+
+def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
+    """Return Table II: the accuracy of each class, day by day."""
+    columns = (*TWO_COLUMNS, IN_CONTACT)
+    own = [_published(f"paper's own, {variant}", columns, row) for variant, row in PAPER_TWO.items()]
+    classes = (
+        (Touch.ROUGH, "day 1"), (Touch.ROUGH, "day 2"), (Touch.SMOOTH, "day 1"), (Touch.SMOOTH, "day 2"),
+        (Touch.ROUGH, ""), (Touch.SMOOTH, ""),
+    )  # fmt: skip
+    rows = []
+    for name, takes in predictions.items():
+        accuracies = [_accuracy(takes, label, day) for label, day in classes]
+        rows.append(TableRow(name, dict(zip(columns, [*accuracies, contact_share(takes)], strict=True))))
+    return [*own, *rows]
+
+
+ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positive_rate")
+
+
+def ablations_in(folder: Path) -> list[NetworkMethod]:
+    """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
+    recipes = {path: RecipeFile.read(path).configured() for path in sorted(folder.glob("*.toml"))}
+    if not recipes:
+        raise ConfigError(f"{folder}: holds no recipe file; examples/recipes/ablations has some")
+    methods = []
+    for path, recipe in recipes.items():
+        if isinstance(recipe, FeatureRecipe):
+            raise ConfigError(f"{path}: recipe {recipe.name}, but ablations are of the paper's network: paper-fast")
+        methods.append(NetworkMethod(recipe, ablation=True))
+    return methods
+
+
+def ablation_rows(
+    methods: Sequence[NetworkMethod], dataset: Dataset, name: str, cache: Cache, *,
+    report: Callable[[int, str], None] = lambda done, name: None,
+) -> list[TableRow]:  # fmt: skip
+    """Cross-validate ablations on a split of this name; scores of windows in true contact."""
+    rows = []
+    for done, method in enumerate(methods):
+        report(done, method.name)
+        takes = cross_validate(method, split(dataset, name), cache=cache)
+        scores = estimate(scores_of(map(in_true_contact, takes), "two-class"))
+        rows.append(TableRow(method.name, {column: scores[column] for column in ABLATION_COLUMNS}))
+    return rows
+
+
+def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
+    """Return the share of windows that count as contact; without an interval."""
+    total = sum(len(take.time) for take in takes)
+    counted = sum(int(in_true_contact(take).contact.sum()) for take in takes)
+    return Estimate(counted / total if total else float("nan"))
+
+
+def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Segment, ...]:
+    """Label contact where the window that ends there is over a gate's threshold, none where it is far below it."""
+    (signal,) = read_signals([recording], channels=1, rate=NETWORK_RATE)
+    sizes = np.abs(signal[:, 0]) if gate.rule == "mean_absolute" else np.square(signal[:, 0], dtype=np.float64)
+    total = np.concatenate(([0.0], np.cumsum(sizes, dtype=np.float64)))
+    ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, STEP)
+    loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE, gate) >= 0
+    # A long window detects the beginning of a touch late, so silence is looked for with a short one.
+    quiet = ~loud & (_over_threshold_db(total, ends, SHORT_WINDOW, gate) < -CLEARLY_DB)
+    segments = (*_segments(loud, recording.known("label")), *_segments(quiet, "none"))
+    return tuple(sorted(segments, key=lambda segment: segment.start))
+
+
+def _over_threshold_db(
+    total: NDArray[np.float64], ends: NDArray[np.intp], size: int, gate: Gate
+) -> NDArray[np.float64]:
+    mean = (total[ends] - total[ends - size]) / size
+    # A mean of magnitudes is a level, a mean of squares a power.
+    return np.asarray((20 if gate.rule == "mean_absolute" else 10) * np.log10(mean + 1e-12) - gate.threshold_dbfs)
+
+
+def _segments(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
+    for begin, end in (NETWORK_WINDOW_SIZE + STEP * stretches(on)) / NETWORK_RATE - STEP / NETWORK_RATE:
+        yield Segment(float(begin), float(end), label)
+
+
+def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estimate:
+    """The accuracy of a class, of a day's runs or, without a day, of the test objects."""
+    own = [
+        take
+        for take in takes
+        if take.recording.label is label
+        and (take.recording.session == day if day else take.recording.known("split") == "test")
+    ]
+    return _measure(own)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
+
+
+def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
+    scored = [piece for take in takes for piece in _pieces(in_true_contact(take))]
+    if not any(take.contact.any() for take in scored):
+        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan")))
+    return estimate(scores_of(scored, "authors"))
+
+
+def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
+    """Name what the bootstrap draws: a take of a test object, a piece of a competition's run."""
+    length = PIECE if take.recording.known("split") == "competition" else math.inf
+    number = (take.time // length).astype(int)
+    for piece in np.unique(number):
+        recording = replace(take.recording, surface=f"{take.recording.path} {piece}")
+        here = number == piece
+        yield TakePredictions(recording, take.time[here], take.probabilities[here], take.contact[here])
+
+
+def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
+    """Return a row of the paper, which states neither intervals nor how much was contact."""
+    return TableRow(name, dict(zip(columns, map(Estimate, (*values, float("nan"))), strict=True)))
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOutcome:
+    """Outcome of the task with one method."""
+
+    name: str
+    found: Estimate
+    both: Estimate
+    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were."""
+    duration: Estimate
+    """Decision time in s: median, and 5 to 95 %."""
+
+
+def task_methods() -> tuple[str, ...]:
+    """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that need no detector."""
+    models = [name for name in shipped_models() if not name.endswith("-mono")]
+    return (
+        *models,
+        *(f"texture:{name}" for name in PROFILES if name not in LIKE_PAPER and "texture" in models),
+        *PASSTHROUGH,
+    )
+
+
+def play_task(
+    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS,
+    report: Callable[[str], None] = lambda name: None,
+) -> list[TaskOutcome]:  # fmt: skip
+    """Let the operator play rounds with each method.
+
+    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if
+    a name is unknown.
+    """
+    allowed = task_methods()
+    if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:
+        hint = did_you_mean(unknown[0], allowed)
+        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}")
+    report("rendering visits")
+    sound = render_visits(visits=visits)
+    outcomes = []
+    for name in names or allowed:
+        report(name)
+        played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds)
+        found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
+        p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
+        outcomes.append(TaskOutcome(name, _share(found), _share(both), Estimate(float(p50), float(p5), float(p95))))
+    return outcomes
+
+
+def vibration_of(name: str) -> SoundToVibration:
+    """Return the function from both microphones to the vibration: the live pipeline and oscillator, or a renderer."""
+    if name in PASSTHROUGH:
+        return lambda sound: PASSTHROUGH[name](FULL_DRIVE).render_whole(sound)
+    model, _, profile = name.partition(":")
+    return lambda sound: _render(sound, model, profile or "paper")
+
+
+def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
+    pipeline = open_pipeline(model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=profile, limits=FULL_DRIVE)
+    oscillator = Oscillator(FULL_DRIVE)
+    out = np.zeros(len(sound), np.float32)
+    for start in range(0, len(sound), BLOCK_SIZE):
+        step = pipeline.push(AudioBlock(sound[start : start + BLOCK_SIZE], LIVE_SAMPLE_RATE, start))
+        if step.command:
+            oscillator.submit(step.command)
+        oscillator.render(out[start : start + BLOCK_SIZE])
+    return out
+
+
+def _share(won: NDArray[np.bool_]) -> Estimate:
+    """Return a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
+    from scipy.stats import binomtest
+
+    found = binomtest(int(won.sum()), len(won))
+    low, high = found.proportion_ci(COVERAGE, method="wilson")
+    return Estimate(float(found.statistic), float(low), float(high))

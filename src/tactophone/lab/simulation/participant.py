@@ -1,0 +1,97 @@
+"""A simulated person who follows the instructions of guided commands, so that they run without hardware.
+
+It is a source like any other: iterating it yields the sound; its methods start a movement.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
+from tactophone.lab.simulation.catalogue import SimulatedObject
+from tactophone.lab.simulation.finger import tip_named
+from tactophone.lab.simulation.microphones import SessionVariation
+from tactophone.lab.simulation.modes import Mounting
+from tactophone.lab.simulation.motion import LIFT, single
+from tactophone.lab.simulation.source import SimulatedFinger
+from tactophone.lab.simulation.strokes import Script, take_moves
+from tactophone.lab.simulation.takes import Take
+
+PRESS = 1.5
+"""Newtons of a stroke of medium pressure."""
+
+STROKE = 0.5
+"""Seconds of a stroke from end to end."""
+
+TAP = 2.0
+"""Newtons of a tap."""
+
+
+class SimulatedParticipant(AlwaysOpen):
+    """A simulated finger on an object, moved on request; a :class:`~tactophone.core.types.Source`.
+
+    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers. ``mounting`` is the catalogue's by
+    default; ``seed`` draws the set-up, the movement and the noise.
+
+    >>> from tactophone.lab.simulation.catalogue import find
+    >>> participant = SimulatedParticipant(find("lava stone"))
+    >>> participant.stroke(1.0)
+    >>> next(iter(participant)).size
+    480
+    """
+
+    sample_rate = LIVE_SAMPLE_RATE
+    channels = 2
+
+    def __init__(
+        self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, air_gain_db: float = 0.0,
+        seed: int = 0, tip: str = DEFAULT_TIP,
+    ) -> None:  # fmt: skip
+        scene = single(obj, mounting)
+        self._placed = scene.placed[0]
+        self._rng = np.random.default_rng([0x701, seed])
+        electronics = tip_named(tip).electronics.amplified(gain_db, air_gain_db)
+        session = SessionVariation.draw(seed, electronics, tip=tip)
+        self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
+        self._now = 0.0
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for block in self._finger:
+            self._now = block.end / block.sample_rate
+            yield block
+
+    def rest(self) -> None:
+        """Lift off and touch nothing."""
+        x, y = self._placed.centre
+        self._finger.move(x, y, LIFT, self._now)
+
+    def stroke(self, duration: float) -> None:
+        """Stroke to and fro without a pause for ``duration`` s."""
+        script = self._script()
+        script.land(PRESS)
+        left, right = self._placed.left + 0.01, self._placed.left + self._placed.width - 0.01
+        while script.time < self._now + duration:
+            script.stroke(left if script.x > self._placed.centre[0] else right, STROKE, PRESS)
+        self._perform(script)
+
+    def tap(self, duration: float) -> None:
+        """Tap about twice a second for ``duration`` s."""
+        script = self._script()
+        while script.time < self._now + duration - 0.3:
+            script.hover(0.2)
+            script.tap(TAP)
+        self._perform(script)
+
+    def take(self, take: Take, duration: float) -> None:
+        """Perform a take of the paper's protocol for ``duration`` s."""
+        for move in take_moves(take, self._placed, duration=duration, rng=self._rng):
+            self._finger.move(move.x, move.y, move.force, self._now + move.time)
+
+    def _script(self) -> Script:
+        x, y = self._placed.centre
+        return Script(self._rng, x=x, y=y, start=self._now)
+
+    def _perform(self, script: Script) -> None:
+        script.hover(0.2)
+        for move in script.moves:
+            self._finger.move(move.x, move.y, move.force, move.time)

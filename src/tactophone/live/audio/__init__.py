@@ -1,0 +1,1 @@
+"""Microphones, actuators and recordings: sound in, vibration out."""

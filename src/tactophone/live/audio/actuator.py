@@ -1,0 +1,140 @@
+"""Where the vibration goes: the actuator's amplifier behind JACK or PortAudio, a gamepad, a WAV file, or nothing.
+
+An actuator requests the waveform, period by period, in a thread of its own, and plays it. All five obey one contract.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+
+from tactophone.core.errors import DeviceError
+from tactophone.core.types import FloatArray
+from tactophone.live.audio.device import Device, Process, ThreadedDevice, open_at_live_rate
+from tactophone.live.audio.gamepad import GamepadDevice
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.portaudio import PortAudioStream
+
+Render: TypeAlias = Callable[[FloatArray], None]
+"""Writes the next samples of the waveform in place; its array has shape ``(samples,)``."""
+
+RenderHand: TypeAlias = Callable[[Sequence[FloatArray]], None]
+"""The same for all fingers of a hand: an array for each."""
+
+
+class Actuator(AbstractContextManager["Actuator", None]):
+    """Plays on a device what ``render`` writes. Once entered it never raises, and every fault is silence.
+
+    ``device``: with rate, delay, faults and counts.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    def __enter__(self) -> Self:
+        open_at_live_rate(self.device)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.device.close()
+
+
+class ClockedDevice(ThreadedDevice):
+    """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
+
+    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
+    """
+
+    _LONGEST_DELAY = 0.1
+
+    def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
+        super().__init__(process, thread="actuator")
+        self.latency = period / self.sample_rate
+        self.fault = ""
+        self._period, self._path, self._outputs = period, path, outputs
+
+    def open(self) -> None:
+        """Start; the file, if any, is overwritten."""
+        self._file = self._open_file() if self._path else None
+        super().open()
+
+    def _open_file(self) -> Any:
+        import soundfile
+
+        try:
+            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DeviceError(
+                f"{self._path} cannot be written ({error}): choose another file for output.device"
+            ) from None
+
+    def _run(self) -> None:
+        waveform = np.zeros((self._outputs, self._period), np.float32)
+        due = time.monotonic()
+        while not self._ended.wait(max(0.0, due - time.monotonic())):
+            if time.monotonic() - due > self._LONGEST_DELAY:
+                self.xruns += 1
+                due = time.monotonic()
+            self._render(waveform)
+            due += self.latency
+            if self._file is not None and not self.fault:
+                try:
+                    self._file.write(waveform.T)
+                except Exception as error:  # a full disk is not written to again
+                    self.fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"
+        if self._file is not None:
+            self._file.close()
+
+
+def jack_hand_actuator(
+    render: RenderHand, *, ports: Mapping[str, str], server: str = "", name: str = "tactophone-operator"
+) -> Actuator:
+    """Play each finger on a JACK port, by the name of the client's own port; ``"-"`` leaves one unconnected."""
+    wires = {own: port.removeprefix("-") for own, port in ports.items()}
+    process = _outputs(render, range(1, len(ports) + 1))
+    return Actuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
+
+
+def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> Actuator:
+    """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
+
+    ``channels``: counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by
+    their number: four are front and rear left and right, as a DualSense expects, but three would be left, right and
+    bass.
+    """
+    highest = max(channels)
+    process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
+    return Actuator(PortAudioStream(process, "output", device=device, channels=opened))
+
+
+def gamepad_actuator(
+    render: Render, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
+    find: Callable[[], list[Any]] | None = None,
+) -> Actuator:  # fmt: skip
+    """Turn the motors of a gamepad; arguments as of `tactophone.live.audio.gamepad.GamepadDevice`."""
+    process = _outputs(lambda outs: render(outs[0]), [1])
+    return Actuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
+
+
+def clocked_hand_actuator(render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None) -> Actuator:
+    """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
+    process = _outputs(render, range(1, fingers + 1))
+    return Actuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
+
+
+def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:
+    """Return a device's process that renders to these channels, counted from 1, and is silent on all others."""
+    places = [channel - 1 for channel in channels]
+
+    def process(_: list[FloatArray], outputs: list[FloatArray]) -> None:
+        # A sound library reuses its buffers, so a channel that nobody writes would repeat old samples.
+        if len(outputs) > len(places):
+            for place, output in enumerate(outputs):
+                if place not in places:
+                    output[:] = 0.0
+        render([outputs[place] for place in places])
+
+    return process

@@ -1,0 +1,159 @@
+"""Recordings as sources: any format of libsndfile, at its own rate or the live one, alone or as a hand's fingers."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import soundfile
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource
+
+LOWEST_RATE = 2000
+"""Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
+
+
+class FileSource:
+    """A recording as a `tactophone.core.types.Source`; memory does not grow with its length.
+
+    Parameters
+    ----------
+    path
+        One or two channels: contact, or contact and air; a rate of 2 kHz or more.
+    block_size
+        Samples a block; the last one may be shorter.
+    loop
+        Start again at the end, for ever; ``start`` keeps counting.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing, empty, not a sound file, or of other channels or rates; while iterating, if it is
+        damaged.
+    """
+
+    def __init__(self, path: Path | str, *, block_size: int = 4096, loop: bool = False) -> None:
+        self.path = Path(path)
+        self._block_size, self._loop = block_size, loop
+        self._file: soundfile.SoundFile | None = None
+        with self._opened() as file:
+            self.sample_rate: int = file.samplerate
+            self.channels: int = file.channels
+            self.size: int = file.frames
+        self._check_format()
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording, in s."""
+        return self.size / self.sample_rate
+
+    def __enter__(self) -> Self:
+        self._file = self._opened()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file:
+            self._file.close()
+        self._file = None
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        start = 0
+        while self._file:
+            samples = self._read(self._file, start)
+            if len(samples):
+                yield AudioBlock(samples, self.sample_rate, start)
+                start += len(samples)
+            elif not self._loop:
+                return
+            elif self._file:
+                self._file.seek(0)
+
+    def _read(self, file: soundfile.SoundFile, start: int) -> FloatArray:
+        try:
+            samples: FloatArray = file.read(self._block_size, dtype="float32", always_2d=True)
+            return samples
+        except soundfile.LibsndfileError as error:
+            raise DatasetError(f"{self.path}: damaged {start / self.sample_rate:.1f} s in ({error})") from error
+
+    def _opened(self) -> soundfile.SoundFile:
+        if not self.path.is_file():
+            found = "a folder" if self.path.is_dir() else "no such file"
+            raise DatasetError(f"{self.path}: {found}; give a WAV or FLAC recording")
+        try:
+            return soundfile.SoundFile(self.path)
+        except soundfile.LibsndfileError as error:
+            raise DatasetError(f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file") from error
+
+    def _check_format(self) -> None:
+        if self.channels > len(MICROPHONES):
+            raise DatasetError(
+                f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
+            )
+        if self.sample_rate < LOWEST_RATE:
+            raise DatasetError(
+                f"{self.path}: {self.sample_rate} Hz, but {LOWEST_RATE} Hz or more is needed; record at a higher rate"
+            )
+        if not self.size:
+            raise DatasetError(f"{self.path}: no sound at all; record it again")
+
+
+class RecordedSource(ChangedSource):
+    """A `tactophone.core.types.Source` that resamples a file to `LIVE_SAMPLE_RATE`.
+
+    ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
+    s of the recording, or -1 where it is unknown.
+    """
+
+    def __init__(
+        self, source: FileSource, *, resample: Callable[[FloatArray], FloatArray], label_at: Callable[[float], int]
+    ) -> None:
+        super().__init__(source)
+        self.sample_rate = LIVE_SAMPLE_RATE
+        self._resample, self._label_at, self._time, self._duration = resample, label_at, 0.0, source.duration
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        start = 0
+        for block in self._source:
+            samples = self._resample(block.samples)
+            # A looped file counts on at its end; its labels start again.
+            self._time = block.end / block.sample_rate % self._duration
+            yield AudioBlock(samples, LIVE_SAMPLE_RATE, start)
+            start += len(samples)
+
+    def truth_of(self, finger: int = 0) -> int:
+        return self._label_at(self._time)
+
+
+class CombinedSource:
+    """Sources of one rate and block size as one, with contact and air of each in turn; it ends with the first of them.
+
+    A source of a single channel has silence for air.
+    """
+
+    def __init__(self, sources: Sequence[LabelledSource]) -> None:
+        self._sources = list(sources)
+        self._resources = ExitStack()
+        self.sample_rate, self.channels = self._sources[0].sample_rate, len(MICROPHONES) * len(self._sources)
+
+    def __enter__(self) -> Self:
+        for source in self._sources:
+            self._resources.enter_context(source)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        # The first to end ends the hand, so nothing is checked for equal length.
+        for blocks in zip(*self._sources, strict=False):
+            size = min(block.size for block in blocks)
+            missing = (((0, 0), (0, len(MICROPHONES) - block.channels)) for block in blocks)
+            parts = [np.pad(block.samples[:size], each) for block, each in zip(blocks, missing, strict=True)]
+            samples = np.concatenate(parts, axis=1)
+            yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
+
+    def truth_of(self, finger: int = 0) -> int:
+        return self._sources[finger].truth_of()

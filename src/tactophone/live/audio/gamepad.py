@@ -1,0 +1,157 @@
+"""The two motors of a gamepad, by force feedback of Linux (`evdev`), as a device that requests the waveform.
+
+Each effect lasts `EFFECT` and is refreshed every `REFRESH`, so a process that dies leaves a pad that falls silent by
+itself. The strength comes from the rendered waveform, behind every limit, fade and stop; roughness only divides it
+between the motors.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tactophone.core.errors import DeviceError
+from tactophone.core.types import LIVE_SAMPLE_RATE
+from tactophone.live.audio.device import Process, ThreadedDevice
+
+EFFECT = 0.12
+"""Seconds of an effect: it lasts over one missed refresh."""
+
+REFRESH = 0.05
+"""Seconds between two effects; a motor takes about as long to change its speed."""
+
+EXPONENT = 0.4
+"""The faint end of the paper's profile, -25 dB of the ceiling, becomes -10 dB, a third of it, at which motors turn."""
+
+_PERIOD = round(REFRESH * LIVE_SAMPLE_RATE / 10)
+_FULL = 0xFFFF
+
+
+def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[float, float]:
+    """Return the levels, 0 to 1, of the strong (slow) motor and of the weak (fast) one; never above the ceiling.
+
+    Rough turns the strong motor, smooth the weak one, and both share what lies between.
+
+    >>> motor_levels(0.5, 1.0, 0.5), motor_levels(0.0, 1.0, 0.5)
+    ((0.5, 0.0), (0.0, 0.0))
+    >>> [round(level, 2) for level in motor_levels(0.5 * 10 ** (-25 / 20), 0.0, 0.5)]
+    [0.0, 0.16]
+    """
+    if not (amplitude > 0 and ceiling > 0):
+        return 0.0, 0.0
+    drive = ceiling * min(1.0, amplitude / ceiling) ** EXPONENT
+    share = min(max(roughness, 0.0), 1.0)
+    return drive * share, drive * (1 - share)
+
+
+class GamepadDevice(ThreadedDevice):
+    """A `tactophone.live.audio.device.Device` on a gamepad's motors.
+
+    Parameters
+    ----------
+    process
+        Called each period of 5 ms; see `tactophone.live.audio.device.Process`.
+    device
+        Part of the pad's name, or its path under ``/dev/input``; empty for the first pad with motors.
+    roughness
+        Returns that of the newest prediction, 0 to 1.
+    ceiling
+        Returns the greatest amplitude that is now allowed, 0 to 1 of full drive.
+    find
+        Returns the pads with motors; by default those that `evdev` lists.
+    """
+
+    latency = REFRESH
+
+    def __init__(
+        self, process: Process, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
+        find: Callable[[], list[Any]] | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(process, thread="actuator")
+        self._device, self._find = device, find or _pads
+        self._roughness, self._ceiling = roughness, ceiling
+        self._pad: Any = None
+        self._effect = -1
+
+    @property
+    def fault(self) -> str:
+        return "" if self._pad else "the gamepad is gone: connect it again, and the vibration returns"
+
+    def open(self) -> None:
+        self._pad = self._choose()
+        super().open()
+
+    def revive(self) -> None:
+        if self._pad is None:
+            with contextlib.suppress(DeviceError):
+                self._pad = self._choose()
+
+    def close(self) -> None:
+        super().close()
+        if self._pad is not None:
+            self._play(0.0, 0.0)
+            with contextlib.suppress(OSError):
+                self._pad.close()
+            self._pad = None
+
+    def _choose(self) -> Any:
+        pads = self._find()
+        part = self._device.lower()
+        for pad in pads:
+            if part in pad.name.lower() or self._device == pad.path:
+                self._effect = -1
+                return pad
+        listed = "; ".join(f"{pad.path} {pad.name}" for pad in pads) or "none (may this user read /dev/input?)"
+        raise DeviceError(f"no gamepad with motors matches {self._device or 'any'!r}; there are: {listed}")
+
+    def _run(self) -> None:
+        waveform = np.zeros((1, _PERIOD), np.float32)
+        due, peak, refreshed = time.monotonic(), 0.0, 0.0
+        while not self._ended.wait(max(0.0, due - time.monotonic())):
+            now = time.monotonic()
+            if now - due > EFFECT:
+                self.xruns += 1
+                due = now
+            self._render(waveform)
+            # A fault in the waveform is silence, as everywhere: `max` would keep what is not finite.
+            rendered = float(np.abs(waveform).max())
+            peak = max(peak, rendered if np.isfinite(rendered) else 0.0)
+            due += _PERIOD / LIVE_SAMPLE_RATE
+            if now - refreshed >= REFRESH:
+                self._play(*motor_levels(peak, self._roughness(), self._ceiling()))
+                peak, refreshed = 0.0, now
+
+    def _play(self, strong: float, weak: float) -> None:
+        """Start an effect in place of the last one; a pad that is gone is a fault, not an error."""
+        pad = self._pad
+        if pad is None:
+            return
+        try:
+            from evdev import ecodes, ff
+
+            rumble = ff.EffectType(ff_rumble_effect=ff.Rumble(round(strong * _FULL), round(weak * _FULL)))
+            replay = ff.Replay(round(1000 * EFFECT), 0)
+            # An upload with the id of a playing effect replaces it; playing it again starts its time anew.
+            effect = ff.Effect(ecodes.FF_RUMBLE, self._effect, 0, ff.Trigger(0, 0), replay, rumble)
+            self._effect = pad.upload_effect(effect)
+            pad.write(ecodes.EV_FF, self._effect, 1)
+        except OSError:
+            self.losses += 1
+            self._pad = None
+
+
+def _pads() -> list[Any]:
+    try:
+        import evdev
+    except ImportError:
+        raise DeviceError("evdev is not installed: `pip install 'tactophone[gamepad]'`") from None
+    found = []
+    for path in evdev.list_devices():
+        pad = evdev.InputDevice(path)
+        if evdev.ecodes.FF_RUMBLE in pad.capabilities().get(evdev.ecodes.EV_FF, []):
+            found.append(pad)
+        else:
+            pad.close()
+    return found

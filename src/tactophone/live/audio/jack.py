@@ -1,0 +1,409 @@
+"""JACK clients that outlive their server.
+
+How JACK fails was measured (docs/research/attack.md) and explains this file. A process callback that raises is never
+called again, without a message: so no exception may leave it. A server that ends calls back once and leaves a client
+that returns stale values: so that client is closed, and a new one made when the server is back. The last period of a
+client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.live.runtime.watchdog`.
+
+libjack 1.9.21 cancels the threads of a client that it closes, asynchronously: in the middle of Python, or waiting for
+its lock, a thread would keep that lock for ever, or crash. So its second thread, which reads what the server tells,
+never enters Python (`_Counter`), and its first, which calls the process, ends by itself before the client is closed
+(`_leave`). After a loss, the next client of the process would close all others: so they are closed first.
+"""
+
+import contextlib
+import ctypes
+import functools
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactophone.core.errors import DeviceError
+from tactophone.core.types import FloatArray
+from tactophone.live.audio.device import SILENT_AFTER, Process
+
+_OPEN: set["JackClient"] = set()
+"""Clients of this process; kept until they are closed, as the binding would close them at garbage collection."""
+
+_LEAVING: list[threading.Thread] = []
+"""Threads that close clients, and go on where a server does not answer in time."""
+
+_LEAVING_LIMIT = 0.7
+"""Seconds to wait for a client to leave; a server in order lets it go within some periods."""
+
+_CHECK_INTERVAL = 0.01
+"""Seconds between two looks at the thread of a client that leaves."""
+
+_QUIET_CHECKS = 5
+"""Looks in a row that find the thread of a lost client outside Python: the server has let it go after 6 to 20 ms."""
+
+_FUTEX_PRIVATE = 128
+"""Flag in a wait for memory of this process alone, as for Python's lock; JACK's is shared with the server."""
+
+_PIDFD_GETFD = 438
+"""Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
+
+_SOCKET_NAME = "/jack_"
+"""Part of the path of every socket between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
+
+
+@dataclass(frozen=True, slots=True)
+class JackPort:
+    """A port of the JACK graph; ``is_output``: whether it delivers sound."""
+
+    name: str
+    is_output: bool
+    physical: bool
+
+
+class _Counter:
+    """Counts calls of libjack by a function of the C library, without Python and its lock."""
+
+    def __init__(self) -> None:
+        self._memory = (ctypes.c_int64 * 4)()  # as long as a semaphore, which begins with its value
+
+    @property
+    def value(self) -> int:
+        return self._memory[0] & 0xFFFF_FFFF
+
+    def count(self, client: Any, registration: str) -> None:
+        """Count what libjack calls back for a client; ``registration`` is libjack's function that registers it."""
+        jack = _jack()
+        increment = _address("OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post")
+        pointer = ctypes.c_void_p(int(jack._ffi.cast("uintptr_t", client._ptr)))
+        getattr(ctypes.CDLL(jack._libname), registration)(pointer, increment, self._memory)
+        client._keepalive.append(self)
+
+
+class JackClient:
+    """A JACK client with named ports, each connected to another client's port or left free.
+
+    Parameters
+    ----------
+    name
+        Its name in the JACK graph.
+    process
+        Called each period, see `tactophone.live.audio.device.Process`; None for a client that only inspects the graph.
+    inputs, outputs
+        Names of the client's ports, each with the port to connect it to; an empty text leaves it free.
+    server
+        The JACK server's name; empty for the default one.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        process: Process | None,
+        *,
+        inputs: Mapping[str, str],
+        outputs: Mapping[str, str],
+        server: str = "",
+    ) -> None:
+        self.process_faults = 0
+        self._name, self._process, self._server = name, process, server
+        self._targets = {**inputs, **outputs}
+        self._inputs, self._outputs = list(inputs), list(outputs)
+        self._client: Any = None
+        self._cycle: _Cycle | None = None
+        self._xruns, self._changes, self._shutdowns = _Counter(), _Counter(), _Counter()
+        self._connected_at = 0
+        self._losses = self._rate = 0
+        self._other_rate = self._unconnected = ""
+
+    @property
+    def xruns(self) -> int:
+        return self._xruns.value
+
+    @property
+    def losses(self) -> int:
+        return self._losses + self._lost
+
+    @property
+    def sample_rate(self) -> int:
+        """In Hz; 0 while there is no server."""
+        return int(self._client.samplerate) if self._client else 0
+
+    @property
+    def period(self) -> int:
+        """Samples per period; 0 while there is no server."""
+        return int(self._client.blocksize) if self._client else 0
+
+    @property
+    def latency(self) -> float:
+        """Seconds of one period; 0 while there is no server."""
+        return self.period / self.sample_rate if self.sample_rate else 0.0
+
+    @property
+    def fault(self) -> str:
+        if self._lost or self._client is None:
+            return f"{self._named()} is gone: start it again, and the client reconnects"
+        if self._cycle and time.monotonic() - self._cycle.called_at > SILENT_AFTER:
+            return f"{self._named()} stands still: if it stays so, start it again, and the client reconnects"
+        return self._other_rate or self._unconnected
+
+    def open(self) -> None:
+        """Join the graph and connect the ports.
+
+        Raises `DeviceError` when there is no server, or a port to connect to does not exist.
+        """
+        jack = _jack()
+        self._rate = 0
+        try:
+            self._join(jack)
+        except jack.JackError:
+            self.close()
+            advice = "start one, such as `jackd -R -d alsa -r 48000 -p 128`; on PipeWire `pw-jack tactophone ...`"
+            found = f"{f'no JACK server {self._server}'.rstrip()}: {advice}"
+            if is_pipewire():
+                found = "PipeWire does not answer: start it (`systemctl --user start pipewire`)"
+            raise DeviceError(f"{found}, or choose portaudio") from None
+        self._connect_ports()
+        if self._unconnected:
+            unconnected = self._unconnected
+            self.close()
+            raise DeviceError(unconnected)
+
+    def revive(self) -> None:
+        """Join again if the server was lost, and connect again what is not connected.
+
+        A successor of another sample rate is a fault, and the client takes no part in it: it would render other
+        frequencies, and read others.
+        """
+        if self._lost:
+            self.close()
+        with contextlib.suppress(_jack().JackError):
+            if self._client is None:
+                self._join(_jack())
+            if not self._other_rate and self._connected_at != self._changes.value:
+                self._connect_ports()
+
+    def close(self) -> None:
+        client, self._client = self._client, None
+        _OPEN.discard(self)
+        if client is None:
+            return
+        self._losses += self._shutdowns.value > 0
+        leaving = threading.Thread(target=_leave, args=(client, self._cycle), daemon=True)
+        _LEAVING.append(leaving)
+        leaving.start()
+        leaving.join(_LEAVING_LIMIT)
+
+    def ports(self) -> list[JackPort]:
+        """All ports of the graph except this client's, physical ones first."""
+        own = f"{self._client.name}:"
+        ports = [
+            JackPort(port.name, is_output=port.is_output, physical=port.is_physical)
+            for port in self._client.get_ports(is_audio=True)
+            if not port.name.startswith(own)
+        ]
+        return sorted(ports, key=lambda port: not port.physical)
+
+    @property
+    def _lost(self) -> bool:
+        return self._client is not None and self._shutdowns.value > 0
+
+    def _join(self, jack: Any) -> None:
+        # libjack would close them while it joins again, see the top.
+        for other in list(_OPEN):
+            if other._lost:
+                other.close()
+        for leaving in list(_LEAVING):
+            leaving.join(_LEAVING_LIMIT)
+            if leaving.is_alive():
+                raise jack.JackError("a client has not left yet")
+            _LEAVING.remove(leaving)
+        client = jack.Client(self._name, servername=self._server or None, no_start_server=True)
+        for name in self._inputs:
+            client.inports.register(name)
+        for name in self._outputs:
+            client.outports.register(name)
+        self._shutdowns = _Counter()  # its own: that of one which left may still count
+        self._xruns.count(client, "jack_set_xrun_callback")
+        self._changes.count(client, "jack_set_graph_order_callback")
+        self._shutdowns.count(client, "jack_on_shutdown")  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
+        self._client, self._rate, self._cycle = client, self._rate or client.samplerate, None
+        _OPEN.add(self)
+        self._other_rate = ""
+        if client.samplerate != self._rate:
+            advice = f"start it with that rate (jackd ... -r {self._rate})"
+            if is_pipewire():
+                advice = f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
+            found, wanted = f"{self._named()} runs at {client.samplerate} Hz now", f"{self._rate} Hz is needed"
+            self._other_rate = f"{found}, but {wanted}: {advice}"
+            return
+        if self._process is not None:
+            inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
+            self._cycle = _Cycle(self, self._process, inputs, outputs)
+            client.set_process_callback(self._cycle)
+        client.activate()
+        self._connected_at = -1
+
+    def _connect_ports(self) -> None:
+        self._unconnected, self._connected_at = "", self._changes.value
+        for port in (*self._client.inports, *self._client.outports):
+            target = self._targets[port.shortname]
+            if target and not port.connections:
+                self._connect(port, target)
+
+    def _connect(self, port: Any, target: str) -> None:
+        ends = (target, port) if port.is_input else (port, target)
+        try:
+            self._client.connect(*ends)
+        except _jack().JackError:
+            candidates = [other.name for other in self.ports() if other.is_output == port.is_input]
+            self._unconnected = (
+                f"{port.name}: there is no JACK port {target} to connect to; there are "
+                f"{', '.join(candidates) or 'none'}: choose one in the settings"
+            )
+            self._connected_at = -1
+
+    def _named(self) -> str:
+        return "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
+
+
+class _Cycle:
+    """The callback of one client of a `JackClient`; once ``asked``, it writes silence, and its thread ends."""
+
+    def __init__(self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays") -> None:
+        self.asked = False
+        self.called_at = time.monotonic()
+        self._owner, self._process, self._inputs, self._outputs = owner, process, inputs, outputs
+        self._shutdowns, self._thread = owner._shutdowns, 0
+
+    def __call__(self, size: int) -> None:
+        self.called_at = time.monotonic()
+        self._thread = self._thread or threading.get_native_id()
+        try:
+            if not self.asked:
+                self._process(self._inputs.now(size), self._outputs.now(size))
+                return
+        except Exception:  # JACK must not see any exception: it would never call again
+            self._owner.process_faults += 1
+        for output in self._outputs.now(size):
+            output[:] = 0.0
+        if self.asked:
+            raise _jack().CallbackExit
+
+    @property
+    def lost(self) -> bool:
+        return self._shutdowns.value > 0
+
+    def outside(self) -> bool:
+        """Whether the thread has ended or, of a lost client, waits for the server: anywhere but in Python (Linux)."""
+        if not self._thread:
+            return self.lost
+        try:
+            call = Path(f"/proc/self/task/{self._thread}/syscall").read_text().split()
+        except OSError:
+            return True  # it has ended
+        return self.lost and len(call) > 2 and not int(call[2], 16) & _FUTEX_PRIVATE
+
+
+def _leave(client: Any, cycle: _Cycle | None) -> None:
+    """Close a client once its thread is out of Python; PipeWire cancels no thread."""
+    checks = 0
+    if cycle:
+        cycle.asked = True
+        while not is_pipewire() and checks < (_QUIET_CHECKS if cycle.lost else 1):
+            time.sleep(_CHECK_INTERVAL)
+            checks = checks + 1 if cycle.outside() else 0
+    client.close()
+
+
+class _Arrays:
+    """The sound of some ports as arrays, in each period.
+
+    A port has one of a few buffers, which JACK names anew in each period. The array of a buffer is made once: the
+    binding's own call makes it each time and takes six times as long.
+    """
+
+    def __init__(self, jack: Any, ports: Iterable[Any]) -> None:
+        self._ports, self._ffi = [port._ptr for port in ports], jack._ffi
+        self._buffer_of = jack._lib.jack_port_get_buffer
+        self._arrays: dict[Any, FloatArray] = {}
+
+    def now(self, size: int) -> list[FloatArray]:
+        """Return an array of ``size`` samples for each port; call it in the process callback only."""
+        found = []
+        for port in self._ports:
+            buffer = self._buffer_of(port, size)
+            array = self._arrays.get(buffer)
+            if array is None or len(array) != size:
+                array = self._arrays[buffer] = np.frombuffer(self._ffi.buffer(buffer, 4 * size), np.float32)
+            found.append(array)
+        return found
+
+
+@functools.cache
+def _jack() -> Any:
+    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages."""
+    try:
+        import jack
+    except ImportError:
+        raise DeviceError(
+            "JACK-Client is not installed: `pip install 'tactophone[jack]'`, or choose portaudio"
+        ) from None
+    except OSError:
+        raise DeviceError("libjack is not installed: `apt install jackd2`, or choose portaudio") from None
+    # A function of the C library that does nothing: libjack's threads call it too, and must not enter Python.
+    for name in ("jack_set_error_function", "jack_set_info_function"):
+        getattr(ctypes.CDLL(jack._libname), name)(_address("strlen"))
+    return jack
+
+
+def is_pipewire() -> bool:
+    """Whether its libjack is loaded in place of jackd's, as by ``pw-jack``."""
+    return "PipeWire" in _jack().version_string()
+
+
+def _address(name: str) -> ctypes.c_void_p:
+    return ctypes.cast(getattr(ctypes.CDLL(None), name), ctypes.c_void_p)
+
+
+def disconnect_from_jack(pid: int) -> bool:
+    """Disconnect another process from its JACK server, without its help (Linux); returns whether that could be done.
+
+    The server repeats the last period of a client that stands still. It cannot be disconnected port by port meanwhile:
+    the server would wait for the client to take note (measured, jackd 1.9.21). So its *sockets* to the server are shut
+    down, as the system does when a process dies: the server removes the client and its ports, silent after 6 to 20 ms.
+    A client that goes on later finds its server gone, and joins it again (`JackClient.revive`).
+
+    The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
+    callback, it may later write the rest of one period into memory that is another client's by then.
+    """
+    if sys.platform != "linux":
+        return False
+    done = False
+    with contextlib.suppress(OSError):
+        process = os.pidfd_open(pid)
+        try:
+            for name in os.listdir(f"/proc/{pid}/fd"):
+                with contextlib.suppress(OSError):  # closed meanwhile, or not connected
+                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}")
+        finally:
+            os.close(process)
+    return done
+
+
+def _shut_down(process: int, descriptor: int, link: str) -> bool:
+    """Shut down one descriptor of a process, if it is a socket of JACK."""
+    if not os.readlink(link).startswith("socket:"):
+        return False
+    copy = ctypes.CDLL(None).syscall(_PIDFD_GETFD, process, descriptor, 0)
+    if copy < 0:
+        return False
+    with socket.socket(fileno=copy) as shared:
+        if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
+            return False
+        if not any(_SOCKET_NAME in str(name) for name in (shared.getsockname(), shared.getpeername())):
+            return False
+        shared.shutdown(socket.SHUT_RDWR)
+    return True

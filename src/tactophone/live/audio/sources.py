@@ -1,0 +1,206 @@
+"""Live microphones as sources: on JACK ports, a PortAudio device or a page; with losses and overflows counted.
+
+The device's own thread copies a period into a queue and returns; the iterator takes it out. When the queue holds more
+than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by the time it is rendered.
+"""
+
+import queue
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from multiprocessing.connection import Connection
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.live.audio.device import Device, Process, StreamDevice, open_at_live_rate
+from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.portaudio import PortAudioStream
+
+LONGEST_WAIT = 0.06
+"""Seconds of sound that may be queued: older sound is stale on arrival (`link.stream.STALENESS`)."""
+
+REVIVE_INTERVAL = 0.25
+"""Seconds without sound between two attempts to reconnect the device."""
+
+ABSENT = "no page sends sound: open the page on the phone or laptop that listens, and press Use this microphone"
+
+
+def _any() -> int:
+    return 1
+
+
+class LiveSource:
+    """A sound device at the live rate as a `tactophone.core.types.Source`.
+
+    Parameters
+    ----------
+    open_device
+        Makes the device, given the process that takes its sound.
+    channels
+        1 (contact) or 2 (contact, air); of a hand, two for each finger.
+    order
+        For each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their order.
+
+    Attributes
+    ----------
+    overflows
+        Periods dropped because too many waited.
+    period
+        Samples of the newest period; 0 before the first.
+    """
+
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(self, open_device: Callable[[Process], Device], *, channels: int, order: Sequence[int] = ()) -> None:
+        self.overflows = self.period = 0
+        self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
+        # Each is written by one thread alone: samples queued by the device's, samples taken by the reader's.
+        self._queued = self._taken = 0
+        self._position = 0
+        self._held: list[AudioBlock] = []
+        self._idle, self._needed = False, _any
+        self.channels = channels
+        self._open = False
+        self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
+        self.device = open_device(self._enqueue)
+
+    def __enter__(self) -> Self:
+        open_at_live_rate(self.device)
+        self._open = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the sound, also from another thread: the iteration then ends."""
+        self._open = False
+        self._queue.put(None)
+        self.device.close()
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for blocks in self._arrivals():
+            yield from blocks
+
+    def joined(self, needed: Callable[[], int] = _any) -> Iterator[AudioBlock]:
+        """Iterate, with all blocks that wait in one: a reader that was late is in step again at once.
+
+        ``needed``: returns the samples without which the reader has nothing to do: it is not woken for fewer. Called in
+        the device's thread, and only while the reader waits.
+        """
+        self._needed = needed
+        for arrived in self._arrivals():
+            blocks = arrived
+            while not self._queue.empty():
+                following = self._queue.get()
+                if following is None:
+                    self._queue.put(None)  # the end, which the iteration is to see after this sound
+                    break
+                blocks = [*blocks, *self._take(following)]
+            yield from _joined(blocks)
+
+    def _arrivals(self) -> Iterator[list[AudioBlock]]:
+        while self._open:
+            self._idle = True
+            try:
+                blocks = self._queue.get(timeout=REVIVE_INTERVAL)
+            except queue.Empty:
+                self.device.revive()
+                continue
+            self._idle = False
+            if blocks is None:
+                return
+            yield self._take(blocks)
+
+    def _take(self, blocks: list[AudioBlock]) -> list[AudioBlock]:
+        self._taken += sum(block.size for block in blocks)
+        return blocks
+
+    def _enqueue(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
+        # The position advances for dropped sound too, so that ``start`` jumps by what was lost.
+        start, self.period = self._position, len(inputs[0])
+        self._position = start + self.period
+        if self._queued - self._taken > LONGEST_WAIT * self.sample_rate:
+            self.overflows += 1
+            return
+        samples = np.zeros((self.period, self.channels), np.float32)
+        for channel, place in self._order:
+            samples[:, channel] = inputs[place]
+        self._queued += self.period
+        self._held.append(AudioBlock(samples, sample_rate=self.sample_rate, start=start))
+        if not self._idle or self._position - self._held[0].start >= self._needed():
+            self._queue.put(self._held)
+            self._held = []
+
+
+def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
+    """Yield stretches without a gap, each as one block."""
+    gaps = [number for number, (one, other) in enumerate(pairwise(blocks), 1) if one.end != other.start]
+    for begin, end in pairwise([0, *gaps, len(blocks)]):
+        first = blocks[begin]
+        if end - begin == 1:
+            yield first
+        else:
+            samples = np.concatenate([block.samples for block in blocks[begin:end]])
+            yield AudioBlock(samples, first.sample_rate, first.start)
+
+
+def jack_source(
+    *, contact: str = "system:capture_1", air: str = "system:capture_2",
+    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}), server: str = "", name: str = "tactophone-robot",
+) -> LiveSource:  # fmt: skip
+    """Open the microphones at the ports of a JACK server.
+
+    Parameters
+    ----------
+    contact
+        Port of the sound card; ``"-"`` leaves it unconnected, for a patch bay.
+    air
+        Likewise; empty makes a one-channel source.
+    fingers
+        Of a hand: contact and air of each finger by its name, in place of the two above; an empty air port is silence.
+    server
+        The JACK server's name; empty for the default one.
+    """
+    targets, order = dict[str, str](), list[int]()
+    for finger, ports in fingers.items() or [("", (contact, air))]:
+        for port, kind in zip(ports, MICROPHONES, strict=True):
+            order.append(len(targets) if port or kind == "contact" else -1)
+            if order[-1] >= 0:
+                targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")
+    if not fingers:
+        order = order[: len(targets)]
+    return LiveSource(
+        lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
+        channels=len(order),
+        order=order,
+    )
+
+
+def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = ()) -> LiveSource:
+    """Open the microphones on a PortAudio device.
+
+    Parameters
+    ----------
+    device
+        Its number or part of its name; empty for the system's default.
+    channels
+        How many of its first channels: 1 (contact) or 2 (contact, air).
+    fingers
+        Of a hand: contact and air channel of each finger, counted from 1, in place of the first two; an air channel of
+        0 is silence.
+    """
+    order = [channel - 1 for pair in fingers for channel in pair] or list(range(channels))
+    return LiveSource(
+        lambda process: PortAudioStream(process, "input", device=device, channels=max(order) + 1),
+        channels=len(order),
+        order=order,
+    )
+
+
+def browser_source(sound: Connection) -> LiveSource:
+    """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
+    return LiveSource(lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1)

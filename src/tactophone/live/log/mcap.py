@@ -1,0 +1,294 @@
+"""Logs of runs as MCAP files: written from outside the run's process, and read back in the order of writing.
+
+A file is read as a stream, so that one whose writer was killed is read to its last chunk.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Self, TypeAlias
+
+import msgspec
+
+from tactophone.core.errors import ConfigError, DatasetError
+from tactophone.core.prediction_fields import prediction_of
+from tactophone.core.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch
+from tactophone.live.log import log_topics
+from tactophone.live.log.log_topics import Message, Topic, topics_of
+from tactophone.live.log.reader import RunReader
+from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
+
+READ_INTERVAL = 0.2
+"""Seconds between two reads: telemetry keeps 10 s of packets and over a minute of predictions."""
+
+CHUNK_INTERVAL = 4
+"""Reads in one chunk, 0.8 s: the disk then lacks under 1 s after a kill, and a chunk is long enough to compress."""
+
+FORMAT = "tactophone 5"
+"""Profile in the header of the file; a later layout gets a later number."""
+
+MAGIC = b"\x89MCAP0\r\n"
+
+LARGEST_CHUNK = 64 << 20
+"""Bytes of a chunk once it is decompressed, and of a record outside of chunks; the writer's own have 1 MB or little
+more. Nothing of a larger one is made."""
+
+
+class LogFile(AbstractContextManager["LogFile", None]):
+    """An MCAP file of the library's own writer, with chunks (zstd) and an index; a context manager.
+
+    Raises `OSError` when the file cannot be written.
+    """
+
+    def __init__(self, path: Path, written: Sequence[Topic]) -> None:
+        from mcap.writer import Writer
+
+        self.metadata: dict[str, str] = {"format": FORMAT}
+        path.touch(0o600)  # nobody else on this machine hears the sound in it
+        self._file = path.open("wb")
+        self._writer: Any = Writer(self._file)
+        self._writer.start(profile=FORMAT, library="tactophone")
+        schemas = {topic.schema.name: topic.schema for topic in written}
+        numbers = {
+            name: self._writer.register_schema(name, schema.encoding, schema.data) for name, schema in schemas.items()
+        }
+        self._channels = {
+            topic.name: self._writer.register_channel(
+                topic.name, topic.schema.message_encoding, numbers[topic.schema.name],
+                {"description": topic.words, "finger": str(topic.finger)},
+            )
+            for topic in written
+        }  # fmt: skip
+        self._file.flush()
+
+    def __exit__(self, *_: object) -> None:
+        # A full disk has been reported by `end_chunk`; the index is then missing, and the chunks are there.
+        with suppress(OSError, ValueError):
+            self._writer.add_metadata("tactophone", self.metadata)
+            self._writer.finish()
+        with suppress(OSError, ValueError):
+            self._file.close()
+
+    def write(self, message: Message) -> None:
+        time = round(message.time * 1e9)
+        self._writer.add_message(self._channels[message.topic.name], time, message.data, time)
+
+    def end_chunk(self) -> None:
+        """Hand what was written so far to the system, so that it outlives this process."""
+        # The library ends a chunk by its size alone and offers no other way; a kill would cost many seconds.
+        self._writer._Writer__finalize_chunk()
+        self._file.flush()
+
+
+class McapLog:
+    """Keeps a run in an MCAP file, which it overwrites; a context manager whose `read` is called every `READ_INTERVAL`.
+
+    Raises `ConfigError` when the file cannot be written.
+    """
+
+    interval = READ_INTERVAL
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.path = path
+        self._reader = RunReader(name)
+        self._reads = 0
+
+    def __enter__(self) -> Self:
+        try:
+            self._log = LogFile(self.path, topics_of(self._reader.names, sound=False))
+        except OSError as error:
+            raise ConfigError(
+                f"cannot write {self.path} ({error.strerror}): choose another file for --record"
+            ) from error
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._log.metadata["missed"] = json.dumps(self._reader.missed)
+        self._log.__exit__(*error)
+
+    @property
+    def missed(self) -> int:
+        return sum(self._reader.missed.values())
+
+    def read(self) -> None:
+        """Write what is new; raises `ConfigError` when the disk is full or gone: the log ends, not the run."""
+        try:
+            for message in self._reader.read():
+                self._log.write(message)
+            self._reads += 1
+            if self._reads % CHUNK_INTERVAL == 0:
+                self._log.end_chunk()
+        except OSError as error:
+            raise ConfigError(f"{self.path}: the log ends here ({error.strerror}); the run goes on") from error
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedPrediction:
+    """A prediction and its command, of one finger; the command is NaN where there was none."""
+
+    prediction: Prediction
+    command: HapticCommand
+    finger: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LogEnd:
+    """The end of the file; ``complete`` if its writer ended in order, ``missed`` what it could not read in time."""
+
+    complete: bool
+    missed: int = 0
+
+
+LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogEnd
+
+
+def is_mcap(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def read_log(path: Path) -> Iterator[LogEntry]:
+    """Return the entries of a log, in their order.
+
+    Raises `DatasetError` if the file is missing, no MCAP, or not of this program, or holds a message that cannot be
+    read.
+    """
+    for message in read_messages(path):
+        if isinstance(message, LogEnd):
+            yield message
+            continue
+        topic, data = message.topic, message.data
+        try:
+            if topic.name == log_topics.PACKETS.name:
+                yield from msgspec.json.decode(data, type=log_topics.Packets).arrivals
+            elif topic.name == log_topics.RUN.name:
+                yield msgspec.json.decode(data, type=RunStart)
+            elif topic.name == log_topics.CONTROLS.name:
+                yield msgspec.json.decode(data, type=Controls)
+            elif topic.kind == log_topics.PREDICTION.kind:
+                yield _prediction_of(msgspec.json.decode(data, type=dict[str, float | str | None]), topic.finger)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise DatasetError(
+                f"{path}: a message of {topic.name} cannot be read ({error}); was the file changed?"
+            ) from error
+
+
+def read_messages(path: Path) -> Iterator[Message | LogEnd]:
+    """Return the messages of a log as they are, and at last its end.
+
+    Raises `DatasetError` as `read_log` does, except for the content of a message.
+    """
+    try:
+        with path.open("rb") as file:
+            yield from _messages(path, file)
+    except OSError as error:
+        raise DatasetError(f"{path}: {error.strerror}; give a file written by --record") from error
+
+
+def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
+    from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
+    from mcap.records import Channel, DataEnd, Header, Metadata, Schema
+    from mcap.records import Message as Record
+
+    if file.read(len(MAGIC)) != MAGIC:
+        raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
+    file.seek(0)
+    schemas: dict[int, log_topics.Schema] = {}
+    channels: dict[int, Topic] = {}
+    complete, missed, found = False, 0, False
+    try:
+        for record in _records(path, file):
+            match record:
+                case Header(profile=profile):
+                    _check_profile(path, profile)
+                case Schema(id=number, name=name, encoding=encoding, data=data):
+                    schemas[number] = log_topics.Schema(name, encoding, data)
+                case Channel(id=number, topic=name, schema_id=schema, metadata=metadata):
+                    finger = int(metadata.get("finger", "0"))
+                    if not (0 <= finger < MOST_FINGERS and name.isprintable()):
+                        raise ValueError(f"a topic {name!r} of finger {finger}")
+                    channels[number] = Topic(name, schemas[schema], metadata.get("description", ""), finger)
+                case Record(channel_id=number, log_time=time, data=data) if number in channels:
+                    found = True
+                    yield Message(channels[number], time / 1e9, data)
+                case Metadata(name="tactophone", metadata=metadata):
+                    missed = sum(msgspec.json.decode(metadata.get("missed", "{}"), type=dict[str, int]).values())
+                case DataEnd():
+                    complete = True
+                    break
+    except (EndOfFile, RecordLengthLimitExceeded):
+        pass  # its writer was killed, or a changed byte made a record longer than the file
+    except (McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, MemoryError) as error:
+        if not found:
+            raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
+    yield LogEnd(complete, missed)
+
+
+def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
+    """Return the records of a file, those in chunks too: the library would make of a chunk whatever it claims to be."""
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+
+    size = min(path.stat().st_size, LARGEST_CHUNK)
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        data = _decompressed(record)
+        if len(data) > LARGEST_CHUNK:
+            raise DatasetError(
+                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but those of --record have 1 MB; was it changed?"
+            )
+        with suppress(EndOfFile):
+            # A message may be longer than all of a short log, which is compressed.
+            limit = len(data)
+            yield from StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=limit).records
+
+
+def _decompressed(chunk: Any) -> bytes:
+    """Return at most one byte more than `LARGEST_CHUNK` of a chunk; raises `ValueError` for a damaged one."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        try:
+            return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(LARGEST_CHUNK + 1)
+        except zstandard.ZstdError as error:
+            raise ValueError(str(error)) from error
+    if chunk.compression == "lz4":  # of other programs that rewrite a log
+        from lz4 import frame  # type: ignore[import-untyped]
+
+        try:
+            return bytes(frame.LZ4FrameDecompressor().decompress(chunk.data, LARGEST_CHUNK + 1))
+        except RuntimeError as error:
+            raise ValueError(str(error)) from error
+    if chunk.compression:
+        raise ValueError(f"a chunk compressed with {chunk.compression!r}")
+    return bytes(chunk.data)
+
+
+def _check_profile(path: Path, profile: str) -> None:
+    if profile == FORMAT:
+        return
+    if profile.partition(" ")[0] == FORMAT.partition(" ")[0]:
+        raise DatasetError(
+            f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; use the version that wrote it"
+        )
+    raise DatasetError(f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record")
+
+
+def _prediction_of(entries: dict[str, Any], finger: int) -> LoggedPrediction:
+    """Return a prediction and its command again; ``null`` stands for NaN, and as a level for silence."""
+    row = {name: math.nan if value is None else value for name, value in entries.items()}
+    row["touch"] = Touch[entries["touch"].upper()]
+    row["level_dbfs"] = -math.inf if entries["level_dbfs"] is None else entries["level_dbfs"]
+    row["event"] = ("", *EVENT_KINDS).index(entries["event"])
+    return LoggedPrediction(*prediction_of(row), finger)

@@ -1,0 +1,246 @@
+"""Whether and how strongly anything may vibrate: the local machine decides, and no page or network can overrule it.
+
+Muting latches. It ends in one way only: a person arms, at the machine or through the mailbox that only this user's
+processes can write. Anyone who may send requests can lower the ceiling; nobody can raise it above the machine's own.
+
+The ceiling is stored once, in the `Limits` that a finger's gate, pipeline and renderer share: the gate bounds each
+command by it, the pipeline scales the profile to it, and the renderer bounds every sample.
+"""
+
+import math
+from collections.abc import Iterable
+
+from tactophone.core.errors import TactophoneError
+from tactophone.core.settings import Settings
+from tactophone.core.types import HapticCommand, PipelineStep, Touch
+from tactophone.live.runtime.wiring import actuator_response
+from tactophone.live.telemetry.layout import FingerState, Request
+from tactophone.net.endpoints import OperatorEndpoint
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.oscillator import Oscillator, Renderer
+from tactophone.signal.haptics.profiles import PROFILES, open_profile
+from tactophone.signal.pipeline import Hand, Pipeline
+
+EMERGENCY_STOP = "emergency stop: find the cause, then arm"
+MUTED = "muted by request: arm to vibrate again"
+STARTED_MUTED = "started muted: arm to vibrate"
+RESTARTED = "restarted after a fault: find the cause, then arm"
+
+LOWEST_THRESHOLD_DBFS = -120.0
+"""Lowest contact threshold that is accepted: below the rounding of 24-bit samples."""
+
+
+class OutputGate:
+    """What the local machine allows.
+
+    ``limits`` hold the machine's own ceiling, 0-1 of full drive, and the one in force from then on. ``output_level`` is
+    a volume below it, 0-1. ``muted_because`` is why it starts muted; empty to start armed.
+
+    >>> gate = OutputGate(Limits(ceiling=0.5))
+    >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
+    ['ceiling']
+    >>> gate.limits.ceiling, gate.armed
+    (0.5, False)
+    """
+
+    def __init__(self, limits: Limits, *, output_level: float = 1.0, muted_because: str = "") -> None:
+        self.limits, self.local_ceiling = limits, limits.ceiling
+        self.output_level = output_level
+        self.muted_because = muted_because
+        self.stops = 0
+        self._stopped = False
+
+    @property
+    def armed(self) -> bool:
+        return not self.muted_because
+
+    def stop(self) -> None:
+        """Stop at once and stay stopped until armed; also the answer to SIGUSR1."""
+        self._stop()
+        # Set last: `apply`, which this may have interrupted, looks at it when it has granted everything.
+        self._stopped = True
+
+    def apply(self, requests: Iterable[Request]) -> list[str]:
+        """Grant what may be granted; returns the actions refused. Call it regularly, also without requests.
+
+        Of a stop and an arming that arrive together, the stop wins, and so it does over an arming that waited when
+        `stop` was called, or is granted at that moment.
+        """
+        stopped, self._stopped = self._stopped, False
+        # Armings come first, so that whatever mutes in the same moment has the last word.
+        ordered = sorted(requests, key=lambda request: request.action != "arm")
+        refused: list[str] = [
+            request.action for request in ordered if (stopped and request.action == "arm") or not self._grant(request)
+        ]
+        # A signal may have stopped while an arming was granted, which then undid the stop.
+        if self._stopped:
+            self._stop()
+        return refused
+
+    def _stop(self) -> None:
+        self.stops += self.muted_because != EMERGENCY_STOP
+        self.muted_because = EMERGENCY_STOP
+
+    def _grant(self, request: Request) -> bool:
+        match request.action:
+            case "stop":
+                self._stop()
+            case "mute":
+                self.muted_because = self.muted_because or MUTED
+            case "arm":
+                self.muted_because = ""
+            case "ceiling" if 0.0 <= request.value <= self.local_ceiling:
+                self.limits.ceiling = request.value
+            case "output_level" if 0.0 <= request.value <= 1.0:
+                self.output_level = request.value
+            case _:
+                return False
+        return True
+
+    def bound(self, amplitude: float) -> float:
+        """Return an amplitude as it is now allowed, with the output level applied; 0 for one that is not finite."""
+        if self.muted_because or not math.isfinite(amplitude):
+            return 0.0
+        return min(max(amplitude, 0.0) * self.output_level, self.limits.ceiling)
+
+
+class FingerOutput:
+    """From a pipeline's commands to what one actuator renders, and what of it may be changed during a run.
+
+    The network thread calls `submit`, `changed` and `controls`, the main thread `apply` and `state`; a signal may call
+    `stop` at any time.
+
+    Parameters
+    ----------
+    settings
+        Of this finger (`tactophone.core.hand.of_finger`).
+    renderer
+        Drives the actuator, from another thread; its limits become the pipeline's too.
+    endpoint
+        Has the finger's pipeline: another one once a robot with other microphones has connected.
+    name
+        Empty for a single finger.
+    muted_because
+        Why it starts muted; empty to start armed.
+
+    ``roughness``: of the newest prediction.
+    """
+
+    def __init__(
+        self, settings: Settings, renderer: Renderer, endpoint: OperatorEndpoint, *, index: int = 0, name: str = "",
+        muted_because: str = "",
+    ) -> None:  # fmt: skip
+        self.index, self.name, self.renderer = index, name, renderer
+        self.gate = OutputGate(
+            renderer.limits, output_level=settings.rendering.output_level, muted_because=muted_because
+        )
+        self.roughness = 0.0
+        self._response = actuator_response(settings)
+        self._endpoint = endpoint
+        self._floor_dbfs = -math.inf
+        # `_changes` grows with each call that may have changed anything; `_changing` counts the calls under way, which
+        # may have changed part of it already.
+        self._changes = self._changing = 0
+        self._seen: tuple[int, Hand | None] = 0, None
+        self.pipeline.limits = renderer.limits
+        self._enforce()
+
+    @property
+    def pipeline(self) -> Pipeline:
+        return self._endpoint.hand.pipelines[self.index]
+
+    @property
+    def profiles(self) -> tuple[str, ...]:
+        """Names of the profiles that may be requested; one that needs another renderer needs a restart."""
+        return tuple(PROFILES) if isinstance(self.renderer, Oscillator) else (self.pipeline.profile.name,)
+
+    def submit(self, step: PipelineStep) -> PipelineStep:
+        """Pass the step's newest command to the renderer; returns the step with its commands as bounded by the gate."""
+        if not step.predictions and not step.commands:
+            return step
+        bound = self.gate.bound
+        commands = tuple(
+            HapticCommand(bound(command.amplitude), command.frequency, command.time) for command in step.commands
+        )
+        if commands:
+            self.renderer.submit(commands[-1])
+        if step.predictions:
+            self.roughness = step.predictions[-1].roughness
+        for prediction in step.predictions:
+            level, floor = prediction.level_dbfs, self._floor_dbfs
+            if prediction.touch is Touch.NONE and math.isfinite(level):
+                # Smoothed over some hundred windows without contact.
+                self._floor_dbfs = level if math.isinf(floor) else floor + 0.01 * (level - floor)
+        return PipelineStep(step.block, step.predictions, commands, step.finger)
+
+    def stop(self) -> None:
+        """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
+        self._changing += 1
+        self.gate.stop()
+        self.renderer.stop()
+        self._changes += 1
+        self._changing -= 1
+
+    def apply(self, requests: list[Request]) -> list[str]:
+        """Grant what may be granted of the requests for this finger, or for all; returns the actions refused.
+
+        The gate decides on what limits the vibration; profile and threshold go to the pipeline.
+        """
+        requests = [request for request in requests if request.finger in (-1, self.index)]
+        self._changing += bool(requests)
+        own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
+        refused = self.gate.apply(request for request in requests if request not in own)
+        refused += [request.action for request in own if not self._adjust(request)]
+        self._enforce()
+        # Counted last, and whatever was refused: who sees the count sees the change.
+        self._changes += bool(requests)
+        self._changing -= bool(requests)
+        return refused
+
+    def _adjust(self, request: Request) -> bool:
+        """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
+        try:
+            if request.action == "profile" and request.text in self.profiles:
+                self.pipeline.profile = open_profile(request.text, self._response)
+            elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
+                self.pipeline.detector.threshold.dbfs = request.value
+            else:
+                return False
+        except TactophoneError:
+            return False
+        return True
+
+    def _enforce(self) -> None:
+        if self.gate.armed:
+            self.renderer.release()
+        # Asked again, not `else`: a signal may have stopped between the two, and the release would have undone it.
+        if not self.gate.armed:
+            self.renderer.stop()
+
+    def changed(self) -> bool:
+        """Whether `controls` may differ from those at the last call; true at the first, and while they change."""
+        # Asked twice a packet: comparing the controls themselves takes five times as long. With another robot comes
+        # another pipeline, in another hand.
+        # `_changing` is read first: a change that ends in between is then seen in `_changes`.
+        changing, changes, hand = self._changing, self._changes, self._endpoint.hand
+        if not changing and changes == self._seen[0] and hand is self._seen[1]:
+            return False
+        self._seen = changes, hand
+        return True
+
+    def controls(self) -> tuple[bool, float, float, str, float | None]:
+        """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""
+        gate, pipeline = self.gate, self.pipeline
+        return (
+            gate.armed, gate.limits.ceiling, gate.output_level, pipeline.profile.name,
+            None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs,
+        )  # fmt: skip
+
+    def state(self) -> FingerState:
+        pipeline, gate = self.pipeline, self.gate
+        return FingerState(
+            name=self.name, armed=gate.armed, muted_because=gate.muted_because, ceiling=gate.limits.ceiling,
+            local_ceiling=gate.local_ceiling, output_level=gate.output_level, profile=pipeline.profile.name,
+            detector=pipeline.detector.name, threshold_dbfs=pipeline.detector.threshold.dbfs,
+            noise_floor_dbfs=round(self._floor_dbfs, 0),
+        )  # fmt: skip

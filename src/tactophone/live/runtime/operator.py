@@ -1,0 +1,352 @@
+"""The operator's side: receives datagrams, runs the pipeline on their sound and drives the actuator.
+
+The network thread does everything from datagram to command, on arrival. The actuator's own thread renders the newest
+command. They share one slot, and neither ever waits for the other. The main thread updates telemetry, and applies the
+requests in telemetry's mailbox as far as the output gate allows.
+
+No lock is taken: each attribute that two threads share is written by one of them, in one assignment.
+"""
+
+import itertools
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Self
+
+import numpy as np
+
+from tactophone.core.hand import each_finger, names_of
+from tactophone.core.settings import Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
+from tactophone.live.runtime import wiring
+from tactophone.live.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
+from tactophone.live.runtime.latency import LocalPeer, operator_stages
+from tactophone.live.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
+from tactophone.live.telemetry.layout import MARKS, Fault, State
+from tactophone.live.telemetry.records import ARRIVAL_DIGITS
+from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.net.link.stream import DecodedAudio
+from tactophone.net.link.udp import UdpSocket
+from tactophone.net.link.way import Keeper
+
+HOUSEKEEPING_INTERVAL = 0.02
+"""Seconds between two checks of the mailbox."""
+
+COUNTING_INTERVAL = 0.1
+"""Seconds between two updates of counters, gauges and state: no page is drawn more often."""
+
+LONGEST_RECEIVE = 0.007
+"""Seconds that the network thread waits for a datagram: more than from one packet of 5 ms to the next, which is 5.3 ms
+where a period has 128 samples."""
+
+POLL_INTERVAL = 0.005
+"""Seconds that the network thread waits for a datagram before it gives up on a missing packet: a packet's length."""
+
+SESSION_INTERVAL = 0.025
+"""Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
+
+LONGEST_CALL = 5.0
+"""Seconds that a robot may take to connect before its absence is reported as a fault.
+
+A robot that starts at the same moment (`loopback`, `try`, `play`) takes 3 to 4 on a busy machine."""
+
+SILENT_LINK = 0.5
+"""Seconds without sound or predictions after which the connected link is reported as silent."""
+
+SENT_AWAY_SHOWN = 10.0
+"""Seconds for which a second robot is reported after its call; it calls every few seconds."""
+
+START_ROBOT = "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
+"""Advice where no robot ever calls."""
+
+SAME_MACHINE = "the robot's process, which this command started, is still starting; a busy machine takes longer"
+"""Advice where both sides began together: there is nothing to start."""
+
+_RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
+
+
+class Operator(Side):
+    """The operator's side while it runs; a context manager.
+
+    Parameters
+    ----------
+    robot
+        Name of the robot's run, where that is on this machine: source of the true touch and of the robot's part of
+        the latency budget.
+    keeper
+        To the process that finds the way to the robot of a call, instead of the port of the settings.
+    """
+
+    interval = HOUSEKEEPING_INTERVAL
+
+    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
+        super().__init__(settings, info, role="operator")
+        self._keeper = keeper
+        fingers = each_finger(settings)
+        renderers = [wiring.open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
+        self._actuator = wiring.open_actuator(
+            settings,
+            self._render,
+            roughness=lambda: self._fingers[0].roughness,
+            ceiling=lambda: self._fingers[0].gate.limits.ceiling,
+        )
+        self._session = ReceiveSession(wiring.open_session(settings, way=keeper is not None))
+        info.progress("opening the models")
+        self._endpoint = wiring.open_endpoint(settings, self._session)
+        # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
+        muted_because = RESTARTED if info.restarts else STARTED_MUTED if settings.rendering.muted else ""
+        self._fingers = [
+            FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
+            for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
+        ]
+        warnings = [wiring.tip_warning(own) for own in fingers]
+        self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
+        info.progress("rehearsing")
+        for finger in self._fingers:
+            finger.renderer.render(np.zeros(settings.output.period, np.float32))
+            finger.renderer.reset()
+        wiring.rehearse_statistics()
+        info.progress("opening the actuator and the port")
+        self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
+        self._local_robot = LocalPeer(robot)
+        self._submitted = self._rendered = self._losses = self._period = 0
+        self._counted_at = 0.0
+        self._muted: tuple[str, ...] = ()
+        # Written by the network thread, whole, for the main thread to publish.
+        self._counters: Mapping[str, int] = {}
+        self._gauges: Mapping[str, float] = {}
+        self._received_at = time.monotonic()
+
+    def __enter__(self) -> Self:
+        with self._resources:
+            link = self._settings.link
+            self._socket = self._resources.enter_context(
+                wiring.open_way(self._keeper, self._session.session, restarts=self._info.restarts)
+                if self._keeper
+                else UdpSocket(link.host, link.port)
+            )
+            self._open_telemetry()
+            self._session.tap = self._recorder.arrival
+            self._resources.enter_context(self._actuator)
+            self._resources = self._resources.pop_all()
+        self._thread = self._start(self._follow_network)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # Silence comes first: whatever follows may take time or fail.
+        self._silence()
+        self.ended.set()
+        self._thread.join(1.0)
+        if not self._thread.is_alive():
+            self._recorder.write()
+        self._session.session.hang_up()
+        wiring.send_outgoing(self._session.session, self._socket)
+        self._resources.close()
+
+    def stop(self) -> None:
+        """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
+        for finger in self._fingers:
+            finger.stop()
+
+    def housekeep(self, now: float) -> None:
+        requests = self._telemetry.requests(now)
+        refused = {(finger.index, action) for finger in self._fingers for action in finger.apply(requests)}
+        self._telemetry.count("requests_refused", len(refused))
+        muted = tuple(finger.gate.muted_because for finger in self._fingers)
+        changed = self._revive() or requests or muted != self._muted
+        self._muted = muted
+        if not changed and now - self._counted_at < COUNTING_INTERVAL:
+            return
+        self._counted_at = now
+        self._update_counts()
+        self._update_budget(now, self._stages)
+        self._telemetry.update(self._state(now), now=now)
+        if self._hung_up:
+            self._silence()
+            self._end_soon(now)
+
+    @property
+    def _hung_up(self) -> str:
+        """Name of the robot that has ended the call; empty otherwise."""
+        return self._session.session.hung_up if self._keeper else ""
+
+    def _revive(self) -> bool:
+        """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
+        device = self._actuator.device
+        lost = device.losses != self._losses
+        if lost:
+            self._losses = device.losses
+            for finger in self._fingers:
+                finger.renderer.reset()
+            # The watchdog counts as late only what vibrates.
+            self._telemetry.gauge("output_amplitude", 0.0)
+        device.revive()
+        return lost
+
+    def _update_counts(self) -> None:
+        device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
+        for finger in self._fingers:
+            faults.update(finger.renderer.faults)
+            invalid.update(finger.pipeline.detector.faults)
+        counts = {
+            **self._counters, "xruns": device.xruns, "callback_faults": device.process_faults,
+            "device_losses": device.losses, "command_faults": faults["command"], "stale_fades": faults["stale"],
+            "emergency_stops": max(finger.gate.stops for finger in self._fingers), "sound_faults": invalid["sound"],
+            "model_faults": invalid["model"],
+        }  # fmt: skip
+        self._count(counts)
+        for name, value in {**self._gauges, "device_latency": device.latency}.items():
+            self._telemetry.gauge(name, value)
+
+    def _stages(self) -> Mapping[str, float]:
+        self._local_robot.refresh()
+        playout = self._session.playout
+        return operator_stages(
+            self._watcher, self._local_robot.watcher, self._actuator.device.latency,
+            sound_delay=(
+                playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
+            ),
+        )  # fmt: skip
+
+    def _state(self, now: float) -> State:
+        return State(
+            role="operator", profiles=self._fingers[0].profiles, link=self._link(),
+            output=self._settings.output.actuator, faults=tuple(self._faults(now)),
+            fingers=tuple(finger.state() for finger in self._fingers),
+        )  # fmt: skip
+
+    def _link(self) -> str:
+        if self._hung_up:
+            return f"{self._hung_up} hung up"
+        if peer := self._session.peer:
+            return f"connected to {peer}"
+        return "waiting for the robot" if self._keeper else f"listening at port {self._socket.address[1]}"
+
+    def _faults(self, now: float) -> Iterator[Fault]:
+        yield from self._warnings
+        if self._actuator.device.fault:
+            yield Fault("actuator", self._actuator.device.fault)
+        for finger in self._fingers:
+            yield from wiring.microphone_faults(finger.pipeline.detector, finger=finger.name)
+        silent = now - self._received_at
+        if self._endpoint.refusal:
+            yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
+        if self._session.peer is None and silent > LONGEST_CALL and not self._hung_up:
+            failure = self._session.session.failure
+            advice = NO_ANSWER if self._keeper else SAME_MACHINE if self._local_robot.name else START_ROBOT
+            yield Fault("link", f"no robot is connected: {failure or advice}")
+        elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
+            yield Fault("silence", reason)
+        if conflict := self._session.session.version_conflict:
+            yield Fault("version", conflict)
+        sent_away = self._session.session.sent_away
+        if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
+            yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
+
+    def _why_silent(self) -> str:
+        """Return why no sound comes; empty until a page is the microphone for the first time."""
+        if self._settings.capture.source != "browser":
+            return "connected, but the robot sends no sound: check its microphones and the network"
+        began = self._telemetry.counter("packets_received")
+        return "no page sends sound: press Use this microphone on the one that listens" if began else ""
+
+    def _silence(self) -> None:
+        for finger in self._fingers:
+            finger.renderer.stop()
+
+    def _follow_network(self) -> None:
+        self._prepare_thread("tactophone-net", other_tip=self._tip_warning)
+        checked_at = polled_at = 0.0
+        while not self.ended.is_set():
+            # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
+            datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
+            received = round(time.monotonic(), ARRIVAL_DIGITS)
+            for finger in self._fingers:
+                if finger.changed():
+                    self._recorder.controls(*finger.controls(), finger=finger.index)
+            steps = self._endpoint.receive(datagrams, now=received)
+            polled = not datagrams or self._session.waiting or received - polled_at >= SESSION_INTERVAL
+            if polled:
+                polled_at = received
+                steps = itertools.chain(steps, self._endpoint.poll(received))
+            # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
+            # moment at which its sound was decoded and free to be processed.
+            decoded, origin = time.monotonic(), self._session.origin
+            step: PipelineStep | None = None
+            for number, (event, step) in enumerate(steps, 1):
+                if step is None or not step.finger:
+                    self._mark_arrival(event, origin, received=received, decoded=decoded)
+                if step is not None:
+                    self._submit(step, origin)
+                    finger = self._fingers[step.finger]
+                    if finger.changed():
+                        self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
+                self._received_at, decoded = received, time.monotonic()
+            if self._endpoint.refusal and self._session.peer:
+                self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
+            # Sound is not answered; what else there is to send after sound may wait for the next poll.
+            if polled or step is None:
+                wiring.send_outgoing(self._session.session, self._socket)
+            # All that the commands did not need: here the thread would wait for the next packet.
+            if self._recorder.due(received):
+                self._recorder.write(self._local_robot.truth)
+            if received - checked_at >= COUNTING_INTERVAL:
+                checked_at = received
+                self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
+
+    def _mark_arrival(self, event: ReceiveEvent, origin: int, *, received: float, decoded: float) -> None:
+        if isinstance(event, DecodedAudio):
+            samples, waited = event.block.end, event.waited
+        elif isinstance(event, PredictionReceived):
+            samples, waited = round(event.prediction.end * LIVE_SAMPLE_RATE), 0.0
+        else:
+            return
+        position = (origin + samples) % (1 << 32)
+        self._recorder.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
+
+    def _submit(self, step: PipelineStep, origin: int) -> None:
+        bounded, end = self._fingers[step.finger].submit(step), (origin + step.block.end) % (1 << 32)
+        if bounded.commands:
+            self._submitted = end
+        now = time.monotonic()
+        if step.finger == len(self._fingers) - 1:
+            # A hand has passed a stage when its last finger has.
+            self._recorder.mark(end, (_DETECTED, now))
+        self._recorder.publish(bounded, now=now)
+
+    def _pull(self, size: int) -> FloatArray:
+        """Return sound for a renderer of the sound itself; called in the actuator's thread."""
+        return self._session.pull(size, now=time.monotonic())
+
+    def _render(self, outs: Sequence[FloatArray]) -> None:
+        """Render one period of every finger: the actuators' one callback."""
+        telemetry, submitted, amplitude = self._telemetry, self._submitted, 0.0
+        for finger, out in zip(self._fingers, outs, strict=True):
+            finger.renderer.render(out)
+            telemetry.rendered(out, finger=finger.index)
+            if not finger.renderer.silent:
+                # The methods of an array are functions in Python around these.
+                amplitude = max(amplitude, float(np.maximum.reduce(out)), -float(np.minimum.reduce(out)))
+        telemetry.gauge("output_amplitude", amplitude)
+        telemetry.count("callbacks")
+        if len(outs[0]) != self._period:
+            self._period = len(outs[0])
+            telemetry.gauge("device_period", self._period / LIVE_SAMPLE_RATE)
+        if submitted != self._rendered:
+            self._rendered = submitted
+            telemetry.mark((_RENDERED, submitted, time.monotonic()))
+
+
+def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
+    """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency stop."""
+    terminated = threading.Event()
+    note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
+    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+        note()
+    with Operator(settings, info, robot=robot, keeper=keeper) as operator:
+        note()
+        signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
+        operator.run(terminated)

@@ -1,0 +1,88 @@
+"""Robot and operator on one machine: two fresh identities, paired for one run, and the two processes."""
+
+import os
+import shutil
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from tactophone.core.settings import Link, Settings
+from tactophone.live.runtime.operator import run_operator
+from tactophone.live.runtime.robot import run_robot
+from tactophone.live.runtime.supervisor import Supervisor, ignore, supervised
+from tactophone.live.runtime.wiring import OpenSource, open_device
+from tactophone.live.telemetry.memory import is_alive
+from tactophone.net.link.identity import Identity, Peers
+
+_KEYS = "tactophone-keys-"
+
+
+def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
+    """Return the robot's and the operator's settings: keys in ``folder``, and a free port of the loopback.
+
+    The operator's run is named ``name``, the robot's ``name-robot``.
+    """
+    robot, operator = Identity.create("robot"), Identity.create("operator")
+    robot.save(folder / "robot")
+    operator.save(folder / "operator")
+    Peers({operator.fingerprint: "operator"}).save(folder / "robot")
+    Peers({robot.fingerprint: "robot"}).save(folder / "operator")
+    common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
+    return (
+        _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
+        _side(settings, replace(common, identity=str(folder / "operator")), name),
+    )
+
+
+@contextmanager
+def temporary_keys() -> Iterator[Path]:
+    """Yield a private folder for the keys of one run; it removes those that killed runs of this user left."""
+    for left in Path(tempfile.gettempdir()).glob(f"{_KEYS}*"):
+        pid = left.name.removeprefix(_KEYS).partition("-")[0]
+        with suppress(OSError):
+            if pid.isdecimal() and left.lstat().st_uid == os.getuid() and not is_alive(int(pid)):
+                shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
+        yield Path(folder)
+
+
+class Sides(NamedTuple):
+    """Operator and robot while they run."""
+
+    operator: Supervisor
+    robot: Supervisor
+
+
+@contextmanager
+def both_sides(
+    settings: Settings, *, name: str, open_source: OpenSource = open_device,
+    between: Callable[[Settings], AbstractContextManager[int]] | None = None, report: Callable[[str], None] = ignore,
+) -> Iterator[Sides]:  # fmt: skip
+    """Run operator and robot, each in its process.
+
+    ``between`` opens what stands between the two, by the operator's settings, and yields the port that the robot calls;
+    ``report`` as of `Supervisor`.
+    """
+    with temporary_keys() as folder, ExitStack() as stack:
+        robot, operator = pair_on_one_machine(settings, folder, name=name)
+        if between:
+            robot = replace(robot, link=replace(robot.link, port=stack.enter_context(between(operator))))
+        receive, send = partial(run_operator, robot=robot.process.name), partial(run_robot, open_source=open_source)
+        receiving = Supervisor(receive, operator, name=name, report=report)
+        sending = Supervisor(send, robot, name=robot.process.name, report=report)
+        yield Sides(*stack.enter_context(supervised(receiving, sending)))
+
+
+def _side(settings: Settings, link: Link, name: str) -> Settings:
+    return replace(settings, link=link, process=replace(settings.process, name=name))
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,155 @@
+"""What a running end leaves for watchers and for the log: collected while packets are processed, written later.
+
+Nothing on the way from a datagram to a command needs marks, the step's telemetry or the session log. Written packet by
+packet, each of these calls finds cold caches; ten in a row take the time of three (measured).
+"""
+
+import hashlib
+import importlib.metadata
+import itertools
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from tactophone.core.hand import each_finger
+from tactophone.core.plugins import DETECTORS, registered
+from tactophone.core.settings import Settings
+from tactophone.core.types import PipelineStep
+from tactophone.core.version import __version__
+from tactophone.live.telemetry.layout import LARGEST_RECORD
+from tactophone.live.telemetry.records import Controls, EventBatch, Record, RunStart, write_record
+from tactophone.live.telemetry.writer import Telemetry
+from tactophone.net.link.events import Event, write_event
+from tactophone.signal.perception.models import default_model, model_path
+
+BATCH = 10
+"""Steps after which everything is written: 25 ms of packets of 2.5 ms."""
+
+LONGEST_DEFERRAL = 0.02
+"""Seconds for which the oldest step may wait: as often as the main thread looks at telemetry."""
+
+_MOST_WAITING = 32
+"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it, as without any sound."""
+
+_PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
+
+
+class SessionRecorder:
+    """Records what an end receives, what steers it and what it computes, after how its process was started.
+
+    Its calls belong to one thread, and nobody else publishes steps. Where another thread calls `arrival`, that call and
+    `write` stand under one lock.
+    """
+
+    def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
+        self._telemetry = telemetry
+        self._controls: dict[int, tuple[object, ...]] = {}
+        self._arrivals: list[Controls | tuple[float, list[Event], bool]] = []
+        self._marks: list[tuple[int, tuple[tuple[int, float], ...]]] = []
+        self._steps: list[tuple[PipelineStep, float, int, int]] = []
+        self._since: float | None = None
+        self._predicted = False
+        self._log([describe_run(settings, role=role)])
+
+    def mark(self, position: int, *reached: tuple[int, float]) -> None:
+        """Record that sound up to an RTP timestamp has reached each ``MARKS[index]``, and when (s)."""
+        self._marks.append((position, reached))
+
+    def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
+        """Take a step computed at ``now`` (s)."""
+        self._steps.append((step, now, truth, self._telemetry.vibration_count(step.finger)))
+        # A prediction is shown once its packets are processed: bridges drive devices with each.
+        self._predicted = self._predicted or bool(step.predictions)
+
+    def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
+        """Log events that are processed together at ``now`` (s), at the next `write`."""
+        self._arrivals.append((now, list(events), polled))
+        if len(self._arrivals) >= _MOST_WAITING:
+            self._log_arrivals()
+
+    def controls(
+        self, armed: bool, ceiling: float, output_level: float, profile: str, threshold_dbfs: float | None,
+        *, step: int = 0, finger: int = 0,
+    ) -> None:  # fmt: skip
+        """Log a finger's controls (see `Controls`) if they have changed, and the step of the last arrival meanwhile."""
+        # Called at each packet, so compared as they come: making a `Controls` takes longer than all else here.
+        controls = armed, ceiling, output_level, profile, threshold_dbfs
+        if controls != self._controls.get(finger):
+            self._controls[finger] = controls
+            self._arrivals.append(Controls(*controls, step, finger))
+
+    def due(self, now: float) -> bool:
+        """Whether enough has been collected, or has waited for long enough; ask at least every few milliseconds."""
+        if not self._steps and not self._arrivals:
+            return False
+        # The wait begins when somebody first asks, so that the clock need not be read for each call above.
+        if self._since is None:
+            self._since = now
+        return self._predicted or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
+
+    def write(self, truth_of: Callable[[int], int] | None = None) -> None:
+        """Write everything in the order in which it came; ``truth_of`` a finger replaces the truth of its steps."""
+        self._since, self._predicted = None, False
+        # The log comes first: who reads a step finds what it was made of.
+        self._log_arrivals()
+        marks, self._marks = self._marks, []
+        self._telemetry.mark(*((index, position, now) for position, reached in marks for index, now in reached))
+        steps, self._steps = self._steps, []
+        truths = {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}} if truth_of else {}
+        for step, computed, touch, vibrated in steps:
+            truth = truths.get(step.finger, touch)
+            self._telemetry.publish(step, now=computed, truth=truth, vibration_count=vibrated)
+
+    def _log_arrivals(self) -> None:
+        arrivals, self._arrivals = self._arrivals, []
+        self._log(
+            each if isinstance(each, Controls) else EventBatch(each[0], tuple(map(write_event, each[1])), each[2])
+            for each in arrivals
+        )
+
+    def _log(self, records: Iterable[Record]) -> None:
+        joined = b""
+        for part in itertools.chain.from_iterable(map(write_record, records)):
+            # Many in one call: each call takes as long as ten records.
+            if len(joined) + len(part) > LARGEST_RECORD:
+                self._telemetry.log(joined)
+                joined = b""
+            joined += part
+        if joined:
+            self._telemetry.log(joined)
+
+
+def describe_run(settings: Settings, *, role: str) -> RunStart:
+    """Describe a process that starts now, completely enough to run it again."""
+    fingers = each_finger(settings)
+    models = {own.detector.model or default_model(own.capture.tip) for own in fingers} - set(registered(DETECTORS))
+    tables = asdict(settings)
+    del tables["fingers"]
+    return RunStart(
+        role=role,
+        settings=tables,
+        models={name: hashlib.sha256(model_path(name).read_bytes()).hexdigest() for name in models},
+        versions={
+            "tactophone": __version__,
+            "python": platform.python_version(),
+            **{package: _version(package) for package in _PACKAGES},
+        },
+        epoch=time.time() - time.monotonic(),
+        fingers=[
+            {
+                "name": finger.name,
+                "settings": dict(finger.settings),
+                "calibration": Path(path).expanduser().read_text() if (path := own.detector.calibration) else "",
+            }
+            for finger, own in zip(settings.fingers, fingers, strict=True)
+        ],
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""

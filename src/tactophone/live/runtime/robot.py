@@ -1,0 +1,285 @@
+"""The robot's side: takes sound, encodes, encrypts and sends it.
+
+One thread follows the sound, and one for each operator the network. They share the sessions under one lock, each for
+well under a millisecond at a time, whatever arrives. The main thread does the housekeeping.
+"""
+
+import itertools
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Self
+
+from tactophone.core.errors import ConfigError
+from tactophone.core.hand import channels_of, each_finger, names_of
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.settings import Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep
+from tactophone.live.audio.pacing import paced
+from tactophone.live.audio.sources import LiveSource
+from tactophone.live.runtime import wiring
+from tactophone.live.runtime.latency import robot_stages
+from tactophone.live.runtime.priority import name_thread, prioritize_thread
+from tactophone.live.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
+from tactophone.live.runtime.wiring import OpenSource, open_device
+from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, State
+from tactophone.live.telemetry.records import ARRIVAL_DIGITS
+from tactophone.net.endpoints import RobotEndpoint
+from tactophone.net.link.events import Event
+from tactophone.net.link.udp import UdpSocket
+from tactophone.net.link.way import Keeper
+
+HOUSEKEEPING_INTERVAL = 0.05
+"""Seconds between two checks of devices, counters and the parent process."""
+
+LONGEST_RECEIVE = 0.05
+"""Seconds that the network thread waits for a datagram before it polls the session."""
+
+MOST_AT_ONCE = 8
+"""Datagrams of one operator that are processed before the sound may be sent: about half a millisecond."""
+
+MOST_UNCHECKED = 1 << 14
+"""Blocks that may wait for the check of the microphones: seconds of them, where the main thread is late."""
+
+START_OPERATOR = "start `tactophone receive` there; or a router blocks the port: use `tactophone call`"
+"""Advice where an operator never answers."""
+
+_CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
+
+
+class Robot(Side):
+    """The robot's side while it runs; a context manager.
+
+    Parameters
+    ----------
+    open_source
+        Opens the microphones, or what replaces them.
+    keeper
+        To the process that finds the way to the operator of a call, instead of the addresses of the settings.
+    """
+
+    interval = HOUSEKEEPING_INTERVAL
+
+    def __init__(
+        self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device,
+        keeper: Keeper | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(settings, info, role="robot")
+        self._keeper = keeper
+        info.progress("opening the source")
+        self._source = open_source(settings)
+        # Asked once: whether an object fits a protocol takes 25 us.
+        labelled = self._source if isinstance(self._source, LabelledSource) else None
+        self._truth_of: Callable[[int], int] = labelled.truth_of if labelled else lambda _: -1
+        if rehearse := getattr(self._source, "rehearse", None):  # a simulation, which compiles itself at first use
+            info.progress("compiling the simulation")
+            rehearse()
+        info.progress("rehearsing")
+        self._group = wiring.open_send_group(settings, self._source.channels, way=keeper is not None)
+        self._operators = wiring.operators_of(settings.link)
+        fingers, found = each_finger(settings), self._source.channels
+        if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
+            raise ConfigError(
+                f"the source has {found} channels, but {len(fingers)} fingers have {wanted}, contact and air "
+                "of each in turn: give --fingers as many, or another source"
+            )
+        channels = channels_of(settings, alone=self._source.channels)
+        self._microphones = MicrophoneCheck(settings, channels=channels)
+        predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
+        detectors = [wiring.open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
+        self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
+        wiring.rehearse_encoder(self._group.encoder.codec)
+        wiring.rehearse_statistics()
+        # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
+        # other lock is taken under it, and no thread waits for the network or a device while it holds it.
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        with self._resources:
+            self._resources.enter_context(self._source)
+            self._sockets = [
+                self._resources.enter_context(
+                    wiring.open_way(self._keeper, member.session, restarts=self._info.restarts)
+                    if self._keeper
+                    else UdpSocket()
+                )
+                for member in self._group.members
+            ]
+            self._open_telemetry()
+            self._group.tap = self._log
+            self._resources = self._resources.pop_all()
+        networks = [partial(self._follow_network, operator) for operator in range(len(self._group.members))]
+        self._threads = [self._start(self._follow_sound), *map(self._start, networks)]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ended.set()
+        if isinstance(self._source, LiveSource):
+            self._source.close()
+        for thread in self._threads:
+            thread.join(1.0)
+        with self._lock:
+            if not any(thread.is_alive() for thread in self._threads):
+                self._recorder.write()
+            self._group.hang_up()
+            self._send_outgoing()
+        self._resources.close()
+
+    def housekeep(self, now: float) -> None:
+        with self._lock:
+            group = self._group
+            counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
+            peers, link_faults = group.peers, list(self._link_faults())
+            hung_up = group.members[0].session.hung_up if self._keeper else ""
+        self._count(counters)
+        self._telemetry.gauge("loss_ratio", loss)
+        self._telemetry.gauge("operators", len(peers))
+        if round_trip is not None:
+            self._telemetry.gauge("round_trip", round_trip)
+        period = self._source.period if isinstance(self._source, LiveSource) else 0
+        self._update_budget(now, lambda: robot_stages(self._watcher, self._group.encoder.codec, period=period))
+        of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
+        link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
+        names = itertools.zip_longest(
+            names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
+        )
+        state = State(
+            role="robot",
+            source=self._settings.capture.source,
+            channels=len(MICROPHONES) if self._settings.is_hand else self._source.channels,
+            link=f"{hung_up} hung up" if hung_up else link,
+            faults=(*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults()),
+            fingers=tuple(FingerState(name, muted_because="", detector=detector) for name, detector in names),
+        )
+        self._telemetry.update(state, now=now)
+        if hung_up:
+            self._end_soon(now)
+
+    def _link_faults(self) -> Iterator[Fault]:
+        """Yield which operators are not connected, and why, and which run another version."""
+        for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
+            which = "" if len(self._operators) == 1 else f"-{number}"
+            if member.session.peer is None and not (self._keeper and member.session.hung_up):
+                reason = member.session.failure or (NO_ANSWER if self._keeper else START_OPERATOR)
+                where = "" if self._keeper else f" at {host}:{port}"
+                yield Fault(f"link{which}", f"no operator{where} yet: {reason}")
+            elif conflict := member.session.version_conflict:
+                yield Fault(f"version{which}", conflict)
+
+    def _device_faults(self) -> Iterator[Fault]:
+        if isinstance(self._source, LiveSource):
+            device = self._source.device
+            self._count({"xruns": device.xruns, "capture_overflows": self._source.overflows})
+            if device.fault:
+                yield Fault("microphones", device.fault)
+
+    def _follow_sound(self) -> None:
+        self._prepare_thread("tactophone-snd")
+        recorded = self._settings.capture.source == "file"
+        if recorded:
+            self._await_operator()
+        sound: Iterable[AudioBlock]
+        if isinstance(self._source, LiveSource):
+            # Until a packet is complete there is nothing to do, unless predictions are made here.
+            sound = self._source.joined(lambda: 1 if self._endpoint.detectors else self._group.encoder.missing)
+        else:
+            sound = paced(self._source, skip=recorded)
+        for block in sound:
+            if self.ended.is_set():
+                return
+            self._send(block)
+
+    def _await_operator(self) -> None:
+        """Hold a recording back until an operator is connected: unlike a microphone, it has a beginning."""
+        while not self.ended.wait(HOUSEKEEPING_INTERVAL):
+            with self._lock:
+                if self._group.connected:
+                    return
+
+    def _send(self, block: AudioBlock) -> None:
+        captured = time.monotonic()
+        with self._lock:
+            steps = self._endpoint.push(block)
+            self._send_outgoing()
+            origin = self._group.origin
+        now = time.monotonic()
+        # A prediction is marked with the end of its window, the only time of it that the operator knows.
+        ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
+        if origin is not None and (ends or not self._endpoint.detectors):
+            position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
+            self._recorder.mark(position, (_CAPTURED, captured), (_SENT, now))
+        for step in steps:
+            self._recorder.publish(step, now=now, truth=self._truth_of(step.finger))
+            self._microphones.collect(step)
+        if self._recorder.due(now):
+            # The lock is that of the session, whose packets of both threads are logged.
+            with self._lock:
+                self._recorder.write()
+
+    def _log(self, event: Event) -> None:
+        """Log a packet or a change of the connection; called under the lock of the session."""
+        self._recorder.arrival(round(time.monotonic(), ARRIVAL_DIGITS), [event])
+
+    def _follow_network(self, operator: int) -> None:
+        name_thread("tactophone-net")
+        prioritize_thread(self._settings.process.priority)
+        session, socket = self._group.members[operator].session, self._sockets[operator]
+        while not self.ended.is_set():
+            datagrams = socket.receive(LONGEST_RECEIVE)
+            now = time.monotonic()
+            # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
+            for start in range(0, len(datagrams), MOST_AT_ONCE):
+                with self._lock:
+                    self._group.receive(datagrams[start : start + MOST_AT_ONCE], now=now, operator=operator)
+            with self._lock:
+                self._group.poll(now, operator=operator)
+                wiring.send_outgoing(session, socket)
+
+    def _send_outgoing(self) -> None:
+        for member, socket in zip(self._group.members, self._sockets, strict=True):
+            wiring.send_outgoing(member.session, socket)
+
+
+def run_robot(
+    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, keeper: Keeper | None = None,
+) -> None:  # fmt: skip
+    """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
+    terminated = threading.Event()
+    note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
+    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+        note()
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
+    with Robot(settings, info, open_source=open_source, keeper=keeper) as robot:
+        note()
+        robot.run(terminated)
+
+
+class MicrophoneCheck:
+    """Checks the microphones on the robot, where no codec has changed the sound yet.
+
+    The thread of the sound only collects blocks: to measure them takes as long as several packets, eight times a
+    second. ``channels`` are those of each finger.
+    """
+
+    def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
+        fingers = zip(each_finger(settings), channels, strict=True)
+        self._checks = [wiring.open_microphone_check(own, channels=count) for own, count in fingers]
+        self._names = names_of(settings)
+        self._waiting: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
+
+    def collect(self, step: PipelineStep) -> None:
+        if self._checks[step.finger]:
+            self._waiting.append(step)
+
+    def faults(self) -> Iterator[Fault]:
+        """Measure the sound since the last call, and yield what is wrong with each finger's microphones."""
+        while self._waiting:
+            step = self._waiting.popleft()
+            if check := self._checks[step.finger]:
+                check.push(step.block)
+        for name, check in zip(self._names, self._checks, strict=True):
+            for fault in check.faults if check else ():
+                yield wiring.finger_fault(name, fault.code, str(fault))

@@ -1,0 +1,352 @@
+"""Opens what the settings name: sources, actuators, pipelines, sessions; and runs it all once before it is needed.
+
+Libraries load parts of themselves at first use: NumPy its FFT and medians, the Opus binding its shared library (which
+starts the linker to find it), the resampler its filters. On a machine that has just been installed that takes seconds,
+so everything is rehearsed before a side reports that it has started.
+"""
+
+import contextlib
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from tactophone.core.errors import ConfigError, ModelError, PacketError
+from tactophone.core.hand import channels_of, each_finger, names_of
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
+from tactophone.core.settings import Link, Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
+from tactophone.core.version import __version__
+from tactophone.live.audio import actuator
+from tactophone.live.audio.actuator import Actuator, RenderHand
+from tactophone.live.audio.sources import jack_source, portaudio_source
+from tactophone.live.telemetry.layout import Fault
+from tactophone.net.endpoints import OperatorEndpoint
+from tactophone.net.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
+from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
+from tactophone.net.link.packet import Address, split_address
+from tactophone.net.link.receive import ReceiveSession
+from tactophone.net.link.send import MOST_OPERATORS, SendGroup
+from tactophone.net.link.session import Session
+from tactophone.net.link.stream import RedundancyRule
+from tactophone.net.link.udp import UdpSocket, resolve
+from tactophone.net.link.way import Keeper, WaySocket
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.oscillator import Oscillator, Renderer
+from tactophone.signal.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
+from tactophone.signal.haptics.profiles import ActuatorResponse, open_profile, parse_levels
+from tactophone.signal.perception.calibration import Calibration
+from tactophone.signal.perception.detector import TouchDetector
+from tactophone.signal.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
+from tactophone.signal.perception.health import FaultDetector
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import default_model, model_path, open_detector, open_registered, tip_mismatch
+from tactophone.signal.pipeline import Hand, Pipeline, open_events
+
+OpenSource = Callable[[Settings], Source]
+"""Opens the source that the settings name; must be importable by a new process."""
+
+REHEARSAL = 0.6
+"""Seconds of noise that a detector is rehearsed with: its longest window, and half a second for what is measured
+rarely."""
+
+_BLOCK = 240
+
+
+def open_device(settings: Settings) -> Source:
+    """Open the microphones; recordings and the simulated finger are opened by the command line.
+
+    Those of a hand are at one JACK server, or on one PortAudio device.
+    """
+    capture, process, hand = settings.capture, settings.process, dict[str, tuple[str, str]]()
+    if settings.is_hand:
+        pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
+        hand = dict(zip(names_of(settings), pairs, strict=True))
+    match capture.source:
+        case "jack":
+            name = process.name or "tactophone-robot"
+            return jack_source(
+                contact=capture.contact, air=capture.air, fingers=hand, server=process.jack_server, name=name
+            )
+        case "portaudio":
+            channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in hand.values()]
+            return portaudio_source(capture.device, channels=2 if capture.air else 1, fingers=channels)
+        case "microphone" if not hand:
+            return portaudio_source(capture.device, channels=1)
+    raise ConfigError(
+        f"capture.source = {capture.source!r} has one finger: a hand's microphones are at jack or portaudio"
+        if hand
+        else f"capture.source = {capture.source!r} is not a device; devices are jack, portaudio and microphone"
+    )
+
+
+def _channel(text: str) -> int:
+    """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
+    number = text.removeprefix("system:capture_")
+    if not number.isdecimal() or not int(number):
+        raise ConfigError(f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3")
+    return int(number)
+
+
+def open_actuator(
+    settings: Settings, render: RenderHand, *, roughness: Callable[[], float] = lambda: 0.0,
+    ceiling: Callable[[], float] = lambda: 0.0,
+) -> Actuator:  # fmt: skip
+    """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
+    output, fingers = settings.output, each_finger(settings)
+    match output.actuator:
+        case "jack":
+            process = settings.process
+            names = [name or "vibration" for name in names_of(settings)]
+            ports = {name: own.output.port for name, own in zip(names, fingers, strict=True)}
+            name = process.name or "tactophone-operator"
+            return actuator.jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
+        case "portaudio":
+            channels = [own.output.channel for own in fingers]
+            return actuator.portaudio_hand_actuator(render, device=output.device, channels=channels)
+        case "gamepad" if settings.is_hand:
+            raise ConfigError("a gamepad's motors play one finger: choose another --actuator, or leave --fingers out")
+        case "gamepad":
+            return actuator.gamepad_actuator(
+                lambda out: render([out]), device=output.device, roughness=roughness, ceiling=ceiling
+            )
+    if make := output.actuator not in ("file", "none") and load(ACTUATORS, output.actuator):
+        made: Actuator = make(render=render, fingers=len(fingers), device=output.device)
+        return made
+    path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
+    return actuator.clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
+
+
+def actuator_response(settings: Settings) -> ActuatorResponse:
+    own = settings.actuator
+    return ActuatorResponse(
+        own.resonance, own.lowest, own.highest, own.slowest, own.fastest, parse_levels(own.response)
+    )
+
+
+def open_renderer(settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False) -> Renderer:
+    """Make the renderer of a finger: the oscillator, or the passthrough of the sound that ``pull`` returns."""
+    limits, profile = Limits(ceiling=settings.rendering.ceiling), settings.rendering.profile
+    if profile not in PASSTHROUGH:
+        return Oscillator(limits)
+    if hand:
+        raise ConfigError(f"the profile {profile} renders the sound of a single finger; give the hand another profile")
+    # The gate of the renderer applies the ceiling; applied in the passthrough too, it would count twice.
+    return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
+
+
+def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
+    """Open the pipeline for so many channels, with the model and profile that the settings name.
+
+    Its detector falls back safely when a microphone is faulty, unless the settings say otherwise.
+    """
+    chosen, profile = settings.detector, settings.rendering.profile
+    model = chosen.model or default_model(settings.capture.tip)
+    calibration = read_calibration(chosen.calibration, channels)
+    own = open_registered(model, sample_rate=LIVE_SAMPLE_RATE, channels=channels)
+    plain = None if own else open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
+    detector: Detector = own or cast(TouchDetector, plain)
+    if chosen.check_microphones and plain:
+        reference = calibration.reference if calibration else None
+        detector = with_fallback(
+            plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference
+        )
+    if not math.isnan(chosen.threshold_dbfs):
+        detector.threshold.dbfs = chosen.threshold_dbfs
+    elif calibration and plain and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
+        # A model whose rule was not calibrated follows the noise floor.
+        detector.threshold.dbfs = level
+    return Pipeline(
+        detector,
+        GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
+        Limits(ceiling=settings.rendering.ceiling),
+        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels, tip=settings.capture.tip)
+        if chosen.events or profile == "events"
+        else None,
+    )
+
+
+def tip_warning(settings: Settings) -> str:
+    """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
+    tip = settings.capture.tip
+    model = settings.detector.model or default_model(tip)
+    return "" if model in registered(DETECTORS) else tip_mismatch(read_model(model_path(model)).card, tip)
+
+
+def read_calibration(path: str, channels: int) -> Calibration | None:
+    """Read the calibration at ``path``; none if the path is empty or the number of microphones differs."""
+    if not path:
+        return None
+    calibration = Calibration.read(Path(path).expanduser())
+    return calibration if calibration.channels == channels else None
+
+
+def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:
+    """Open and rehearse the check of a finger's microphones; none if the settings switch it off."""
+    if not settings.detector.check_microphones:
+        return None
+    calibration = read_calibration(settings.detector.calibration, channels)
+    check = FaultDetector(LIVE_SAMPLE_RATE, calibration.reference if calibration else None)
+    check.push(AudioBlock(_noise(REHEARSAL, channels), LIVE_SAMPLE_RATE, 0))
+    check.reset()
+    return check
+
+
+def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault]:
+    """Yield what is wrong with a finger's microphones and what the detector falls back to, or what does not fit."""
+    if isinstance(detector, FallbackDetector):
+        for fault in detector.sensor_faults:
+            yield finger_fault(finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
+        if (misfit := detector.misfit) and not detector.sensor_faults:
+            yield finger_fault(finger, *misfit)
+
+
+def finger_fault(finger: str, code: str, text: str) -> Fault:
+    """Return a fault with the finger's name before code and text; without, where it is the only one.
+
+    >>> finger_fault("index", "contact-dead", "the contact microphone is dead").code
+    'index-contact-dead'
+    """
+    return Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
+
+
+def open_session(settings: Settings, *, call: Sequence[Address] = (), way: bool = False) -> Session:
+    """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
+
+    With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is trusted yet otherwise.
+    """
+    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+    peers = Peers() if way else Peers.load(folder)
+    if not (way or peers.items()):
+        raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
+    return Session(Identity.load(folder), peers, call=list(call) or None, version=__version__)
+
+
+def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
+    """Wait for the way of a call, and trust the other end that was found there, and nobody else."""
+    found = WaySocket(keeper, ask=restarts > 0)
+    session.trust(Peers({found.way.fingerprint: found.way.name}))
+    return found
+
+
+def operators_of(link: Link) -> list[Address]:
+    """Return host and port of each operator that the robot calls.
+
+    Raises `ConfigError` if there is none, one twice, or more than `MOST_OPERATORS`.
+
+    >>> operators_of(Link(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
+    [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
+    """
+    try:
+        operators = [split_address(name.strip(), link.port) for name in link.peer.split(",") if name.strip()]
+    except ValueError as error:
+        raise ConfigError(f"link.peer = {link.peer!r}: {error}; write host or host:port") from None
+    if not operators:
+        raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
+    if len(operators) > MOST_OPERATORS:
+        raise ConfigError(
+            f"link.peer names {len(operators)} operators, but a robot sends to at most {MOST_OPERATORS}: leave some out"
+        )
+    if twice := [host for (host, port), count in Counter(operators).items() if count > 1]:
+        raise ConfigError(f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own")
+    return operators
+
+
+def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> SendGroup:
+    """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
+
+    Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead to one address.
+    """
+    link = settings.link
+    operators = [resolve(host, port) for host, port in operators_of(link)]
+    every = Counter(address for found in operators for address in set(found))
+    if twice := [address for address, count in every.items() if count > 1]:
+        raise ConfigError(f"two names in link.peer lead to {twice[0][0]}: name each operator once")
+    codec = Codec(
+        "pcm16" if link.codec == "pcm16" else "opus",
+        channels=channels,
+        packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
+        bandwidth=link.bandwidth or NARROW_BAND,
+        bitrate_bps=link.bitrate_bps * len(settings.fingers),
+    )
+    fixed = link.redundancy >= 0
+    rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
+    sessions = [open_session(settings, call=found, way=way) for found in operators]
+    return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
+
+
+def send_outgoing(session: Session, socket: UdpSocket) -> None:
+    """Send the datagrams that a session has to send, over a socket that prefers its peer."""
+    # First the socket: what the peer sends once it has these datagrams must meet the new preference.
+    socket.follow(session.remote)
+    if outgoing := session.outgoing():
+        socket.send(outgoing)
+
+
+def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
+    """Open the pipeline that the settings name, and let it process noise.
+
+    Raises `ModelError` also where the model cannot do with so many channels.
+    """
+    pipeline = open_pipeline_for(settings, channels=channels)
+    # Loud noise, then digital silence: both ways through the detector.
+    for sound in (_noise(REHEARSAL, channels), np.zeros((_BLOCK, channels), np.float32)):
+        for start in range(0, len(sound), _BLOCK):
+            pipeline.detector.push(AudioBlock(sound[start : start + _BLOCK], LIVE_SAMPLE_RATE, start))
+    pipeline.detector.reset()
+    return pipeline
+
+
+def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoint:
+    """Open the operator's side with all pipelines that it may need: the network thread must not load a model later.
+
+    A single finger has one for one microphone and one for two; of a hand, a finger without an air microphone has that
+    for one.
+    """
+    if settings.is_hand:
+        fingers, channels = each_finger(settings), channels_of(settings, alone=2)
+        hand = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
+        rehearse_decoders([Codec(channels=len(MICROPHONES) * len(fingers), packet_size=120)])
+        return OperatorEndpoint(session, Hand(hand, channels=channels))
+    pipelines, refusal = {2: open_rehearsed_pipeline(settings, channels=2)}, ""
+    try:
+        pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
+    except ModelError as error:
+        refusal = str(error)
+    rehearse_decoders(Codec(channels=channels) for channels in pipelines)
+
+    def reopen(channels: int) -> Pipeline:
+        if channels not in pipelines:
+            raise ModelError(refusal)
+        pipelines[channels].reset()
+        return pipelines[channels]
+
+    return OperatorEndpoint(session, pipelines[2], reopen=reopen)
+
+
+def rehearse_encoder(codec: Codec) -> bytes:
+    return open_encoder(codec).encode(_noise(codec.packet_size / LIVE_SAMPLE_RATE, codec.channels))
+
+
+def rehearse_decoders(codecs: Iterable[Codec]) -> None:
+    """Decode and conceal packets of these codecs; a payload that cannot be decoded here is reported when it comes."""
+    for codec in codecs:
+        with contextlib.suppress(PacketError):
+            payload = rehearse_encoder(codec)
+            decoder = open_decoder(codec.kind)
+            decoder.decode(payload)
+            decoder.conceal(codec.packet_size, payload)
+
+
+def rehearse_statistics() -> None:
+    np.median(np.zeros(2))
+    np.quantile(np.zeros(2), 0.5)
+
+
+def _noise(duration: float, channels: int) -> FloatArray:
+    random = np.random.default_rng(0)
+    return random.normal(0.0, 0.1, (round(duration * LIVE_SAMPLE_RATE), channels)).astype(np.float32)

@@ -1,0 +1,205 @@
+"""The shared memory of a run: a mapped file in the memory file system, laid out as `live.telemetry.layout` says.
+
+`multiprocessing.shared_memory` is not used because its resource tracker (before Python 3.13) unlinks the memory of a
+running process when a process that only read it exits.
+"""
+
+import contextlib
+import os
+import stat
+import struct
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.errors import TactophoneError
+from tactophone.core.types import MOST_FINGERS
+from tactophone.live.telemetry.layout import HEAD_SIZE, fingerprint_of, layout_of
+
+PREFIX = "tactophone-"
+"""Prefix of the file names."""
+
+LEFT_AFTER = 60.0
+"""Seconds after the last heartbeat of a killed process from which its memory is a leftover: time to look at it."""
+
+
+class Memory:
+    """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
+
+    ``fingers``: as many as the run was created with; a reader finds the number in the memory.
+    """
+
+    def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
+        if "/" in name:
+            raise TactophoneError(f"the name of a run cannot hold a slash, as {name!r} does: choose another --name")
+        self._path = folder() / f"{PREFIX}{name}"
+        self._created = create
+        draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
+        with _created(draft, self._path, fingers) if create else _opened(self._path) as file:
+            self._inode = os.fstat(file.fileno()).st_ino
+            self.fingers = fingers if create else _fingers_of(file)
+            layout = layout_of(self.fingers)
+            whole: NDArray[np.void] = np.memmap(file, layout, mode="r+", shape=(1,))
+        # The views are made once: making one costs as much as a write through it.
+        self._views = {name: np.asarray(whole[name]).reshape(layout[name].shape) for name in layout.names or ()}
+        if create:
+            self["gauges"][:] = np.nan
+            self.sign()
+            # The complete file gets its name now, if nobody else has taken that meanwhile.
+            try:
+                os.link(draft, self._path)
+            except OSError as error:
+                raise TactophoneError(
+                    f"{self._path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
+                ) from None
+            finally:
+                draft.unlink(missing_ok=True)
+
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        return self._views[field]
+
+    def sign(self) -> None:
+        """Write by what readers know the memory; also again, as somebody may have overwritten it."""
+        self["pid"][...] = os.getpid()
+        self["fingers"][...] = self.fingers
+        self["fingerprint"][...] = fingerprint_of(self.fingers)
+
+    @property
+    def replaced(self) -> bool:
+        """Whether another memory has this name now."""
+        with contextlib.suppress(OSError):
+            return self._path.lstat().st_ino != self._inode
+        return False
+
+    def unlink(self) -> None:
+        """Remove the file, if this process created it; readers that have it open see the last state."""
+        with contextlib.suppress(OSError):
+            if self._created and self._path.lstat().st_ino == self._inode:  # not the file of a successor
+                self._path.unlink()
+
+
+def folder() -> Path:
+    """The folder of the mapped files: the memory file system on Linux, temporary files elsewhere."""
+    memory = Path("/dev/shm")
+    return memory if memory.is_dir() else Path(tempfile.gettempdir())
+
+
+def remove_memory(name: str) -> None:
+    """Remove what a run of this name left, if its process is gone."""
+    path = folder() / f"{PREFIX}{name}"
+    with contextlib.suppress(OSError, TactophoneError):
+        if not is_alive(_left_by(path)):
+            path.unlink()
+
+
+def remove_leftovers() -> None:
+    """Remove the memory of this user's runs that were killed.
+
+    A run counts as killed when its process is gone and its last heartbeat is older than `LEFT_AFTER`: in a container
+    that shares the folder, processes may exist that cannot be seen from here.
+    """
+    for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
+        with contextlib.suppress(OSError, TactophoneError):
+            if path.lstat().st_uid == os.getuid() and not path.is_symlink() and _is_leftover(path):
+                path.unlink()
+
+
+def _is_leftover(path: Path) -> bool:
+    if path.name.startswith("."):  # unfinished: nothing is known of it but its age
+        return time.time() - path.lstat().st_ctime > LEFT_AFTER
+    with _own_file(path, os.O_RDONLY) as file:
+        head = file.read(24)
+    if len(head) < 24 or is_alive(int.from_bytes(head[8:16], sys.byteorder)):
+        return False
+    beat = struct.unpack("=d", head[16:24])[0]
+    return not abs(time.monotonic() - beat) < LEFT_AFTER
+
+
+def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
+    """Make the file under a name that no reader looks for, until it is complete."""
+    if os.path.lexists(path):
+        pid = _left_by(path)
+        if is_alive(pid):
+            raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
+        path.unlink()
+    size = layout_of(fingers).itemsize
+    # Exclusive and for this user only: other users can neither place a link here nor read the sound.
+    file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
+    try:
+        # Its pages now: a page that is missing later would end the process by a signal.
+        file.truncate(size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        file.close()
+        draft.unlink()
+        raise TactophoneError(
+            f"no room for {size / 1e6:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
+        ) from None
+    return file
+
+
+def _left_by(path: Path) -> int:
+    """Return the pid of the writer; it lies at the same offset in every version."""
+    with _own_file(path, os.O_RDONLY) as file:
+        return int.from_bytes(file.read(16)[8:], sys.byteorder)
+
+
+def _own_file(path: Path, mode: int) -> BinaryIO:
+    """Open what has the name of a run; raises `TactophoneError` unless it is this user's regular file.
+
+    In the memory file system every user may make a file, pipe, folder or link of any name.
+    """
+    try:
+        # Not waiting for the other end of a pipe, nor following a link.
+        file = os.fdopen(os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW), "rb" if mode == os.O_RDONLY else "r+b")
+    except FileNotFoundError:
+        raise TactophoneError(
+            f"cannot reach {_run(path)} (there is no such run): start `tactophone receive` (or send, loopback), "
+            "or name another with --name"
+        ) from None
+    except OSError:
+        file = None
+    status = os.fstat(file.fileno()) if file else None
+    if file is None or status is None or not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+        if file:
+            file.close()
+        raise TactophoneError(
+            f"cannot reach {_run(path)}: {path} belongs to another user or program: remove it, or name another run"
+        )
+    return file
+
+
+def _opened(path: Path) -> BinaryIO:
+    file = _own_file(path, os.O_RDWR)
+    whole = os.fstat(file.fileno())
+    fingers = _fingers_of(file)
+    fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
+    if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(fingers):
+        file.close()
+        raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
+    return file
+
+
+def _fingers_of(file: BinaryIO) -> int:
+    """Return the number of fingers that a file states, without moving its position."""
+    return int.from_bytes(os.pread(file.fileno(), HEAD_SIZE, 0)[24:], sys.byteorder)
+
+
+def _run(path: Path) -> str:
+    return path.name.removeprefix(PREFIX)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):  # overwritten memory states numbers that no process has
+        return False
+    except PermissionError:
+        return True
+    return pid > 0

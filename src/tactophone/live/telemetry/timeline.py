@@ -1,0 +1,99 @@
+"""The timeline of a recording or a run: each prediction and its command, as CSV and JSON (docs/guide/feel.md)."""
+
+import csv
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
+from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
+
+COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
+"""Columns of the CSV file, and keys of each entry of the JSON file; without a touch event the last two are empty."""
+
+_SPECIAL = ("touch", "unknown", "event", "event_time")
+
+FINGER = "finger"
+"""Column before the others in the log of a hand: the finger's name."""
+
+_DIGITS = 6
+
+
+def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
+    """Return the entries of one line, by `COLUMNS`; times in s, rounded to microseconds.
+
+    >>> from tactophone.core.types import TouchEvent
+    >>> tap = TouchEvent("tap", 0.23)
+    >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))
+    >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
+    0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
+    """
+    entries = entries_of(prediction, command) | ({} if prediction.events else {"event_time": ""})
+    return {key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in COLUMNS}
+
+
+class TimelineWriter:
+    """Writes predictions as they are made; a context manager.
+
+    A JSON file gets the same entries as a list. With names of ``fingers`` the first column is ``finger``.
+    """
+
+    def __init__(self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()) -> None:
+        self._path, self._json_path, self.fingers = path, json_path, fingers
+        self._resources = ExitStack()
+        self._separator = "[\n"
+
+    def __enter__(self) -> Self:
+        self._path.touch(0o600)  # of this user alone, as a log
+        self._file = self._resources.enter_context(self._path.open("w", newline=""))
+        self._csv = csv.DictWriter(self._file, (FINGER, *COLUMNS) if self.fingers else COLUMNS)
+        self._csv.writeheader()
+        self._json = self._resources.enter_context(self._json_path.open("w")) if self._json_path else None
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if self._json:
+            self._json.write("[]\n" if self._separator == "[\n" else "\n]\n")
+        self._resources.close()
+
+    def write(self, step: PipelineStep) -> None:
+        for prediction, command in zip(step.predictions, step.commands, strict=True):
+            self.write_row(prediction, command, finger=step.finger)
+
+    def write_row(self, prediction: Prediction, command: HapticCommand, *, finger: int = 0) -> None:
+        entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
+        self._csv.writerow(entries)
+        if self._json:
+            self._json.write(self._separator + msgspec.json.encode(entries).decode())
+            self._separator = ",\n"
+
+    def flush(self) -> None:
+        """Hand the lines written so far to the system, so that they outlive this process."""
+        self._file.flush()
+
+
+def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
+    """Read a CSV timeline (of a hand: one finger's) as one array for each column; ``touch`` as numbers of `Touch`.
+
+    ``event`` is text, empty where there is none, and then ``event_time`` is NaN. Older timelines lack these two columns
+    and ``unknown``, which is then NaN.
+    Raises `DatasetError` if a column is missing or contains no numbers.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
+        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name not in _SPECIAL}
+        return columns | {
+            "touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8),
+            "unknown": np.array([float(line.get("unknown") or "nan") for line in lines]),
+            "event": np.array([line.get("event") or "" for line in lines], str),
+            "event_time": np.array([float(line.get("event_time") or "nan") for line in lines]),
+        }
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
+        raise DatasetError(f"{path}: not a timeline ({error}); make one with `tactophone feel`") from error

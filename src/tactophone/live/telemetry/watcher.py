@@ -1,0 +1,269 @@
+"""The reading side of telemetry: another process that reads a run's telemetry and may send it requests."""
+
+import contextlib
+import math
+import time
+from dataclasses import dataclass
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.errors import TactophoneError
+from tactophone.core.types import FloatArray
+from tactophone.live.telemetry import layout
+from tactophone.live.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
+from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
+from tactophone.live.telemetry.records import RunStart, read_records
+
+STALE_AFTER = 1.0
+"""Seconds without a heartbeat after which a run counts as stalled; a live run updates it at least every 0.1 s."""
+
+_LARGEST_COUNT = 1 << 62
+"""No run counts so far: 3 million years of samples."""
+
+_CALLBACKS = list(COUNTERS).index("callbacks")
+_GAUGE = {name: index for index, name in enumerate(GAUGES)}
+_AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """A run at one moment."""
+
+    state: State
+    finger: FingerState
+    """State of the finger whose steps, sound and vibration these are."""
+    counters: dict[str, int]
+    gauges: dict[str, float]
+    steps: NDArray[np.void]
+    """The newest steps, of dtype `STEP`, ending at the count ``step_end``."""
+    sound: FloatArray
+    vibration: FloatArray
+    """`sound` and `vibration`: the newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end``
+    and ``vibration_end`` counted since the run began."""
+    step_end: int
+    sound_end: int
+    vibration_end: int
+    restarts: int
+    """How many processes the `Watcher` has seen replaced: the counts of another number belong to another process."""
+    age: float
+    """Seconds since the run's last heartbeat."""
+    alive: bool
+    """Whether the run's process exists and its last heartbeat is newer than `STALE_AFTER`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """The few values that a watchdog needs: callbacks of the device so far, peak amplitude of the last period.
+
+    ``beat`` is the last heartbeat on the monotonic clock; ``period`` is the device's in seconds, NaN if unknown.
+    """
+
+    callbacks: int
+    amplitude: float
+    beat: float
+    period: float = math.nan
+
+
+class Watcher:
+    """Reads a run from another process and sends it requests; the run never waits for a watcher.
+
+    When the run's process was replaced, `follow` goes over to the new one.
+
+    Attributes
+    ----------
+    restarts
+        How often `follow` went over to a new process.
+
+    Examples
+    --------
+    >>> from tactophone.live.telemetry.writer import Telemetry
+    >>> with Telemetry("doctest-watcher") as telemetry:
+    ...     telemetry.count("xruns")
+    ...     watcher = Watcher("doctest-watcher")
+    ...     watcher.ask("mute")
+    ...     watcher.snapshot().counters["xruns"], telemetry.requests()[0].action
+    (1, 'mute')
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.restarts = 0
+        self._memory = Memory(name, create=False)
+        self._following: Memory | None = None
+        self._predictions_read = [0] * self.fingers
+
+    @classmethod
+    def find(cls, name: str) -> Self | None:
+        """Return a watcher of a run; ``None`` while it does not exist."""
+        with contextlib.suppress(TactophoneError):
+            return cls(name)
+        return None
+
+    def follow(self, *, drain: bool = True) -> bool:
+        """Go over to the process that replaced a dead one; returns whether it did, and counts then begin at 0.
+
+        Call it before each read. It goes over one call after it has found the new process, so that the read between
+        gets whatever the dead process wrote last; without ``drain`` it goes over at once.
+        """
+        if self._following is None:
+            if self.alive or not self._memory.replaced:
+                return False
+            with contextlib.suppress(TactophoneError):  # gone again
+                self._following = Memory(self.name, create=False)
+            if drain or self._following is None:
+                return False
+        self._memory, self._following = self._following, None
+        self._predictions_read = [0] * self.fingers
+        self.restarts += 1
+        return True
+
+    @property
+    def fingers(self) -> int:
+        """Number of fingers of the run."""
+        return self._memory.fingers
+
+    def finger_names(self) -> list[str]:
+        """Return the name of every finger, in order; one empty name without ``--fingers``."""
+        names = [finger.name for finger in self.state().fingers]
+        if not all(names):
+            # A run that has just begun has published no state, and its log begins with how it was started.
+            log, count = self.log()
+            with contextlib.suppress(TactophoneError):
+                first = next(read_records(log), None) if len(log) == count else None
+                names = [finger["name"] for finger in first.fingers] if isinstance(first, RunStart) else names
+        return names if len(names) == self.fingers else [""] * self.fingers
+
+    def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
+        """Copy the current values; of a finger's sound, vibration and steps only what is newer than ``since``."""
+        since = since if since and since.restarts == self.restarts else None
+        steps, step_end = self._ring("step", since.step_end if since else 0, finger)
+        sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
+        vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
+        state, (counters, gauges) = self.state(), self.totals()
+        return Snapshot(
+            state=state, finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
+            counters=counters, gauges=gauges, steps=steps, sound=sound, vibration=vibration, step_end=step_end,
+            sound_end=sound_end, vibration_end=vibration_end, restarts=self.restarts, age=self._age, alive=self.alive,
+        )  # fmt: skip
+
+    @property
+    def pid(self) -> int:
+        """Process id of the writing process."""
+        return int(self._memory["pid"])
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process exists and has shown a sign of life lately."""
+        return self._age < STALE_AFTER and is_alive(self.pid)
+
+    @property
+    def _age(self) -> float:
+        return time.monotonic() - float(self._memory["beat"])
+
+    def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
+        """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
+
+        Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
+        """
+        return self._ring("prediction", since, finger)
+
+    def new_predictions(self, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
+        """Copy a finger's predictions since the last call; return them, and how many were overwritten before it."""
+        since = self._predictions_read[finger]
+        rows, self._predictions_read[finger] = self.predictions(since, finger=finger)
+        return rows, max(0, self._predictions_read[finger] - since - len(rows))
+
+    def log(self, since: int = 0) -> tuple[bytes, int]:
+        """Copy the session log after its first ``since`` bytes, and return its total length.
+
+        Fewer than ``total - since`` bytes mean that records were overwritten before this call; the rest then begins
+        within a record and is of no use.
+        """
+        rows, count = _newest(self._memory["log"], self._memory["log_count"], slack=layout.LARGEST_RECORD, since=since)
+        return rows.tobytes(), count
+
+    def state(self) -> State:
+        """Return the newest state alone."""
+        while turn := int(self._memory["state_count"]):
+            slot = self._memory["states"][turn % 2]
+            text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
+            if int(self._memory["state_count"]) == turn:
+                # Overwritten memory holds anything; the writer repairs it at its next update.
+                with contextlib.suppress(ValueError, msgspec.ValidationError, RecursionError):
+                    return State.parse(text)
+                break
+        return State()
+
+    def totals(self) -> tuple[dict[str, int], dict[str, float]]:
+        """Return all counters and gauges, by name."""
+        counters, gauges = self._memory["counters"].tolist(), self._memory["gauges"].tolist()
+        return dict(zip(COUNTERS, counters, strict=True)), dict(zip(GAUGES, gauges, strict=True))
+
+    def pulse(self) -> Pulse:
+        """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred calls a second."""
+        counters, gauges = self._memory["counters"], self._memory["gauges"]
+        return Pulse(
+            int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
+        )
+
+    def newest_step(self, *, finger: int = 0) -> NDArray[np.void] | None:
+        """Copy a finger's newest step; ``None`` before the first."""
+        steps, end = self._ring("step", max(0, int(self._memory["step_count"][finger]) - 1), finger)
+        return steps[-1:] if end and len(steps) else None
+
+    def gauge(self, name: str) -> float:
+        """Read one gauge of `GAUGES`."""
+        return float(self._memory["gauges"][_GAUGE[name]])
+
+    def marks(self, name: str) -> NDArray[np.void]:
+        """Copy the newest marks of one kind of `MARKS`, of dtype `MARK`."""
+        index = MARKS.index(name)
+        return _newest(self._memory["marks"][index], self._memory["mark_counts"][index : index + 1], slack=1)[0]
+
+    def ask(self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1) -> None:
+        """Put a request for all fingers, or one, into the mailbox; `State` shows the outcome.
+
+        It replaces an older one of the same action for the same finger.
+        """
+        slot = self._memory["requests"][ACTIONS.index(action), 1 + finger]
+        encoded = np.frombuffer(text.encode(), np.uint8)
+        if len(encoded) > len(slot["text"]):
+            raise ValueError(f"{action}: {text!r} is longer than {len(slot['text'])} bytes")
+        slot["text"][: len(encoded)] = encoded
+        slot["size"], slot["value"], slot["time"] = len(encoded), value, time.monotonic()
+        slot["count"] += np.uint64(1)
+
+    def _ring(self, name: str, since: int, finger: int) -> tuple[NDArray[Any], int]:
+        by_row = name in ("step", "prediction")
+        rows = self._memory[f"{name}s" if by_row else name][finger]
+        slack = 1 if by_row else layout.LARGEST_WRITE
+        return _newest(rows, self._memory[f"{name}_count"][finger : finger + 1], slack=slack, since=since)
+
+
+def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
+    """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
+    end = int(count.item())
+    if end > _LARGEST_COUNT:  # overwritten memory: nothing to see until the writer counts on
+        return rows[:0].copy(), since
+    # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
+    start = max(since if since <= end else 0, end + slack - len(rows), 0)
+    # Not with `mode="wrap"`, which subtracts the length until the index fits: the longer the run, the slower.
+    copy: NDArray[Any] = rows.take(np.arange(start, end) % len(rows), axis=0)
+    # The count has moved on during the copy: the rows that it has reached since are not valid.
+    overwritten = int(count.item()) + slack - len(rows) - start
+    return copy[max(overwritten, 0) :], end
+
+
+def running() -> list[str]:
+    """Return the names of the runs on this machine whose processes exist.
+
+    >>> from tactophone.live.telemetry.writer import Telemetry
+    >>> with Telemetry("doctest-running"):
+    ...     "doctest-running" in running()
+    True
+    """
+    names = sorted(path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*"))
+    return [name for name in names if (found := Watcher.find(name)) and is_alive(found.pid)]

@@ -1,0 +1,227 @@
+"""The writing side of telemetry: the running process publishes its steps and counts, and reads its requests."""
+
+import math
+import struct
+from contextlib import AbstractContextManager, suppress
+from typing import Any
+
+import numpy as np
+
+from tactophone.core.prediction_fields import PREDICTION_FIELDS
+from tactophone.core.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.live.telemetry import layout
+from tactophone.live.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
+from tactophone.live.telemetry.memory import Memory
+
+_COUNTER = {name: index for index, name in enumerate(COUNTERS)}
+_GAUGE = {name: index for index, name in enumerate(GAUGES)}
+
+
+def _packer(row: np.dtype[np.void]) -> struct.Struct:
+    """Return what packs the numbers of a row, one after another, into its memory, in a quarter of the time of NumPy."""
+    numbers = [row[name] for name in row.names or ()]
+    # Native sizes and alignment are those of the layout; "0d" ends a row at a whole number of doubles, as it does.
+    return struct.Struct("@" + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers) + "0d")
+
+
+_STEP, _PREDICTION, _MARK = map(_packer, (layout.STEP, layout.PREDICTION, layout.MARK))
+
+_NOTHING = Prediction((math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan)
+_SILENCE = HapticCommand(0.0, 0.0, math.nan)
+
+REQUEST_AGE = 10.0
+"""Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
+wanted before."""
+
+
+class Telemetry(AbstractContextManager["Telemetry", None]):
+    """Writes a run's telemetry; every call is short, takes no lock and never waits.
+
+    Each counter, each gauge and each ring has *one* writing thread at most: adding to a counter from two threads
+    can lose one of the additions.
+
+    Every count is kept in this process and only copied to the shared memory, which is never read back but for the
+    mailbox: whoever overwrites or removes the memory disturbs watchers, and never the run.
+
+    Parameters
+    ----------
+    name
+        Name of the run, by which a `Watcher` finds it.
+    fingers
+        How many fingers have steps, sound and vibration.
+
+    >>> with Telemetry("doctest-writer") as telemetry:
+    ...     telemetry.count("packets_received", 3)
+    ...     telemetry.counter("packets_received")
+    3
+    """
+
+    def __init__(self, name: str, *, fingers: int = 1) -> None:
+        self.name = name
+        self._memory = Memory(name, create=True, fingers=fingers)
+        # Single numbers are written through memory views: NumPy takes half as long again.
+        self._counters, self._totals = _view(self._memory["counters"]), [0] * len(COUNTERS)
+        self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
+        self._published = {name: _view(self._memory[f"{name}_count"]) for name in self._counts}
+        self._rings = {name: list(self._memory[name]) for name in ("sound", "vibration")}
+        # As bytes, those of all fingers or marks after one another.
+        rings = {name: self._memory[name].reshape(-1).view(np.uint8) for name in ("steps", "predictions", "marks")}
+        self._rows = {name: _view(ring) for name, ring in rings.items()}
+        self._state_count = 0
+        self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
+        self._gauges = _view(self._memory["gauges"])
+        self._beat = self._memory["beat"]
+        self._newest = [(_NOTHING, _SILENCE)] * fingers
+        self._values = [_step_values(_NOTHING, _SILENCE)] * fingers
+        self._request_counts = self._memory["requests"]["count"]
+        self._seen = self._request_counts.tobytes()
+        self.state = State()
+
+    def __exit__(self, *_: object) -> None:
+        self._memory.unlink()
+
+    def count(self, name: str, n: int = 1) -> None:
+        index = _COUNTER[name]
+        self._counters[index] = self._totals[index] = self._totals[index] + n
+
+    def counter(self, name: str) -> int:
+        return self._totals[_COUNTER[name]]
+
+    def gauge(self, name: str, value: float) -> None:
+        self._gauges[_GAUGE[name]] = value
+
+    def vibration_count(self, finger: int = 0) -> int:
+        return self._counts["vibration"][finger]
+
+    def publish(self, step: PipelineStep, *, now: float, truth: int = -1, vibration_count: int | None = None) -> None:
+        """Write one pipeline step of a finger: its sound, its predictions and its commands.
+
+        Parameters
+        ----------
+        now
+            The system-wide monotonic clock (s), which is the heartbeat.
+        truth
+            The known `Touch` at this time, where the sound is simulated or labelled.
+        vibration_count
+            Samples of vibration written when the step was computed; by default, until now.
+        """
+        finger, block = step.finger, step.block
+        self._append("sound", block.samples, finger)  # one microphone fills both channels
+        # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
+        event = self._renew(step) if step.predictions or step.commands else 0
+        vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
+        row = finger * layout.STEP_CAPACITY + self._counts["step"][finger] % layout.STEP_CAPACITY
+        _STEP.pack_into(
+            self._rows["steps"], row * _STEP.size, block.end / block.sample_rate, self._counts["sound"][finger],
+            vibrated, *self._values[finger], event, truth, block.concealed,
+        )  # fmt: skip
+        self._advance("step", 1, finger)
+        for k, prediction in enumerate(step.predictions):
+            self._log(prediction, step.commands[k] if step.commands else None, finger, now)
+        self.count("steps")
+        if step.predictions:
+            self.count("predictions", len(step.predictions))
+        self._beat[...] = now
+
+    def rendered(self, waveform: FloatArray, *, finger: int = 0) -> None:
+        """Write the waveform just rendered for an actuator, shape ``(samples,)``; safe in an audio callback."""
+        self._append("vibration", waveform, finger)
+
+    def log(self, record: bytes) -> None:
+        """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
+        if len(record) > layout.LARGEST_RECORD:
+            raise ValueError(f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it")
+        ring, count = self._memory["log"], self._memory["log_count"]
+        data, at = np.frombuffer(record, np.uint8), int(count) % layout.LOG_CAPACITY
+        head = min(len(data), layout.LOG_CAPACITY - at)
+        ring[at : at + head] = data[:head]
+        ring[: len(data) - head] = data[head:]
+        # Counted once it is whole, so that a reader never sees part of a record.
+        count += np.uint64(len(data))
+
+    def mark(self, *reached: tuple[int, int, float]) -> None:
+        """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp of its end, and when (s)."""
+        counts, marked, rows = self._mark_counts, self._marked, self._rows["marks"]
+        for index, position, now in reached:
+            count = counts[index]
+            row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY
+            _MARK.pack_into(rows, row * _MARK.size, position, now)
+            marked[index] = counts[index] = count + 1
+
+    def update(self, state: State, *, now: float) -> None:
+        """Publish a state; the same one again counts as a heartbeat."""
+        self._beat[...] = now
+        self._memory.sign()
+        if state == self.state and int(self._memory["state_count"]) == self._state_count > 0:
+            return
+        self.state = state
+        text = bytes(state)
+        if len(text) > layout.STATE_SIZE:
+            raise ValueError(f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts")
+        slot = self._memory["states"][(self._state_count + 1) % 2]
+        slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
+        slot["size"] = len(text)
+        self._state_count += 1
+        self._memory["state_count"][...] = self._state_count
+
+    def requests(self, now: float | None = None) -> list[Request]:
+        """Empty the mailbox: return the requests since the last call, oldest first.
+
+        ``now``: where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what
+        lies in memory that was overwritten.
+        """
+        before, self._seen = self._seen, self._request_counts.tobytes()
+        if before == self._seen:
+            return []
+        slots = self._memory["requests"]
+        counts = [np.frombuffer(each, np.uint64).reshape(slots.shape) for each in (before, self._seen)]
+        found = []
+        for action, place in np.argwhere(counts[0] != counts[1]).tolist():
+            slot = slots[action, place]
+            with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text: no request then
+                text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
+                found.append(Request(ACTIONS[action], float(slot["value"]), text, float(slot["time"]), place - 1))
+        recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
+        return sorted(recent, key=lambda request: request.time)
+
+    def _renew(self, step: PipelineStep) -> int:
+        """Keep a step's newest prediction and command; return its newest event, 0 without one."""
+        prediction, command = self._newest[step.finger]
+        prediction = step.predictions[-1] if step.predictions else prediction
+        self._newest[step.finger] = prediction, step.command or command
+        self._values[step.finger] = _step_values(*self._newest[step.finger])
+        events = [event for prediction in step.predictions for event in prediction.events]
+        return 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
+
+    def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int, made: float) -> None:
+        command = command or HapticCommand(math.nan, math.nan, prediction.end)
+        row = finger * layout.PREDICTION_CAPACITY + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
+        values = [field.of(prediction, command) for field in PREDICTION_FIELDS]
+        _PREDICTION.pack_into(self._rows["predictions"], row * _PREDICTION.size, *values, made)
+        self._advance("prediction", 1, finger)
+
+    def _append(self, name: str, samples: FloatArray, finger: int) -> None:
+        ring = self._rings[name][finger]
+        for start in range(0, len(samples), layout.LARGEST_WRITE):
+            part = samples[start : start + layout.LARGEST_WRITE]
+            # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
+            at = self._counts[name][finger] % layout.SOUND_CAPACITY
+            head = min(len(part), layout.SOUND_CAPACITY - at)
+            ring[at : at + head] = part[:head]
+            if head < len(part):
+                ring[: len(part) - head] = part[head:]
+            self._advance(name, len(part), finger)
+
+    def _advance(self, name: str, n: int, finger: int) -> None:
+        """Count rows of a ring that have been written."""
+        counts = self._counts[name]
+        counts[finger] += n
+        self._published[name][finger] = counts[finger]
+
+
+def _view(array: Any) -> Any:
+    return memoryview(array)
+
+
+def _step_values(prediction: Prediction, command: HapticCommand) -> list[float]:
+    return [field.of(prediction, command) for field in layout.STEP_FIELDS]

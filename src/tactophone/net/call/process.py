@@ -1,0 +1,335 @@
+"""The process of a call: finds the other end and the way to it, and keeps the way open; and the handle of its parent.
+
+A pair of sockets between the two carries the process's steps and the parent's answers, as JSON. Another pair leads from
+the process to the live side, which gets the way there (`tactophone.net.link.way`).
+"""
+
+import asyncio
+import contextlib
+import json
+import select
+import socket
+import time
+from collections.abc import Coroutine, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from tactophone.core.errors import DeviceError, TactophoneError
+from tactophone.core.processes import Child, Parent
+from tactophone.core.settings import Call
+from tactophone.core.version import __version__
+from tactophone.net.call.messages import Accepted, Hello, Offer, Refused, Role
+
+if TYPE_CHECKING:  # their libraries are loaded in the process alone
+    from tactophone.net.call.exchange import Exchange
+    from tactophone.net.call.ice import Finder
+
+Step: TypeAlias = Literal["code", "asked", "found", "checked"]
+"""What the process reports: its code, who calls and wants to be accepted, each way, and the words of a check."""
+
+ANSWER_TIMEOUT = 30.0
+"""Seconds that an end waits for the other one's next message, once both have the key."""
+
+ACCEPT_TIMEOUT = 180.0
+"""Seconds that a caller waits for a person to accept."""
+
+POLL_INTERVAL = 0.1
+
+OTHER: dict[str, Role] = {"robot": "operator", "operator": "robot"}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the process is to do.
+
+    Attributes
+    ----------
+    settings
+        The servers.
+    answers
+        Whether this end answers a call.
+    code
+        To use; empty to ask the mailbox for one.
+    secrets
+        Of the last call with the same other end, from which the code is derived, and of the one before: the other end
+        may have missed the last one. Empty without.
+    name, fingerprint
+        Of this end.
+    role
+        That this end takes; empty where it takes the other one.
+    expected
+        Fingerprint of the other end; empty where that is not known.
+    """
+
+    settings: Call
+    answers: bool
+    code: str
+    secrets: tuple[bytes, ...]
+    name: str
+    fingerprint: str
+    role: Role | Literal[""]
+    expected: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The other end, what kind of way leads to it, and the secrets for the next call: its own and that of this one.
+
+    ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again`` whether it replaces another way.
+    """
+
+    name: str
+    fingerprint: str
+    role: Role
+    secrets: list[str]
+    host: str
+    relayed: bool
+    after: float
+    round_trip: float
+    again: bool
+
+
+class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
+    """The handle of a call's process; a context manager, whose end closes the way.
+
+    ``keeper`` is for the live side.
+    """
+
+    def __init__(self, plan: Plan | Call) -> None:
+        self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._child = Child(_run if isinstance(plan, Plan) else _run_check, plan, its, live, name="tactophone-call")
+        its.close()
+        live.close()
+        self._ending = False
+
+    def __exit__(self, *_: object) -> None:
+        self._ending = True
+        self._child.ask_to_end()
+        self._child.end(3.0)
+        self.keeper.close()
+
+    def steps(self) -> Iterator[tuple[Step, Any]]:
+        """Yield the steps of the process as they come; the content of ``found`` is a `Found`.
+
+        Raises `DeviceError` with the reason when the process ends, but not where that was asked for.
+        """
+        while not self._ending:
+            if select.select([self._pair], [], [], POLL_INTERVAL)[0] and (message := self._pair.recv(1 << 16)):
+                step, content = json.loads(message)
+                yield step, Found(**content) if step == "found" else content
+                continue
+            alive = self._child.alive  # asked first: what it told before its end is then read
+            failure = next((text for kind, text in self._child.messages() if kind in ("error", "bug")), "")
+            if (failure or not alive) and not self._ending:
+                raise DeviceError(failure or "the process of the call ended without a word")
+
+    def answer(self, accepted: bool) -> None:
+        self._pair.send(json.dumps(accepted).encode())
+
+
+def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+    live.setblocking(False)
+    _in_loop(parent, lambda: _Call(plan, pair, live).run(), twisted=True)
+
+
+def _run_check(parent: Parent, settings: Call, pair: socket.socket, _: socket.socket) -> None:
+    async def check() -> None:
+        from tactophone.net.call.check import examine
+
+        _tell(pair, "checked", list((await examine(settings)).sentences()))
+
+    _in_loop(parent, check)
+
+
+def _in_loop(parent: Parent, main: Any, *, twisted: bool = False) -> None:
+    loop = asyncio.new_event_loop()
+    asyncio.set_event_loop(loop)
+    if twisted:
+        from tactophone.net.call.exchange import install
+
+        install(loop)
+
+    async def until_asked() -> None:
+        task = asyncio.ensure_future(main())
+        loop.add_reader(parent.fileno(), task.cancel)
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+    try:
+        loop.run_until_complete(until_asked())
+    finally:
+        if twisted:
+            from tactophone.net.call.exchange import uninstall
+
+            uninstall()
+
+
+def _tell(pair: socket.socket, step: Step, content: Any) -> None:
+    pair.send(json.dumps([step, content]).encode())
+
+
+class _Call:
+    """One call, from the code to the end of the last way."""
+
+    def __init__(self, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+        from tactophone.net.call.ice import servers_of
+
+        self._plan, self._pair, self._live = plan, pair, live
+        self._servers, self._turn = servers_of(plan.settings)
+        self._finder: Finder | None = None
+        self._closing: set[asyncio.Task[None]] = set()
+
+    async def run(self) -> None:
+        nat = self._ask_nat()
+        try:
+            async with contextlib.AsyncExitStack() as exchanges:
+                exchange, hello, secrets = await self._meet(exchanges)
+                role, began = await self._accept(exchange, hello)
+                relayed = await self._search(exchange, nat, hello)
+                self._close_later(exchanges.pop_all().aclose())
+            content = {"name": hello.name, "fingerprint": hello.fingerprint, "role": role, "again": False}
+            content["secrets"] = [each.hex() for each in secrets]
+            while finder := self._finder:
+                content |= {"host": finder.host, "relayed": relayed, "after": time.monotonic() - began}
+                _tell(self._pair, "found", content | {"round_trip": await finder.round_trip()})
+                began, relayed = await self._replace(finder, hello, secrets[0])
+                content["again"] = True
+        finally:
+            if self._finder:
+                await self._finder.close()
+            await asyncio.gather(*self._closing, return_exceptions=True)
+
+    async def _meet(self, exchanges: contextlib.AsyncExitStack) -> "tuple[Exchange, Hello, list[bytes]]":
+        """Wait for the other end; return what it says, and the secrets for the next call.
+
+        Two ends that remember each other may have two codes in common. The caller then decides by its greeting.
+        """
+        from tactophone.net.call.exchange import Exchange, code_of
+
+        plan = self._plan
+        codes = [code_of(each) for each in plan.secrets] or [plan.code]
+        opened = [await exchanges.enter_async_context(Exchange(plan.settings.mailbox)) for _ in codes]
+        _tell(self._pair, "code", (await asyncio.gather(*map(Exchange.open, opened, codes)))[0])
+
+        async def greeted(place: int) -> tuple[int, bytes, Hello | None]:
+            secret = await opened[place].meet()
+            return place, secret, await self._next(opened[place], Hello) if plan.answers else None
+
+        waiting = [asyncio.ensure_future(greeted(place)) for place in range(len(codes))]
+        try:
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            place, secret, hello = next(each for each in waiting if each.done()).result()
+        finally:
+            for each in waiting:
+                each.cancel()
+        opened[place].send(Hello(plan.name, plan.role, __version__, plan.fingerprint))
+        return opened[place], hello or await self._next(opened[place], Hello), [secret, *plan.secrets[place:][:1]]
+
+    async def _accept(self, exchange: "Exchange", hello: Hello) -> tuple[Role, float]:
+        """Agree on the roles, and let the answering side accept; return this end's role, and when that was."""
+        plan = self._plan
+        if hello.fingerprint == plan.fingerprint:
+            raise DeviceError("the other end is this machine itself: it has the same key")
+        if plan.expected not in ("", hello.fingerprint):
+            raise DeviceError(f"the other end, {hello.name}, has another key than the one remembered: call with a code")
+        # The one that named no role takes the other one.
+        role: Role = plan.role or OTHER.get(hello.role, "robot")
+        taken = hello.role or OTHER[role]
+        if role == taken:
+            reason = f"both ends are the {role}: start one with --{'operator' if role == 'robot' else 'robot'}"
+            exchange.send(Refused(reason))
+            raise DeviceError(reason)
+        if plan.answers:
+            _tell(self._pair, "asked", [hello.name, taken, hello.version])
+            if not await self._accepted():
+                exchange.send(Refused("it was not accepted"))
+                raise DeviceError("you did not accept the call")
+            exchange.send(Accepted(role))
+        else:
+            await self._next(exchange, Accepted, timeout=ACCEPT_TIMEOUT)
+        return role, time.monotonic()
+
+    async def _search(self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello) -> bool:
+        """Find a way and hand it to the live side; return whether it is relayed."""
+        from tactophone.net.call import check
+        from tactophone.net.call.ice import Finder
+
+        nat, _, answered = await asked
+        finder = Finder(
+            controls=not self._plan.answers, stun=answered[0] if answered else None, turn=self._turn,
+            relay_only=self._plan.settings.relay_only,
+        )  # fmt: skip
+        try:
+            offer = await finder.gather(nat)
+            exchange.send(offer)
+            theirs = await self._next(exchange, Offer)
+            try:
+                relayed = await finder.connect(theirs, nat, self._live, name=hello.name, fingerprint=hello.fingerprint)
+            except (ConnectionError, TimeoutError):
+                reason = check.why_no_way(nat, theirs.nat, relay=offer.relay or theirs.relay)
+                raise DeviceError(reason) from None
+        except BaseException:
+            await finder.close()
+            raise
+        self._finder = finder
+        return relayed
+
+    async def _replace(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+        """Keep the way until another one replaces it; return when the search for that began, and if it is relayed."""
+        keeping = asyncio.ensure_future(finder.lost.wait())
+        searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
+        try:
+            await asyncio.wait([keeping, searching], return_when=asyncio.FIRST_COMPLETED)
+            if not searching.done():
+                raise DeviceError("the way to the other end is lost, and no other one was found: call again")
+            self._close_later(finder.close())
+            return searching.result()
+        finally:
+            keeping.cancel()
+            searching.cancel()
+
+    async def _search_again(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+        """Search whenever the live side hears nothing, as the other end does, which then hears nothing either."""
+        from tactophone.net.call.exchange import Exchange, code_of
+
+        while True:
+            await finder.silent.wait()
+            finder.silent.clear()
+            nat, began = self._ask_nat(), time.monotonic()
+            with contextlib.suppress(TactophoneError, OSError):  # and again, as long as nothing is heard
+                async with contextlib.AsyncExitStack() as exchanges:
+                    exchange = await exchanges.enter_async_context(Exchange(self._plan.settings.mailbox))
+                    await exchange.open(code_of(secret + b"again"))
+                    await exchange.meet()
+                    relayed = await self._search(exchange, nat, hello)
+                    self._close_later(exchanges.pop_all().aclose())
+                    return began, relayed
+
+    def _ask_nat(self) -> asyncio.Task[Any]:
+        from tactophone.net.call.check import find_nat
+
+        return asyncio.ensure_future(find_nat(self._servers))
+
+    def _close_later(self, closing: Coroutine[Any, Any, None]) -> None:
+        """Close what is not needed any more, which takes an answer from the network, beside everything else."""
+        task = asyncio.ensure_future(closing)
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+
+    async def _next(self, exchange: "Exchange", kind: Any, *, timeout: float = ANSWER_TIMEOUT) -> Any:
+        """Return the other end's next message, which has to be of one kind."""
+        try:
+            async with asyncio.timeout(timeout):
+                message = await exchange.receive()
+        except TimeoutError:
+            raise DeviceError(f"the other end said nothing for {timeout:g} s: call again") from None
+        if isinstance(message, Refused):
+            raise DeviceError(f"the other end refused the call: {message.reason}")
+        if not isinstance(message, kind):
+            raise DeviceError(f"the other end sent {type(message).__name__}, but its turn was {kind.__name__}")
+        return message
+
+    async def _accepted(self) -> bool:
+        self._pair.setblocking(False)
+        return bool(json.loads(await asyncio.get_running_loop().sock_recv(self._pair, 1 << 10)))

@@ -1,0 +1,113 @@
+"""What a session reports: its events, their bytes in a log, and a session that repeats a log.
+
+The operator's end is a function of the decrypted packets, the connections and their times. A log of those is enough
+to run it again, without keys: `LoggedSession` stands in for `Session`, and its datagrams are the logged events.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from tactophone.core.errors import PacketError
+from tactophone.net.link.packet import Address
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """Both ends have authenticated themselves; keys and SSRCs are fresh."""
+
+    peer: str
+    local_ssrc: int
+    remote_ssrc: int
+
+
+@dataclass(frozen=True, slots=True)
+class Renewed:
+    """The session continues under fresh keys and SSRCs; sequence numbers and timestamps run on."""
+
+    local_ssrc: int
+    remote_ssrc: int
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnected:
+    """The session has ended."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PacketReceived:
+    """An authentic packet, decrypted: RTP, or RTCP where ``report`` is true."""
+
+    packet: bytes
+    report: bool
+
+
+Event: TypeAlias = Connected | Renewed | Disconnected | PacketReceived
+
+_PACKET, _REPORT, _CONNECTED, _DISCONNECTED, _RENEWED = range(5)
+
+
+def write_event(event: Event) -> bytes:
+    """Encode an event: one byte for its kind, then the packet, or JSON.
+
+    >>> read_event(write_event(Disconnected("hung up")))
+    Disconnected(reason='hung up')
+    """
+    match event:
+        case PacketReceived(packet, report):
+            return bytes([_REPORT if report else _PACKET]) + packet
+        case Connected(peer, local, remote):
+            return bytes([_CONNECTED]) + json.dumps([peer, local, remote]).encode()
+        case Disconnected(reason):
+            return bytes([_DISCONNECTED]) + reason.encode()
+        case Renewed(local, remote):
+            return bytes([_RENEWED]) + json.dumps([local, remote]).encode()
+
+
+def read_event(content: bytes) -> Event:
+    """Decode what `write_event` encoded; raises `PacketError` when the bytes are not an event."""
+    try:
+        kind, rest = content[0], content[1:]
+        if kind in (_PACKET, _REPORT):
+            return PacketReceived(rest, report=kind == _REPORT)
+        if kind == _CONNECTED:
+            peer, local, remote = json.loads(rest)
+            return Connected(str(peer), int(local), int(remote))
+        if kind == _DISCONNECTED:
+            return Disconnected(rest.decode())
+        if kind == _RENEWED:
+            local, remote = json.loads(rest)
+            return Renewed(int(local), int(remote))
+    except (IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise PacketError(f"a logged event of {len(content)} bytes that cannot be read: {error}") from error
+    raise PacketError(f"a logged event of kind {kind}, but there are {_RENEWED + 1}")
+
+
+class LoggedSession:
+    """Repeats the events of a log in place of a `Session`, as far as `ReceiveSession` uses one; it sends nothing.
+
+    ``polled``: events, encoded, that the next `poll` returns.
+    """
+
+    refused = 0
+
+    def __init__(self) -> None:
+        self.peer: str | None = None
+        self.polled: list[bytes] = []
+
+    def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
+        return [self._followed(read_event(datagram))]
+
+    def poll(self, now: float) -> list[Event]:
+        events, self.polled = [self._followed(read_event(content)) for content in self.polled], []
+        return events
+
+    def send(self, packet: bytes) -> None:
+        """Drop the packet: nobody listens."""
+
+    def _followed(self, event: Event) -> Event:
+        if isinstance(event, Connected | Disconnected):
+            self.peer = event.peer if isinstance(event, Connected) else None
+        return event

@@ -1,0 +1,364 @@
+"""The only module of the link that uses a socket; a filter in the kernel drops foreign datagrams before they cost time.
+
+The filter is a program of classic BPF (Linux, ``man 7 socket``, SO_ATTACH_FILTER) over the datagram with its UDP header
+of 8 bytes. It lets pass what may begin a handshake, and of SRTP and SRTCP the peer's streams alone: their SSRC comes
+from the handshake, so that nobody who cannot read the traffic guesses it. Whatever passes is authenticated as before.
+"""
+
+import contextlib
+import ctypes
+import select
+import socket
+import struct
+import sys
+from collections.abc import Collection, Iterable, Iterator
+from typing import Any
+
+from tactophone.core.errors import DeviceError
+from tactophone.net.link.packet import Address, is_dtls
+
+_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
+_LOAD_BYTE, _LOAD_HALF, _LOAD_WORD, _AND = 0x30, 0x28, 0x20, 0x54
+_JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x05, 0x15, 0x35, 0x06
+_FIRST_BYTE, _SECOND_BYTE, _SSRC_OF_RTCP, _SSRC_OF_RTP = 8, 9, 12, 16
+_DTLS_VERSION = 0xFE
+"""First byte of every DTLS version; the second byte of a record."""
+
+_WHOLE, _NOTHING = 0xFFFF_FFFF, 0
+
+Instruction = tuple[int, int, int, int]
+"""Code, instructions to skip if true and if false, and operand."""
+
+
+def set_filter(
+    target: socket.socket, streams: Collection[int], *, handshakes: bool = True, channel: int | None = None
+) -> None:
+    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
+
+    With ``channel`` the socket belongs to a `Way`: STUN passes too, and where it is not 0, what is in that channel.
+
+    Notes
+    -----
+    Where the system has no such filter, everything passes too: the session refuses the same datagrams, only later.
+    """
+    if sys.platform != "linux":
+        return
+    with contextlib.suppress(OSError):
+        if not streams:
+            target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+            return
+        # Two structures of the kernel, sock_filter and sock_fprog: it copies both during the call.
+        instructions = _program(sorted(streams), handshakes=handshakes, channel=channel)
+        program = [struct.pack("HBBI", *each) for each in instructions]
+        buffer = ctypes.create_string_buffer(b"".join(program))
+        pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
+        target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, pointer)
+
+
+def _program(streams: Collection[int], *, handshakes: bool, channel: int | None = None) -> Iterator[Instruction]:
+    """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
+    header = CHANNEL_HEADER if channel else 0
+    if channel is not None:
+        yield from _accept_stun(0)
+    if channel:
+        yield (_LOAD_HALF, 0, 0, _FIRST_BYTE)
+        yield (_JUMP_EQUAL, 1, 0, channel)
+        yield (_RETURN, 0, 0, _NOTHING)
+        yield from _accept_stun(header)
+    rtp, compare, dtls = 11, 12, 13 + len(streams)
+    drop, accept = dtls + 2, dtls + 3
+    handshake = dtls if handshakes else drop
+
+    def skip(index: int, target: int) -> int:
+        return target - index - 1
+
+    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
+    yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
+    yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
+    yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
+    yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
+    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
+    yield (_AND, 0, 0, 0x7F)
+    yield (_JUMP_AT_LEAST, 0, skip(7, rtp), 64)  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
+    yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
+    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTCP)
+    yield (_JUMP, 0, 0, skip(10, compare))
+    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTP)
+    for index, stream in enumerate(streams, compare):
+        yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
+    yield (_JUMP, 0, 0, skip(dtls - 1, drop))
+    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
+    yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
+    yield (_RETURN, 0, 0, _NOTHING)
+    yield (_RETURN, 0, 0, _WHOLE)
+
+
+def _accept_stun(header: int) -> Iterator[Instruction]:
+    """Let a datagram pass whose first byte after ``header`` is one of STUN (RFC 7983)."""
+    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
+    yield (_JUMP_AT_LEAST, 1, 0, END_OF_STUN)
+    yield (_RETURN, 0, 0, _WHOLE)
+
+
+CHANNEL_HEADER = 4
+"""Bytes before each datagram in a TURN channel: the channel's number and the datagram's length (RFC 8656, 12.4)."""
+
+END_OF_STUN = 4
+"""First byte from which a datagram is no STUN message any more (RFC 7983 section 7)."""
+
+_LARGEST = 2_048
+_MOST_AT_ONCE = 256
+"""Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
+
+_QUEUE = 1 << 20
+"""Bytes of a socket's queue, if the system permits so many: datagrams that arrive while the process is late."""
+
+MAX_FOREIGN = 16
+"""Maximum datagrams of one read from others than the connected peer: 3,200 a second where a read waits 5 ms."""
+
+MAX_PEER_HANDSHAKES = 64
+"""Maximum DTLS datagrams of one read from the address of the connected peer, which anybody can forge: a handshake and
+its retransmissions during a stall of seconds are fewer. The rest is dropped, and what follows for a while too."""
+
+CLOSED_READS = 200
+"""Reads of up to `CLOSED_READ` s, or fewer of more, for which the kernel then drops DTLS from that address: about a
+second at an operator, to whom a packet comes every 5 ms, and at a robot, whose reads wait 50 ms."""
+
+CLOSED_READ = 0.005
+
+FOREIGN_TURNS = 4
+"""Reads from one look at what others sent to the next, while the peer sends: 10 ms with packets of 2.5 ms."""
+
+_ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
+_MAPPED = "::ffff:"
+
+_EXPEDITED = 46 << 2
+"""DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
+
+
+class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
+    """UDP at one port, of IPv4, IPv6 or both; a context manager.
+
+    While a peer is `follow`-ed, two sockets share the port. The system passes the peer's datagrams to one that is
+    connected to its address, and everybody else's to the first one, of which each `receive` takes only a few: so
+    strangers can fill their own queue and not the peer's. A filter in both drops what belongs to no stream of the peer.
+    Everything is sent through the first one, whose source address follows the route. An empty ``host`` is all addresses
+    of both families; port 0 lets the system choose. Raises `DeviceError` when the address is not of this machine, or is
+    in use.
+    """
+
+    channel: int | None = None
+    """That the filter lets pass, as in `set_filter`."""
+
+    def __init__(self, host: str = "", port: int = 0, *, bound: socket.socket | None = None) -> None:
+        self._socket = bound or _open(host, port)
+        self._followed: tuple[Address, frozenset[int]] | None = None
+        self._peer_socket: socket.socket | None = None
+        self._peer_poll = select.poll()
+        self._left: list[tuple[bytes, Address]] = []
+        self._closed_reads, self._closed = 0, False
+        self._turns = 0
+        self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def address(self) -> Address:
+        return _address(self._socket.getsockname())
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the first socket, for ``select``."""
+        return self._socket.fileno()
+
+    def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
+        """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
+        if remote is self._followed or remote == self._followed:
+            return
+        # Another address takes another socket; the same one with renewed keys, only another filter.
+        before, self._followed = self._followed, remote
+        if remote is None or before is None or before[0] != remote[0]:
+            self._connect(remote[0] if remote else None)
+        self._closed_reads, self._closed = 0, False
+        for each in filter(None, (self._socket, self._peer_socket)):
+            set_filter(each, remote[1] if remote else (), channel=self.channel)
+
+    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
+        """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
+        if self._peer_socket is None or self._followed is None:
+            if timeout > 0 and not self._left:
+                select.select([self._socket], [], [], timeout)
+            datagrams, self._left = self._left, []
+            return datagrams + _read(self._socket, _MOST_AT_ONCE)
+        if timeout > 0 and not self._left:
+            self._peer_poll.poll(1000 * timeout)
+        datagrams, self._left = self._left, []
+        datagrams += self._without_flood(self._read_peer(self._peer_socket, self._followed[0]), timeout)
+        # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
+        self._turns += 1
+        if datagrams and self._turns % FOREIGN_TURNS:
+            return datagrams
+        return datagrams + _read(self._socket, MAX_FOREIGN)
+
+    def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
+        """Send each without waiting; return how many the system refused."""
+        refused = 0
+        for datagram, target in datagrams:
+            try:
+                self._socket.sendto(datagram, self._address_of(target))
+            except OSError:
+                refused += 1
+        return refused
+
+    def close(self) -> None:
+        self._connect(None)
+        self._socket.close()
+
+    def _read_peer(self, source: socket.socket, peer: Address) -> list[tuple[bytes, Address]]:
+        """Read from the connected socket, whose datagrams all come from ``peer``."""
+        datagrams: list[tuple[bytes, Address]] = []
+        for _ in range(_MOST_AT_ONCE):
+            try:
+                datagrams.append((source.recv(_LARGEST), peer))
+            except BlockingIOError:
+                break
+            except OSError:  # of an earlier datagram, as in `_read`
+                continue
+            # Asking takes less than the exception of an empty queue, and nearly always there is one datagram.
+            if not self._peer_poll.poll(0):
+                break
+        return datagrams
+
+    def _without_flood(self, datagrams: list[tuple[bytes, Address]], waited: float) -> list[tuple[bytes, Address]]:
+        """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
+        if self._closed_reads:
+            self._closed_reads = max(0, self._closed_reads - max(1, round(waited / CLOSED_READ)))
+            self._accept_handshakes(not self._closed_reads)
+        if len(datagrams) <= MAX_PEER_HANDSHAKES:
+            return datagrams
+        handshakes = [each for each in datagrams if is_dtls(each[0])]
+        if len(handshakes) <= MAX_PEER_HANDSHAKES:
+            return datagrams
+        self._closed_reads = CLOSED_READS
+        self._accept_handshakes(False)
+        return [each for each in datagrams if not is_dtls(each[0])] + handshakes[:MAX_FOREIGN]
+
+    def _accept_handshakes(self, accepted: bool) -> None:
+        if accepted == self._closed and self._peer_socket and self._followed:
+            self._closed = not accepted
+            set_filter(self._peer_socket, self._followed[1], handshakes=accepted, channel=self.channel)
+
+    def _address_of(self, target: Address) -> tuple[Any, ...]:
+        """Return the address as the socket takes it; that of the last call is kept, as most go to one peer."""
+        if target is not self._target[0]:
+            self._target = target, _socket_address(target, self._socket.family)
+        return self._target[1]
+
+    def _connect(self, peer: Address | None) -> None:
+        """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""
+        if self._peer_socket:
+            self._left += _read(self._peer_socket, _MOST_AT_ONCE)
+            self._peer_socket.close()
+            self._peer_socket = None
+        if peer is not None:
+            with contextlib.suppress(OSError):
+                self._peer_socket, self._peer_poll = _share(self._socket, peer), select.poll()
+                self._peer_poll.register(self._peer_socket, select.POLLIN)
+
+
+def resolve(host: str, port: int) -> list[Address]:
+    """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order; `DeviceError` when that fails."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        raise DeviceError(f"{host!r} cannot be resolved ({error.strerror}); check link.peer") from error
+    return list(dict.fromkeys(_address(address) for *_, address in found))
+
+
+def _open(host: str, port: int) -> socket.socket:
+    """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too, where there is IPv6."""
+    families = [socket.AF_INET6, socket.AF_INET] if not host else [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    error = OSError()
+    for family in families:
+        opened = None
+        try:
+            opened = _socket(family, only=bool(host))
+            opened.bind(_socket_address((host or _ANY[family], port), family))
+        except OSError as refused:
+            error = refused
+            if opened:
+                opened.close()
+        else:
+            return opened
+    raise DeviceError(
+        f"cannot listen at {host or '*'}:{port}: {error.strerror}; choose another with --set link.port=..."
+    ) from error
+
+
+def _socket(family: int, *, only: bool) -> socket.socket:
+    opened = socket.socket(family, socket.SOCK_DGRAM)
+    if family == socket.AF_INET6:
+        opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, only)
+    prepare(opened)
+    return opened
+
+
+def prepare(opened: socket.socket) -> None:
+    """Never let a UDP socket wait; give it a large queue, and its packets the priority of voice."""
+    opened.setblocking(False)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
+    with contextlib.suppress(OSError):  # works without, where a system does not support it
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
+    with contextlib.suppress(OSError, AttributeError):
+        opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
+
+
+def _share(first: socket.socket, peer: Address) -> socket.socket:
+    """Open a second socket at the port of ``first``, for one peer alone.
+
+    Sharing is permitted for the time of the two calls only, so that no other program can ever take the port too.
+    """
+    only = first.family == socket.AF_INET6 and bool(first.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY))
+    second = _socket(first.family, only=only)
+    try:
+        for each in (first, second):
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        second.bind(first.getsockname())
+        second.connect(_socket_address(peer, first.family))
+    except (OSError, AttributeError):
+        second.close()
+        raise
+    finally:
+        first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
+    second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
+    return second
+
+
+def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
+    datagrams: list[tuple[bytes, Address]] = []
+    # An error concerns an earlier datagram, which reached a closed port; the next may succeed.
+    for _ in range(most):
+        try:
+            datagram, origin = source.recvfrom(_LARGEST)
+        except BlockingIOError:
+            break
+        except OSError:
+            continue
+        datagrams.append((datagram, _address(origin)))
+    return datagrams
+
+
+def _address(address: tuple[Any, ...]) -> Address:
+    """Return host and port; an IPv4 address that a socket of IPv6 reports as ``::ffff:192.0.2.1`` in its usual form."""
+    host = str(address[0])
+    return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
+
+
+def _socket_address(address: Address, family: int) -> tuple[Any, ...]:
+    host, port = address
+    if family == socket.AF_INET6 and ":" not in host:
+        return _MAPPED + host, port
+    if "%" in host:  # a link-local address, which means something on one interface only
+        host, _, interface = host.partition("%")
+        return host, port, 0, socket.if_nametoindex(interface)
+    return host, port

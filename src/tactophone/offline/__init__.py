@@ -1,1 +1,0 @@
-"""Recordings through the pipeline: vibration, timeline and figure on disk. What `tactophone feel` runs."""

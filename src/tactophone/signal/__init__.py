@@ -1,0 +1,1 @@
+"""From sound to vibration: detector, rendering and their order. The paper is here."""

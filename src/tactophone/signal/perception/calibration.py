@@ -1,0 +1,326 @@
+"""Calibrates a set-up from silence, a stroke and taps, and keeps the result in a file that other commands read.
+
+Three sounds give the contact threshold and show the faults of a set-up. At the threshold, silence is loud enough to
+pass for contact a chosen number of times a minute. Five seconds suffice to find it: the upper tail of the power of
+noise falls exponentially (Pickands, "Statistical inference using extreme order statistics", Ann. Statist. 3, 119,
+1975), and its mean excess is known from the loudest fifth.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.errors import ConfigError
+from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
+from tactophone.core.processes import atomic_write
+from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.signal.perception.contact import CLEAR_DB, FAST, SLOW
+from tactophone.signal.perception.health import (
+    HARMLESS_HUM_DBFS,
+    ChannelStatistics,
+    FaultDetector,
+    FaultKind,
+    Reference,
+    SensorFault,
+    SignalStatistics,
+)
+from tactophone.signal.perception.levels import LoudnessRule
+from tactophone.signal.perception.noise_floor import HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import WINDOW as LEVEL_WINDOW
+
+CLIPPED = 0.05
+"""Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
+
+_TABLE = "calibration"
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Levels of a set-up (a finger, its microphones, their gain); one entry for each channel where several."""
+
+    made: str
+    source: str
+    """`made` and `source`: date and time in ISO 8601, and the name of the source."""
+    sample_rate: int
+    """In Hz."""
+    false_alarms_per_minute: float
+    """Chosen: false contacts in a minute of silence."""
+    threshold_dbfs: float
+    """Level of the contact microphone from which there is contact, for :class:`ContactGate`."""
+    window_dbfs: float
+    """The same for a whole window of 256 ms, as in the paper: lower, as a level over a longer time varies less."""
+    floor_dbfs: tuple[float, ...]
+    hum_dbfs: tuple[float, ...]
+    """`floor_dbfs` and `hum_dbfs`: level and hum in silence."""
+    stroke_dbfs: tuple[float, ...]
+    peak_dbfs: tuple[float, ...]
+    """`stroke_dbfs` and `peak_dbfs`: median level and highest peak while stroked."""
+    banded_dbfs: float = math.inf
+    """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it."""
+
+    def threshold_for(self, rule: LoudnessRule) -> float | None:
+        """Return the contact threshold for a model's rule, if it was measured."""
+        if rule == "rms":
+            return self.threshold_dbfs
+        return self.banded_dbfs if rule == "banded" and math.isfinite(self.banded_dbfs) else None
+
+    @property
+    def channels(self) -> int:
+        """1 or 2; channel 0 is contact."""
+        return len(self.floor_dbfs)
+
+    @property
+    def reference(self) -> Reference:
+        """The normal state that sensor faults are compared with."""
+        levels = (self.floor_dbfs, self.stroke_dbfs)
+        contrast_db = min(each[CONTACT] - each[AIR] for each in levels) if self.channels > 1 else 0.0
+        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db)
+
+    def write(self, path: Path) -> None:
+        """Write the file; raises `ConfigError` if it cannot be written."""
+        # Texts, numbers and lists are written alike in JSON and TOML; only infinity is not.
+        entries = {name: json.dumps(value, ensure_ascii=False) for name, value in dataclasses.asdict(self).items()}
+        lines = (f"{name} = {'inf' if value == 'Infinity' else value}\n" for name, value in entries.items())
+        try:
+            with atomic_write(path) as unfinished:
+                unfinished.write_text(f"[{_TABLE}]\n{''.join(lines)}", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}; give a folder that can be written to") from None
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file; raises `ConfigError` if it is missing, or not a file of :meth:`write`."""
+        again = "make one with `tactophone setup --check`"
+        try:
+            return msgspec.toml.decode(path.read_bytes(), type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}; {again}") from None
+        except (msgspec.DecodeError, UnicodeDecodeError, KeyError) as error:
+            raise ConfigError(f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}") from None
+
+
+WINDOW = 0.256
+"""Seconds over which the paper's gate measures the level."""
+
+TAIL = 0.2
+"""Share of the levels of silence, the loudest, that the threshold is extrapolated from."""
+
+OVERLAP = 8
+"""Levels measured within the duration of one, to use the few seconds fully."""
+
+DRIFT_DB = 0.5
+"""Noise floors change by as much from one minute to the next."""
+
+CLEARANCE_DB = 3.0
+"""Margin over the threshold that a stroke must have half of its time: the paper's own finger has 4 to 10."""
+
+HEADROOM_DB = 6.0
+"""Margin between the stroke's highest peak and full scale: people press harder later."""
+
+FAINT_DBFS = -30.0
+"""A peak under this wastes more than four of the converter's bits and lets its noise in."""
+
+CLIPPED_SHARE = 2e-3
+"""Of the samples of a half second: single peaks may touch full scale."""
+
+RESTLESS_DB = 6.0
+"""Margin over the median at which the loudest window of silence shows that it was not silent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault of a set-up and its remedy; a set-up with a ``fatal`` one cannot be used."""
+
+    code: str
+    message: str
+    fatal: bool = True
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """What was measured and found, and by how many dB to turn each channel's gain (0: leave it)."""
+
+    calibration: Calibration
+    findings: tuple[Finding, ...]
+    gain_db: tuple[int, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the set-up may be used."""
+        return not any(finding.fatal for finding in self.findings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationSounds:
+    """The three recordings of a calibration; all at one rate, float32 ``(samples, channels)``."""
+
+    sample_rate: int
+    silence: FloatArray
+    stroke: FloatArray
+    tap: FloatArray
+
+
+def measure_calibration(
+    sounds: CalibrationSounds, *, made: str, source: str, false_alarms_per_minute: float = 1.0
+) -> CalibrationResult:
+    """Measure the levels of a set-up and find what is wrong with it.
+
+    Parameters
+    ----------
+    sounds
+        At least a second of each.
+    made, source
+        For the file: date and time, and name of the source.
+    false_alarms_per_minute
+        False contacts to allow in a minute of silence.
+
+    Raises `ValueError` if a sound is shorter than a second.
+    """
+    if min(map(len, (sounds.silence, sounds.stroke, sounds.tap))) < sounds.sample_rate:
+        raise ValueError("each of silence, stroke and tap must last a second or more")
+    silence, stroke = (
+        SignalStatistics(sounds.sample_rate).push(AudioBlock(part, sounds.sample_rate))
+        for part in (sounds.silence, sounds.stroke)
+    )
+    # A stroke pauses where it turns: its louder half is contact.
+    touching = sorted(stroke, key=lambda statistics: statistics.level_dbfs[CONTACT])[len(stroke) // 2 :]
+    peaks = 20 * np.log10(np.maximum(np.abs(sounds.stroke).max(axis=0), 1e-6))
+    calibration = Calibration(
+        made=made,
+        source=source,
+        sample_rate=sounds.sample_rate,
+        false_alarms_per_minute=false_alarms_per_minute,
+        threshold_dbfs=gate_threshold(sounds, false_alarms_per_minute),
+        window_dbfs=level_threshold(sounds, WINDOW, false_alarms_per_minute),
+        floor_dbfs=_median(statistics.level_dbfs for statistics in silence),
+        hum_dbfs=_median(statistics.hum_dbfs for statistics in silence),
+        stroke_dbfs=_median(statistics.level_dbfs for statistics in touching),
+        peak_dbfs=tuple(round(float(level), 2) for level in peaks),
+        banded_dbfs=_banded_threshold(sounds, false_alarms_per_minute),
+    )
+    gain_db = tuple(_gain_db(sounds.stroke, channel) for channel in range(calibration.channels))
+    faults = tuple(_faults(sounds, calibration, gain_db))
+    codes = {finding.code for finding in faults}
+    weaknesses = _weaknesses(sounds, calibration, silence, gain_db)
+    findings = (*faults, *(finding for finding in weaknesses if finding.code not in codes))
+    return CalibrationResult(calibration, findings, gain_db)
+
+
+def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
+    """Return the threshold in dBFS at which silence opens the contact gate this often a minute."""
+    fast, slow = (level_threshold(sounds, seconds, false_alarms_per_minute) for seconds in (FAST, SLOW))
+    return round(max(slow, fast - CLEAR_DB), 2)
+
+
+def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float) -> float:
+    """Return the level in dBFS, measured over ``duration`` s, that silence reaches this often a minute."""
+    powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=OVERLAP)
+    loud = np.quantile(powers, 1 - TAIL)
+    excess = float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0
+    # The mean of so few excesses is uncertain: one standard error, that of exponential values, is added.
+    excess *= 1 + 1 / math.sqrt(TAIL * len(sounds.silence) / (duration * sounds.sample_rate))
+    chance = min(TAIL, false_alarms_per_minute * duration / 60)
+    return round(_dbfs(float(loud) + excess * math.log(TAIL / chance)) + DRIFT_DB, 2)
+
+
+def _banded_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
+    """Return the gate's threshold by the rule ``banded``; infinite where the silence was not steady."""
+    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + HOLD) / 60)
+    block = AudioBlock(sounds.silence, sounds.sample_rate)
+    floor = measure_floor([block], sample_rate=sounds.sample_rate, rule="banded", false_alarms=share)
+    return round(floor.threshold_dbfs, 2) if floor.known else math.inf
+
+
+def _powers(samples: FloatArray, size: int, *, overlap: int = 1) -> NDArray[np.float64]:
+    """Return the mean powers of windows of ``size`` samples, ``overlap`` of them starting within each."""
+    total = np.concatenate([[0.0], np.cumsum(np.square(samples, dtype=np.float64))])
+    return np.asarray((total[size:] - total[:-size])[:: max(1, size // overlap)] / size)
+
+
+def _dbfs(power: float) -> float:
+    return 10 * math.log10(max(power, 1e-12))
+
+
+def _median(entries: Iterable[Sequence[float]]) -> tuple[float, ...]:
+    return tuple(np.round(np.median(list(entries), axis=0), 2).tolist())
+
+
+def _gain_db(stroke: FloatArray, channel: int) -> int:
+    """Return by how much to turn the gain, so that the stroke keeps its headroom but is not faint.
+
+    Clipping hides the height of a peak; it is estimated from the quieter half: a peak is four standard deviations or
+    more, and the median of a normal distribution's absolute value is 0.6745 of one.
+    """
+    loud = np.abs(stroke[:, channel])
+    if not loud.any():
+        return 0
+    highest = max(float(loud.max()), 4 * float(np.median(loud)) / 0.6745)
+    room_db = -20 * math.log10(highest) - HEADROOM_DB
+    return round(room_db) if room_db < 0 or highest < 10 ** (FAINT_DBFS / 20) else 0
+
+
+def _faults(sounds: CalibrationSounds, calibration: Calibration, gain_db: Sequence[int]) -> Iterator[Finding]:
+    """Yield the faults that the run-time detector finds in the three sounds, by a stricter limit for clipping."""
+    reference = Reference(calibration.window_dbfs, calibration.floor_dbfs, clipped=CLIPPED_SHARE)
+    detector = FaultDetector(sounds.sample_rate, reference)
+    found = _faults_over_time(detector, np.concatenate([sounds.silence, sounds.stroke]))
+    # Taps may be as hard as the user likes: that they clip is no fault.
+    found |= {fault: None for fault in _faults_over_time(detector, sounds.tap) if fault.kind is not FaultKind.CLIPPED}
+    both_in_doubt = any(fault.channel is None for fault in found)
+    for fault in found:
+        if fault.channel is None:
+            yield Finding(fault.code, str(fault))
+        elif not both_in_doubt:
+            turn = f" by {-gain_db[fault.channel]} dB or more" if fault.kind is FaultKind.CLIPPED else ""
+            yield Finding(fault.code, f"{fault}{turn}")
+
+
+def _faults_over_time(detector: FaultDetector, samples: FloatArray) -> dict[SensorFault, None]:
+    """Return every fault that is present at any time, in order."""
+    found: dict[SensorFault, None] = {}
+    for start in range(0, len(samples), detector.cell_size):
+        detector.push(AudioBlock(samples[start : start + detector.cell_size], detector.sample_rate))
+        found |= dict.fromkeys(detector.faults)
+    return found
+
+
+def _weaknesses(
+    sounds: CalibrationSounds, calibration: Calibration, silence: Sequence[ChannelStatistics], gain_db: Sequence[int]
+) -> Iterator[Finding]:
+    """Yield what is wrong with the recordings, and what could be better in the set-up."""
+    levels = 10 * np.log10(np.maximum(_powers(sounds.silence[:, CONTACT], round(WINDOW * sounds.sample_rate)), 1e-12))
+    if levels.max() > np.median(levels) + RESTLESS_DB:
+        yield Finding(
+            "restless", "the silence was not silent: keep the finger and the table still, and calibrate again"
+        )
+    clearance_db = calibration.stroke_dbfs[CONTACT] - calibration.window_dbfs
+    if clearance_db < CLEARANCE_DB:
+        yield Finding(
+            "faint-stroke",
+            f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but needs {CLEARANCE_DB:+g} dB: "
+            "press harder, lower the noise, or turn the contact microphone's gain up",
+        )
+    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], round(FAST * sounds.sample_rate)).max()))
+    if tap_dbfs < calibration.threshold_dbfs + CLEAR_DB:
+        yield Finding("no-tap", "no tap was found: tap the finger on something hard, about twice a second")
+    for channel, name in enumerate(MICROPHONES[: calibration.channels]):
+        hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
+        if hum > max(floor - 3, HARMLESS_HUM_DBFS):
+            found = f"half of the {name} microphone's noise is hum at {silence[-1].mains} Hz and its multiples"
+            yield Finding(
+                f"{name}-hum", f"{found}; better shielding would let lighter touches be detected", fatal=False
+            )
+        if gain_db[channel] > 0:
+            found = f"the {name} microphone peaks at {calibration.peak_dbfs[channel]:.0f} dBFS"
+            yield Finding(f"{name}-faint", f"{found}; turn its gain up by {gain_db[channel]} dB", fatal=False)

@@ -1,0 +1,115 @@
+"""From probabilities and contact to a touch: the threshold, its hysteresis and its confirmation."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.types import Touch
+
+Probabilities = tuple[float, float, float]
+
+
+NEVER_ABSTAIN = 2.0
+"""A probability that no *none* reaches."""
+
+FORGET_AFTER = 25
+"""Predictions without contact after which the next one is a new touch: a stroke that turns stands still, inaudible, for
+up to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionRule:
+    """When a prediction is *rough*; the defaults are the paper's: the likelier of smooth and rough, at once.
+
+    Parameters
+    ----------
+    rough_on
+        Rough share (see :func:`rough_share`), over 0 and under 1, from which the decision turns from smooth to rough.
+    rough_off
+        Rough share under which it turns back to smooth; at most ``rough_on``.
+    confirm
+        Consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough. A touch that
+        was rough before the still point of a stroke, of up to `FORGET_AFTER` predictions, is confirmed already.
+    abstain_from
+        Probability of *none* from which a touch is unlike any in training: it is rendered as plain contact, smooth.
+        :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none* is trained but not used.
+
+    Raises `ValueError` if a value is out of range.
+    """
+
+    rough_on: float = 0.5
+    rough_off: float = 0.5
+    confirm: int = 1
+    abstain_from: float = NEVER_ABSTAIN
+
+    def __post_init__(self) -> None:
+        if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
+            raise ValueError(f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1")
+
+
+class Decision:
+    """Turns the probabilities of each prediction into a touch and a roughness; keeps the last decision."""
+
+    def __init__(self, rule: DecisionRule) -> None:
+        self._rule = rule
+        self.reset()
+
+    def reset(self) -> None:
+        self._rough = False
+        self._streak = self._quiet = 0
+
+    def decide(self, probabilities: Probabilities, *, contact: bool) -> tuple[Touch, float]:
+        """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
+
+        Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
+        """
+        if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
+            # A window without contact, or with unknown sound, neither counts towards confirmation nor, for up to
+            # `FORGET_AFTER` windows, resets the decision.
+            self._streak, self._quiet = 0, self._quiet + 1
+            self._rough = self._rough and self._quiet < FORGET_AFTER
+            return (Touch.SMOOTH if contact else Touch.NONE), 0.0
+        self._quiet = 0
+        share = rough_share(probabilities)
+        # Hysteresis: the threshold in force depends on the last decision.
+        threshold = self._rule.rough_off if self._rough else self._rule.rough_on
+        self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
+        self._rough = share >= threshold and (self._rough or self._streak >= self._rule.confirm)
+        # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where they are.
+        roughness = 0.5 * share / threshold if share < threshold else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
+        if self._rough:
+            return Touch.ROUGH, roughness
+        # A share over the threshold that is not confirmed yet must not be rendered as rough either.
+        return Touch.SMOOTH, min(roughness, math.nextafter(0.5, 0))
+
+
+def rough_share(probabilities: Probabilities) -> float:
+    """Return the probability of rough given that it is rough or smooth.
+
+    >>> rough_share((0.5, 0.125, 0.375))
+    0.75
+    """
+    _, smooth, rough = probabilities
+    return rough / (smooth + rough) if smooth + rough > 0 else 0.5
+
+
+def count_bumps(rough: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> int:
+    """Count the false bumps of predictions: stretches with rough while a smooth surface is touched.
+
+    >>> count_bumps(np.array([1, 1, 0, 1, 1], bool), np.array([1, 1, 1, 1, 0], bool))
+    2
+    """
+    return int((np.diff((rough & smooth).astype(np.int8), prepend=0) > 0).sum())
+
+
+def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
+    """Count the dips of predictions: stretches without rough between two with it, within one touch of a rough surface.
+
+    >>> count_dips(np.array([1, 0, 0, 1, 0, 1], bool), np.array([1, 1, 1, 1, 0, 1], bool))
+    1
+    """
+    touches = np.flatnonzero(np.diff(touching.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    begun = [int((np.diff(rough[first:end].astype(np.int8), prepend=0) > 0).sum()) for first, end in touches]
+    return sum(max(0, count - 1) for count in begun)

@@ -1,0 +1,243 @@
+"""Whether the sound of a touch fits the model: a missing band, noise, another tip.
+
+The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
+Quiet windows that stand out of the noise count as touch too: the gate of a hard tip's model hears little of a soft tip.
+Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
+hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
+``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
+"""
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.types import FloatArray
+
+Floats = NDArray[np.float64]
+
+EDGES = np.geomspace(100, 7000, 13)
+"""Bounds of the bands in Hz; the resampler's own low-pass begins over the highest."""
+
+SPACING = 3
+"""Every third window is taken, one in 30 ms: they hardly overlap."""
+
+LEAST, EVERY, LONG = 15, 8, 60
+"""Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s), and before one on noise, or on the
+tip while noise is unknown (1.8 s)."""
+
+OVER_DB, QUIET_DB = 5.0, 3.0
+"""A channel that is so much louder than the noise, in the median of its bands, is touch whatever the gate says; up to
+the second figure it may be silence."""
+
+FALL_DB, RISE_DB = 1.0, 0.02
+"""The most by which that noise follows a window down, and up; while the gate says touch, only down."""
+
+TOUCH_MEMORY, NOISE_MEMORY = 160, 60
+"""Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
+
+RINGING, LEAST_NOISE = 10, 15
+"""Windows after a touch that are no silence yet, and those of silence from which its noise is known."""
+
+SILENT_DB = -115.0
+"""Where the loudest band is fainter, there is no signal; digital silence has -120 dB."""
+
+MISSING_DB = 20.0
+"""By how much, at least, each band over a cut-off is fainter than under the tip, beside the bands under it."""
+
+LEAST_BANDS = 3
+"""Bands under a cut-off."""
+
+AUDIBLE_DB, AUDIBLE_SHARE = 3.0, 0.4
+"""Noise hides a touch that is 3 dB louder in less than this share of the bands. Simulated touches have 0.42 or more in
+a quiet room, soft rubber the least."""
+
+RANGE_DB = 40.0
+"""So far under a channel's loudest band, levels are not told apart."""
+
+SOFT, HARD = ("rubber", "pad"), ("plastic", "stylus")
+TIPS = SOFT + HARD
+"""Kinds of tip. Within a kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing
+under a pad sounds like a hard one under rubber."""
+
+ANOTHER: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {"both": (4.0, 30.0), "contact": (1.0, 50.0), "air": (4.0, 20.0)}
+)
+"""Logarithm of the likelihood ratio from which, twice in a row, sound is of another tip; under 0 it is the model's own
+again. And how far from that tip's mean, by the logarithm of its likelihood, sound is of no tip: speech, a motor. For
+both microphones, and for one alone, of a soft tip's model and of a hard one's."""
+
+
+class Misfit(NamedTuple):
+    """What does not fit: a code for programs, and a sentence with the next step."""
+
+    code: str
+    text: str
+
+
+@functools.cache
+def _tips() -> dict[str, Floats]:
+    """Return for each microphone of `ANOTHER` the ``means``, soft tips before hard ones, and the covariance of all.
+
+    In the coordinates ``values @ basis`` it is diagonal: 1, and ``within / n`` more for a description of ``n`` windows.
+    """
+    with np.load(Path(__file__).parent / "models" / "tips.npz") as file:
+        return {name: np.asarray(file[name], np.float64) for name in file.files}
+
+
+@functools.cache
+def _taper_and_bounds(size: int, sample_rate: int) -> tuple[Floats, NDArray[np.intp]]:
+    return np.hanning(size + 1)[:-1], np.searchsorted(np.fft.rfftfreq(size, 1 / sample_rate), EDGES)
+
+
+def _decibels(powers: Floats) -> Floats:
+    return np.asarray(10 * np.log10(powers + 1e-12))
+
+
+class FitCheck:
+    """Sums up the windows of touch and of silence, and says what does not fit.
+
+    ``name`` and ``tip`` are the model's; without a tip no sound is known to compare with, as that of a user's own
+    model. ``air``: its only channel is the air microphone.
+
+    Attributes
+    ----------
+    misfit
+        What does not fit now, the first cause of several.
+    """
+
+    def __init__(self, name: str, sample_rate: int, *, tip: str = "", air: bool = False) -> None:
+        self._name, self._sample_rate, self._tip, self._air = name, sample_rate, tip, air
+        if tip:
+            _tips()  # now, as a run may open no file once it goes
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the initial state: nothing is known of touch and noise."""
+        self.misfit: Misfit | None = None
+        self._number = self._touched = self._quiet = self._against = 0
+        self._since = RINGING
+        # Running means over windows of touch: levels, their squares, impulses of the slope.
+        self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
+        self._noise, self._floor = np.zeros(1), np.full(1, np.inf)
+
+    def push(self, sound: FloatArray, *, touching: bool) -> None:
+        """Take the next window, ``(channels, samples)``."""
+        self._number += 1
+        if self._number % SPACING:
+            return
+        level = self._band_levels(sound)
+        if level.max() < SILENT_DB:
+            return
+        loud = np.sort(level, axis=1)[:, 5:7].sum(axis=1) / 2  # the median of 12 bands: `np.median` takes 30 us longer
+        floor = np.where(np.isfinite(self._floor), self._floor, loud)
+        self._floor = floor + np.clip(loud - floor, -FALL_DB, 0 if touching else RISE_DB)
+        over = (loud - self._floor).max()
+        self._since = 0 if touching or (over > OVER_DB and self._quiet >= LEAST_NOISE) else self._since + 1
+        if not self._since:
+            self._touched += 1
+            weight = max(1 / self._touched, 1 / TOUCH_MEMORY)
+            new = level, np.square(level), _impulses(np.diff(sound))
+            self._touch = tuple(old + weight * (each - old) for old, each in zip(self._touch, new, strict=True))
+            if self._touched >= LEAST and self._touched % EVERY == 0:
+                self.misfit = self._judge()
+        elif self._since > RINGING and over < QUIET_DB:
+            self._quiet += 1
+            self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
+
+    def description(self) -> tuple[Floats, int]:
+        """Return touch less noise, whatever the gains, in dB for each channel heard, and the number of its windows.
+
+        Levels in the bands less their mean; their standard deviation; and three measures of impulses.
+        """
+        heard, levels = self._heard(), self._levels()
+        level, square, impulses = self._touch
+        shape = np.maximum(levels, levels.max(axis=1, keepdims=True) - RANGE_DB)
+        shape -= shape.mean(axis=1, keepdims=True)
+        deviation = np.sqrt(np.maximum(square - np.square(level), 0.01))[heard]
+        values = np.concatenate((shape.ravel(), deviation.ravel(), impulses[heard].ravel()))
+        return values, min(self._touched, TOUCH_MEMORY)
+
+    def _band_levels(self, sound: FloatArray) -> Floats:
+        """Return the level of each channel in each band, ``(channels, bands)``."""
+        size = sound.shape[1]
+        taper, bounds = _taper_and_bounds(size, self._sample_rate)
+        powers = np.square(np.abs(np.fft.rfft(sound * taper))) / (np.square(taper).sum() * size / 2)
+        return _decibels(np.add.reduceat(powers, bounds, axis=1)[:, :-1])
+
+    def _heard(self) -> NDArray[np.bool_]:
+        return np.asarray(self._touch[0].max(axis=1) > SILENT_DB)
+
+    def _levels(self) -> Floats:
+        touch = 10 ** (self._touch[0][self._heard()] / 10)
+        noise = 10 ** (self._noise[self._heard()] / 10) if self._quiet >= LEAST_NOISE else np.zeros(1)
+        return _decibels(np.maximum(touch - noise, noise / 4))
+
+    def _judge(self) -> Misfit | None:
+        if not self._heard().any():
+            return None
+        if self._tip and (highest := self._cut_off()):
+            return Misfit(
+                "narrow-band",
+                f"no sound above {highest / 1000:.1f} kHz: the model {self._name} needs up to "
+                f"{EDGES[-1] / 1000:g} kHz; switch off what limits it (a headset, noise reduction, a codec), or train "
+                "on your microphone",
+            )
+        known, long = self._quiet >= LEAST_NOISE, self._touched >= LONG
+        if known and long:
+            over = (self._touch[0] - self._noise)[self._heard()]
+            if (over > AUDIBLE_DB).mean() < AUDIBLE_SHARE:
+                return Misfit(
+                    "noisy",
+                    f"touch is only {over.mean():.0f} dB over the noise, too little to tell smooth from rough; press "
+                    "harder, turn the gain up, or keep motors and fans away",
+                )
+        return self._other_tip() if self._tip and (known or long) else None
+
+    def _microphones(self) -> str:
+        return "both" if self._heard().sum() > 1 else "air" if self._air else "contact"
+
+    def _cut_off(self) -> float:
+        """Return the frequency over which each channel lacks what touch has under this tip; 0 if there is none."""
+        levels = self._levels()
+        means = _tips()[f"{self._microphones()}-means"][TIPS.index(self._tip)]
+        off = levels - means[: levels.size].reshape(levels.shape)
+        for band in range(LEAST_BANDS, off.shape[1]):
+            if (off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB).all():
+                return float(EDGES[band])
+        return 0.0
+
+    def _other_tip(self) -> Misfit | None:
+        microphones = self._microphones()
+        means, basis, within = (_tips()[f"{microphones}-{each}"] for each in ("means", "basis", "within"))
+        values, windows = self.description()
+        likelihoods = -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1) / 2
+        soft = np.arange(len(means)) < len(SOFT)
+        others = soft != (self._tip in SOFT)
+        others[TIPS.index("pad")] |= self._tip == "rubber" and microphones == "both"
+        likeliest, (least, farthest) = likelihoods[others].max(), ANOTHER[microphones]
+        ratio = likeliest - likelihoods[~others].max()
+        self._against = self._against + 1 if ratio > least and likeliest > -farthest else 0
+        noticed = self.misfit is not None and self.misfit.code == "other-tip" and ratio > 0
+        if self._against < 2 and not noticed:
+            return None
+        best = soft[np.where(others, likelihoods, -np.inf).argmax()]
+        own, other = ("soft" if each else "hard" for each in (self._tip in SOFT, best))
+        return Misfit(
+            "other-tip",
+            f"this sounds like {'another' if own == other else 'a'} {other} tip, but the model {self._name} is for a "
+            f"{own} one, {self._tip}: if so, "
+            + " or ".join(f"--tip {tip}" for tip in (SOFT if best else HARD) if tip != self._tip),
+        )
+
+
+def _impulses(slopes: FloatArray) -> Floats:
+    """Return crest, kurtosis and mean absolute value of each channel, all by its RMS: ``(channels, 3)``, in dB."""
+    squares, sizes = np.square(slopes), np.abs(slopes)
+    power = squares.mean(axis=1) + 1e-18
+    crest, mean = np.square(sizes.max(axis=1)) / power, np.square(sizes.mean(axis=1)) / power
+    return _decibels(np.stack((crest, mean, np.square(squares).mean(axis=1) / power**2), axis=1))

@@ -1,0 +1,190 @@
+"""The level of the contact microphone, which decides on contact: of a window, and four thousand times a second.
+
+There are three rules. The paper states an RMS level; its authors' code takes the mean of the absolute value, which is
+2 dB lower for Gaussian noise; ``banded`` leaves out hum and motors.
+
+`StepLevels` keeps sound that a packet brings after its last whole step for the next packet. Steps of 0.25 ms divide
+packets of 2.5 ms. At a period of 64 samples they leave a remainder of 4 samples; with steps of 1 ms, clicks were
+detected 0.3 ms later (p50; docs/research/processor-time.md).
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.core.microphones import CONTACT
+from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.signal.perception.health import find_invalid
+
+LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
+
+SILENCE_DBFS = -200.0
+"""Replaces minus infinity, so that levels stay finite: below the least step of 24 bit sound (-138 dBFS)."""
+
+
+def rms_dbfs(samples: FloatArray) -> float:
+    """Return the root mean square level of one channel, in dB of full scale.
+
+    >>> rms_dbfs(np.full(100, 0.1, np.float32))
+    -20.0
+    >>> rms_dbfs(np.zeros(100, np.float32))
+    -200.0
+    """
+    return _dbfs(math.sqrt(np.vecdot(samples, samples) / len(samples)))
+
+
+def mean_absolute_dbfs(samples: FloatArray) -> float:
+    """Return the level of the mean absolute value of one channel, in dB of full scale."""
+    return _dbfs(float(np.abs(samples).mean(dtype=np.float64)))
+
+
+def banded_dbfs(samples: FloatArray) -> float:
+    """Return the RMS level of one channel between 1/32 and 1/2 of the Nyquist frequency: 250 Hz to 4 kHz at 16 kHz.
+
+    Hum, motors and the arm's sway are under that band, the sound of a sliding finger in it: on simulated sound it
+    detects 83 % of touching windows at 1 % false alarms, the unfiltered level 42 % (docs/research/detector.md).
+
+    >>> hum, hiss = (np.sin(2 * np.pi * f * np.arange(512) / 512).astype(np.float32) for f in (3, 40))
+    >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
+    (True, -3.0)
+    """
+    size = len(samples)
+    band = np.fft.rfft(samples * _taper(size))[size // 64 : size // 4]
+    # Two sides of a real spectrum; the taper's mean square is 3/8.
+    return _dbfs(math.sqrt(2 * np.vdot(band, band).real / (3 / 8 * size * size)))
+
+
+LOUDNESS: dict[LoudnessRule, Callable[[FloatArray], float]] = {
+    "rms": rms_dbfs,
+    "mean_absolute": mean_absolute_dbfs,
+    "banded": banded_dbfs,
+}
+"""The level in dBFS of one channel, shape ``(samples,)``, by each rule."""
+
+
+@functools.cache
+def _taper(size: int) -> NDArray[np.float64]:
+    return np.asarray(np.hanning(size + 1)[:-1])
+
+
+def _dbfs(amplitude: float) -> float:
+    # Rounded to an inaudible 1e-6 dB, so that levels compare equal whatever the order of summation.
+    return max(SILENCE_DBFS, round(20 * math.log10(amplitude), 6)) if amplitude > 0 else SILENCE_DBFS
+
+
+LARGEST_PIECE = 512
+"""Samples taken at once; longer blocks are taken in such pieces."""
+
+STEP_RATE = 4000
+"""Steps a second."""
+
+BANDED_RATE = 8000
+"""Hz that ``banded`` sound is averaged down to; a step then holds two samples."""
+
+BANDED_LAG = 2
+"""Samples at 8 kHz between the two that ``banded`` subtracts: a band around 2 kHz, without offset, hum and motors
+(-22 dB at 50 Hz). Of lags 0 (all frequencies), 1, 2 and 4 and a 33-tap high-pass, it detects most touching windows of
+simulated sound at 1 % false alarms: 0.85, 0.92, 0.93, 0.93 and 0.92 (32 ms, floor known)."""
+
+BANDED_POWER = 0.7
+"""Scales the power of differences so that simulated touches have the banded level of the windows (median; noise, which
+is brighter, lies 1 dB lower)."""
+
+_NONE = np.empty(0, np.float32)
+
+
+class StepLevels:
+    """Measures steps of 0.25 ms; the same values at any block size.
+
+    Parameters
+    ----------
+    rule
+        ``rms``, ``mean_absolute`` or ``banded``.
+    sample_rate
+        In Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule ``banded``).
+
+    >>> levels = StepLevels("rms", sample_rate=48_000)
+    >>> levels.push(AudioBlock(np.full((30, 1), 0.5, np.float32), 48_000)).tolist()
+    [0.25, 0.25]
+    >>> levels.count(0.032)
+    128
+    """
+
+    def __init__(self, rule: LoudnessRule, *, sample_rate: int) -> None:
+        self._rule: LoudnessRule = rule
+        self._sample_rate = sample_rate
+        self._decimation = max(1, sample_rate // BANDED_RATE) if rule == "banded" else 1
+        whole_steps = sample_rate / STEP_RATE / self._decimation
+        count = max(1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE)
+        self.step_size = count * self._decimation
+        # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
+        self.power = 1 if rule == "mean_absolute" else 2
+        # The mean of `decimation` neighbours, a low-pass that costs little (what it lets alias is quiet in a contact
+        # sound), less the mean a lag before. As one filter, because each call on a packet costs more than its sums.
+        # Scaled so that the squares of a step's differences sum up to its power.
+        mean = np.full(self._decimation, math.sqrt(BANDED_POWER / count) / self._decimation, np.float32)
+        self._filter = np.concatenate((-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean))
+        self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
+        # What precedes the next step and is part of its differences, and the beginning of that step; then new sound.
+        self._sound: FloatArray = np.zeros(self._before + self.step_size + LARGEST_PIECE, np.float32)
+        # Of each number of steps: they always begin at the same place, and making a view takes as long as a sum.
+        self._views: dict[int, tuple[FloatArray, FloatArray]] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        self._sound[: self._before] = 0
+        self._filled = self._before
+
+    def count(self, duration: float) -> int:
+        """Return how many steps come nearest to so many seconds."""
+        return round(duration * self._sample_rate / self.step_size)
+
+    def push(self, block: AudioBlock) -> FloatArray:
+        """Take sound; return the power, or mean absolute value, of each step that it completes.
+
+        A step with invalid samples is NaN.
+        """
+        contact = block.samples[:, CONTACT]
+        if len(contact) <= LARGEST_PIECE:
+            return self._push(contact)
+        pieces = (contact[start : start + LARGEST_PIECE] for start in range(0, len(contact), LARGEST_PIECE))
+        return np.concatenate([self._push(piece) for piece in pieces])
+
+    def _push(self, contact: FloatArray) -> FloatArray:
+        sound, end = self._sound, self._filled + len(contact)
+        sound[self._filled : end] = contact
+        count = (end - self._before) // self.step_size
+        if not count:
+            self._filled = end
+            return _NONE
+        levels, measured = self._measure(count), count * self.step_size
+        self._filled = end - measured
+        sound[: self._filled] = sound[measured:end]
+        return levels
+
+    def _measure(self, count: int) -> FloatArray:
+        steps, around = self._views.get(count) or self._make_views(count)
+        if len(invalid := find_invalid(steps)):
+            steps[invalid] = np.nan
+        if self._rule == "banded":
+            change = np.vecdot(around, self._filter)
+            powers: FloatArray = np.vecdot(change, change)
+            return powers
+        sums = np.vecdot(steps, steps) if self.power == 2 else np.abs(steps).sum(axis=1)
+        return np.asarray(sums / np.float32(self.step_size))
+
+    def _make_views(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return so many steps, and what the filter covers for each of their differences."""
+        steps = self._sound[self._before : self._before + count * self.step_size].reshape(count, self.step_size)
+        if self._rule != "banded":
+            # The filter's view would reach over the end of the sound.
+            self._views[count] = steps, steps
+            return self._views[count]
+        shape = count, self.step_size // self._decimation, len(self._filter)
+        strides = 4 * self.step_size, 4 * self._decimation, 4
+        self._views[count] = steps, np.ndarray(shape, np.float32, self._sound, strides=strides)
+        return self._views[count]

@@ -1,0 +1,132 @@
+"""Opens a detector by name or path: the models inside the package, and files of the user's own."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+
+from tactophone.core.errors import ModelError, did_you_mean
+from tactophone.core.plugins import DETECTORS, load, registered
+from tactophone.core.types import DEFAULT_TIP, Detector
+from tactophone.signal.perception.contact import ContactGate
+from tactophone.signal.perception.detector import TouchDetector, WindowDetector
+from tactophone.signal.perception.fit import FitCheck
+from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
+from tactophone.signal.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
+
+TIP_MODELS: Mapping[str, str] = MappingProxyType(
+    {"rubber": "rubber", "pad": "texture", "plastic": "plastic", "stylus": "stylus"}
+)
+"""The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
+
+PAPER_MONO = "paper-mono"
+"""Replaces the paper's network where only the contact microphone works."""
+
+_FOLDER = Path(str(files("tactophone.signal.perception"))) / "models"
+
+
+def shipped_models() -> list[str]:
+    return sorted(path.stem for path in _FOLDER.glob("*.onnx"))
+
+
+def model_path(name: str) -> Path:
+    """Return the path of a model: the name of a shipped one, or a path already.
+
+    Raises `ModelError` if it is neither.
+    """
+    if name in shipped_models():
+        return _FOLDER / f"{name}.onnx"
+    if (path := Path(name)).is_file():
+        return path
+    if name in registered(DETECTORS):
+        raise ModelError(f"{name} is a detector of another package, but a model file is needed here")
+    hint = did_you_mean(name, shipped_models())
+    raise ModelError(
+        f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
+    )
+
+
+def default_model(tip: str = DEFAULT_TIP) -> str:
+    """Return the name of the shipped model for a tip; each works with one channel as with two.
+
+    A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
+    """
+    return TIP_MODELS.get(tip, TIP_MODELS[DEFAULT_TIP])
+
+
+def tip_mismatch(card: ModelCard, tip: str) -> str:
+    """Return what is wrong with a model for a tip, and what to do; empty if they fit or the card names no tip.
+
+    A tip decides the sign of some features: what is rough under one may come out smooth under another.
+    """
+    if not card.tip or card.tip == tip or TIP_MODELS.get(tip, tip) == TIP_MODELS.get(card.tip, card.tip):
+        return ""
+    right = f"use --model {TIP_MODELS[tip]}" if tip in TIP_MODELS else "train one on recordings of your finger"
+    words = f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap"
+    return f"{words}; give --tip {card.tip} if that touches, or else {right}"
+
+
+def fallback_model(name: str) -> str | None:
+    """Return the model that replaces another where only the contact microphone works; itself, if it can.
+
+    There is none for kinds that need both microphones and measure contact by another rule than the paper's.
+    """
+    kind = read_model(model_path(name)).card.kind
+    if kind in SUPPORTS_MISSING_CHANNEL:
+        return name
+    return PAPER_MONO if kind == "paper" else None
+
+
+def open_detector(
+    name: str, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
+) -> TouchDetector:
+    """Open a shipped model or a model file, for sound of a rate.
+
+    Parameters
+    ----------
+    name
+        As :func:`model_path` takes it.
+    sample_rate
+        In Hz.
+    fast_contact
+        Whether contact is detected within milliseconds, by a contact gate with the model's threshold; otherwise by the
+        level of whole windows, as in the paper.
+    follow_floor
+        Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
+        threshold ends that.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or this version cannot run it.
+    """
+    detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
+    card = detector.card
+    if card.kind == "texture":
+        tip = card.tip if name in TIP_MODELS.values() else ""
+        detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
+    return (
+        with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor)
+        if fast_contact
+        else TouchDetector(detector)
+    )
+
+
+def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector | None:
+    """Open the detector that another package has registered under a name; ``None`` if it is a model's."""
+    if name in shipped_models() or Path(name).is_file() or not (make := load(DETECTORS, name)):
+        return None
+    detector: Detector = make(sample_rate=sample_rate, channels=channels)
+    return detector
+
+
+def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False) -> TouchDetector:
+    """Join a detector and a contact gate of its model's threshold, which begins there and may follow the noise."""
+    floor, contact = None, detector.card.gate
+    if follow_floor:
+        # Each follows the noise by its own measure of level: the gate's bands are not exactly those of the windows.
+        spread_db = SPREAD_DB[contact.rule]
+        floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
+        detector.floor = NoiseFloor(contact.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
+    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=HOLD)
+    return TouchDetector(detector, gate, window=detector.card.duration)

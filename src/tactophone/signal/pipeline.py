@@ -1,0 +1,222 @@
+"""Sound to haptic command: the stages of the operator's side that need no network.
+
+::
+
+    sound ─▶ TouchDetector ─▶ prediction ─▶ profile ─▶ limits ─▶ command
+
+`tactophone feel`, the live system, the simulations and the benchmarks all run this class. It stands apart from
+`tactophone.net.endpoints` so that processing a recording needs none of the network's libraries.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tactophone.core.errors import ModelError
+from tactophone.core.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.signal.haptics.limits import Limits, peak_amplitude
+from tactophone.signal.haptics.profiles import open_profile
+from tactophone.signal.perception.detector import push_together
+from tactophone.signal.perception.events import EventDetector, EventMerger
+from tactophone.signal.perception.models import default_model, open_detector, open_registered
+
+
+class Pipeline:
+    """Sound in, haptic commands out: an `AudioBlock` leads to a `PipelineStep`.
+
+    Parameters
+    ----------
+    detector
+        Makes predictions from sound. It holds what a page shows and changes: name, faults and contact threshold.
+    profile
+        Maps a prediction to a vibration; another may be assigned at any time.
+    limits
+        Bounds of every command; others may be assigned at any time, also from another thread. Where the ceiling is
+        below the profile's greatest amplitude, the whole profile is scaled down to it, so that the contrast between
+        smooth and rough stays the same in dB.
+    events
+        Adds a prediction for each touch event; without it, none are detected.
+
+    Examples
+    --------
+    ::
+
+        pipeline = open_pipeline(sample_rate=48_000, channels=2)
+        for block in source:
+            step = pipeline.push(block)
+            if step.command:
+                oscillator.submit(step.command)
+    """
+
+    def __init__(
+        self, detector: Detector, profile: Profile, limits: Limits | None = None, *, events: EventMerger | None = None
+    ) -> None:
+        self.detector = detector
+        self._events = events
+        self.limits = limits or Limits()
+        self.profile = profile
+
+    @property
+    def profile(self) -> Profile:
+        """The rendering profile."""
+        return self._profile_and_peak[0]
+
+    @profile.setter
+    def profile(self, profile: Profile) -> None:
+        # One assignment, so that a network thread never combines a new profile with the peak of the old one.
+        self._profile_and_peak = profile, peak_amplitude(profile)
+
+    def push(self, block: AudioBlock) -> PipelineStep:
+        """Process a block of sound; returns its predictions and commands."""
+        return self.complete(block, self.detector.push(block))
+
+    def complete(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
+        """Return the step of a block from the predictions that the detector made of it."""
+        if self._events:
+            predictions = list(self._events.merge(block, predictions, latency=self.detector.latency))
+        return self._step(block, predictions)
+
+    def flush(self, block: AudioBlock) -> PipelineStep:
+        """Return what the end of the stream still completes; ``block`` is the last one pushed."""
+        return self._step(replace(block, samples=block.samples[:0], start=block.end), self.detector.flush())
+
+    def reset(self) -> None:
+        """Return to the initial state; fault counts stay."""
+        self.detector.reset()
+        if self._events:
+            self._events.reset()
+
+    def command_for(self, prediction: Prediction) -> HapticCommand:
+        """Return the command for a prediction, as limited; its time is when the prediction was made."""
+        (profile, peak), limits = self._profile_and_peak, self.limits
+        command = profile.command(prediction)
+        amplitude = command.amplitude * limits.scale_for(peak)
+        return limits.bound(HapticCommand(amplitude, command.frequency, prediction.end + self.detector.latency))
+
+    def _step(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
+        return PipelineStep(block, tuple(predictions), tuple(map(self.command_for, predictions)))
+
+
+class Hand:
+    """The pipelines of all fingers of a robot: the sound of all goes in, and a step of each comes out.
+
+    Every finger has its own detector, profile and limits, and classifies as it would alone: in a batch, P(rough) may
+    differ by 1e-5. One finger is a hand too: its sound passes as it is.
+
+    Parameters
+    ----------
+    pipelines
+        One for each finger, in the order of the channels.
+    channels
+        Of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has as silence.
+        By default 2 each; the sound of a single finger has whatever its pipeline takes.
+
+    Attributes
+    ----------
+    fingers
+        Number of fingers.
+
+    Examples
+    --------
+    >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
+    >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
+    >>> [(step.finger, step.block.channels) for step in hand.push(sound)]
+    [(0, 2), (1, 2), (2, 2)]
+    """
+
+    def __init__(self, pipelines: Sequence[Pipeline], *, channels: Sequence[int] = ()) -> None:
+        self.pipelines = list(pipelines)
+        self.fingers = len(self.pipelines)
+        self._channels = list(channels) or [2] * self.fingers
+
+    def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it."""
+        if self.fingers == 1:
+            yield self.pipelines[0].push(block)
+            return
+        parts = split_fingers(block, self._channels)
+        predictions = push_together([pipeline.detector for pipeline in self.pipelines], parts)
+        for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
+            step = pipeline.complete(part, found)
+            yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
+
+    def reset(self) -> None:
+        """Return to the initial state; fault counts stay."""
+        for pipeline in self.pipelines:
+            pipeline.reset()
+
+
+def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:
+    """Return the sound of each finger, of which each has the given number of channels, 1 or 2.
+
+    The block has two channels for each; the sound of a single finger passes if it has that finger's channels already.
+    Raises `ValueError` for any other number.
+    """
+    if [block.channels] == list(channels):
+        return [block]
+    if block.channels != 2 * len(channels):
+        raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
+    # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
+    return [
+        AudioBlock(
+            np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]),
+            block.sample_rate, block.start, block.concealed,
+        )
+        for finger, count in enumerate(channels)
+    ]  # fmt: skip
+
+
+def open_pipeline(
+    model: str = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
+    fast_contact: bool = True, follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
+) -> Pipeline:  # fmt: skip
+    """Open a pipeline for sound of a given rate and channel count.
+
+    Parameters
+    ----------
+    model
+        Name of a shipped model, path of a model file, or name of a detector that another package registers as an entry
+        point ``tactophone.detectors``; empty: the shipped model for the tip.
+    sample_rate
+        Of the sound to come, in Hz; 2000 or more.
+    channels
+        1 (contact) or 2 (contact, air).
+    profile
+        Name of a rendering profile.
+    limits
+        Bounds of the commands; by default a ceiling of half of full drive.
+    fast_contact
+        Detect contact within milliseconds (`signal.perception.contact`); if false, by the window, as in the paper.
+    follow_floor
+        Let the contact threshold follow the noise floor, until another is assigned (`ContactThreshold`); if false, it
+        is the model's own.
+    events
+        Detect touch events (taps, strokes, slips); the profile ``events`` always does.
+    tip
+        Tip that touches, one of `tactophone.core.types.TIP_NAMES`.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or it does not fit the sound.
+    ConfigError
+        If there is no such profile.
+    """
+    if channels not in (1, 2):
+        raise ModelError(
+            f"channels = {channels}, but a pipeline takes 1 (contact) or 2 (contact, air); open one for each finger"
+        )
+    name = model or default_model(tip)
+    detector: Detector = open_registered(name, sample_rate=sample_rate, channels=channels) or open_detector(
+        name, sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
+    )
+    merger = None
+    if events or profile == "events":
+        merger = open_events(sample_rate=sample_rate, channels=channels, tip=tip)
+    return Pipeline(detector, open_profile(profile), limits, events=merger)
+
+
+def open_events(*, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> EventMerger:
+    """Make the detector of touch events for a pipeline."""
+    return EventMerger(EventDetector(sample_rate=sample_rate, channels=min(channels, 2), tip=tip))

@@ -1,0 +1,119 @@
+"""Children end with their parent on Ctrl-C and not by themselves; files appear whole or not at all."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tactophone.core.processes import atomic_write
+
+SCRIPT = """
+import os, signal, sys
+from tactophone.core.processes import Child
+
+def blocked():
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+def work(parent):
+    os.kill(os.getpid(), signal.SIGINT)
+    parent.tell(("progress", blocked()))
+
+if __name__ == "__main__":
+    for _ in range(2):  # the first child starts a process of multiprocessing's own, too
+        child = Child(work, name="test")
+        print(next(child.messages(None))[1], blocked(), child.how_ended())
+"""
+
+
+def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=True)
+    assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
+
+
+DEAF = """
+import os, signal, sys
+from pathlib import Path
+from tactophone.core import processes
+
+def work(parent, path):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    processes.time.sleep = lambda grace: None
+    Path(path).write_text(str(os.getpid()))
+    signal.pause()
+
+if __name__ == "__main__":
+    processes.Child(work, sys.argv[1], name="test").how_ended()
+"""
+
+
+def test_a_child_that_heeds_nothing_ends_with_its_killed_parent(tmp_path: Path) -> None:
+    script, path = tmp_path / "script.py", tmp_path / "pid"
+    script.write_text(DEAF)
+    parent = subprocess.Popen([sys.executable, script, path])
+    try:
+        _wait_until(lambda: path.exists() and path.read_text() != "")
+        child = int(path.read_text())
+        assert psutil.pid_exists(child)
+    finally:
+        parent.kill()
+    _wait_until(lambda: not psutil.pid_exists(child))
+
+
+WORKERS = """
+import os, sys, time
+from pathlib import Path
+from tactophone.core.processes import open_pool
+
+def work(folder):
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(60)
+
+if __name__ == "__main__":
+    with open_pool(2) as pool:
+        list(pool.map(work, [sys.argv[1]] * 2))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_a_killed_parent(how: signal.Signals, tmp_path: Path) -> None:
+    script, folder = tmp_path / "script.py", tmp_path / "pids"
+    script.write_text(WORKERS)
+    folder.mkdir()
+    parent = subprocess.Popen([sys.executable, script, folder])
+    try:
+        _wait_until(lambda: len(list(folder.iterdir())) == 2)
+        workers = [int(path.name) for path in folder.iterdir()]
+        os.kill(parent.pid, how)
+        parent.wait(10)
+        _wait_until(lambda: not any(map(psutil.pid_exists, workers)))
+    finally:
+        parent.kill()
+
+
+def _wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    with atomic_write(path) as unfinished:
+        unfinished.write_text("old")
+    with (
+        pytest.raises(UnicodeEncodeError),
+        atomic_write(path) as unfinished,
+        unfinished.open("w", encoding="ascii") as file,
+    ):
+        file.writelines(["ne", "ü"])
+    assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])

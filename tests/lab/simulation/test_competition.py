@@ -1,0 +1,40 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactophone.core.types import Touch
+from tactophone.lab.simulation.competition import (
+    CompetitionRun,
+    render_run,
+    run_recording,
+    write_finals,
+    write_run,
+)
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_run_visits_all_stones_and_has_its_truth(tmp_path: Path) -> None:
+    run = CompetitionRun(day=1, number=1)
+    write_run(tmp_path, run)
+    recording = run_recording(tmp_path, run)
+    labels = [segment.label_name for segment in recording.segments]
+    assert labels.count("rough") >= 2
+    assert labels.count("smooth") >= 3
+    assert sorted(recording.known("stones").split()) == ["rough"] * 2 + ["smooth"] * 3
+
+
+def test_days_and_runs_differ() -> None:
+    first, second = render_run(CompetitionRun(1, 1)), render_run(CompetitionRun(2, 1))
+    assert first[0].shape != second[0].shape or not np.array_equal(first[0], second[0])
+    assert {CompetitionRun(1, number).order for number in range(10)} != {CompetitionRun(1, 1).order}
+
+
+def test_finals_hold_one_label_each(tmp_path: Path) -> None:
+    paths = write_finals(tmp_path, [CompetitionRun(1, 1)])
+    assert [path.name for path in paths] == ["day_1_smooth.wav", "day_1_rough.wav"]
+
+
+def test_stones_are_three_smooth_and_two_rough() -> None:
+    assert sorted(CompetitionRun(2, 3).order) == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2

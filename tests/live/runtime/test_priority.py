@@ -1,0 +1,56 @@
+import gc
+import os
+import sys
+import threading
+
+import pytest
+
+from tactophone.live.runtime.priority import COLLECTION_INTERVAL, collect_garbage, prioritize_thread, settle
+
+
+def test_settling_hides_everything_from_the_collector() -> None:
+    before = sys.getswitchinterval()
+    settle()
+    try:
+        assert gc.get_freeze_count() > 1000
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(before)
+
+
+def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
+    before = gc.get_stats()[2]["collections"]
+    assert collect_garbage(0.0, 0.9 * COLLECTION_INTERVAL) == 0.0
+    assert collect_garbage(0.0, COLLECTION_INTERVAL) == COLLECTION_INTERVAL
+    assert collect_garbage(COLLECTION_INTERVAL, 1.9 * COLLECTION_INTERVAL) == COLLECTION_INTERVAL
+    assert gc.get_stats()[2]["collections"] == before + 1
+
+
+def test_a_refused_priority_is_one_sentence_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert "limits.d" in prioritize_thread(50)
+
+
+def test_only_the_calling_thread_is_prioritized() -> None:
+    warnings: list[str] = []
+    thread = threading.Thread(target=lambda: warnings.append(prioritize_thread(1)))
+    thread.start()
+    thread.join()
+    assert warnings[0] == "" or "no right" in warnings[0]
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_priority_zero_requests_nothing() -> None:
+    assert prioritize_thread(0) == ""
+
+
+def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> None:
+    before = sys.getswitchinterval()
+    settle()
+    try:
+        assert sys.getswitchinterval() < 32 / 48_000 / 4
+    finally:
+        sys.setswitchinterval(before)

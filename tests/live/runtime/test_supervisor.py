@@ -1,0 +1,192 @@
+import os
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable
+
+import pytest
+
+from tactophone.core.errors import DeviceError, TactophoneError
+from tactophone.core.settings import Settings
+from tactophone.live.runtime.supervisor import END_TIMEOUT, ProcessInfo, Supervisor, supervised
+from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.writer import Telemetry
+
+from .live_system import writer_of
+
+pytestmark = pytest.mark.realtime
+
+
+def live(settings: Settings, info: ProcessInfo, *, stall_after: int = 0) -> None:
+    """Act as a side that vibrates; the first process stalls after so many periods."""
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    with Telemetry(info.name) as telemetry:
+        telemetry.count("process_restarts", info.restarts)
+        telemetry.gauge("output_amplitude", 0.5)
+        while not terminated.wait(0.003):
+            telemetry.count("callbacks")
+            telemetry.update(State(role="test"), now=time.monotonic())
+            if stall_after and info.restarts == 0 and telemetry.counter("callbacks") == stall_after:
+                os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def live_and_stall(settings: Settings, info: ProcessInfo) -> None:
+    live(settings, info, stall_after=30)
+
+
+def fail_to_open(settings: Settings, info: ProcessInfo) -> None:
+    raise DeviceError("there is no such device: choose another")
+
+
+def end_at_once(settings: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
+        telemetry.update(State(), now=time.monotonic())
+        time.sleep(0.2)
+
+
+@pytest.fixture
+def name() -> str:
+    return f"test-{uuid.uuid4().hex[:8]}"
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    for _ in range(1000):
+        if condition():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_a_stalled_process_is_killed_and_replaced(name: str) -> None:
+    with Supervisor(live_and_stall, Settings(), name=name) as supervisor:
+        first = supervisor.pid
+        assert eventually(lambda: supervisor.restarts == 1)
+        assert eventually(lambda: writer_of(name) not in (0, first))
+        assert eventually(lambda: Watcher(name).snapshot().counters["process_restarts"] == 1)
+        assert supervisor.running
+        last = supervisor.pid
+    assert not os.path.exists(f"/proc/{last}")
+
+
+def test_an_error_at_the_start_is_raised_in_one_line(name: str) -> None:
+    with (
+        pytest.raises(TactophoneError, match="no such device: choose another"),
+        Supervisor(fail_to_open, Settings(), name=name),
+    ):
+        pass
+
+
+def test_a_process_whose_sound_has_ended_is_not_restarted(name: str) -> None:
+    with Supervisor(end_at_once, Settings(), name=name) as supervisor:
+        assert supervisor.wait(5.0)
+        assert not supervisor.running
+        assert supervisor.restarts == 0
+
+
+def fail_after_a_moment(settings: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
+        telemetry.update(State(), now=time.monotonic())
+        time.sleep(0.3)
+        raise DeviceError("the model needs two channels: choose another")
+
+
+def test_the_reason_of_a_restart_is_reported_and_restarts_back_off(name: str) -> None:
+    lines: list[str] = []
+    with Supervisor(fail_after_a_moment, Settings(), name=name, report=lines.append):
+        assert eventually(lambda: sum(line.startswith("!") for line in lines) >= 2)
+    first, second, *_ = [line for line in lines if line.startswith("!")]
+    assert "the model needs two channels" in first
+    assert first.endswith("starts again in 0.5 s")
+    assert second.endswith("starts again in 1 s")
+
+
+def start_slowly(settings: Settings, info: ProcessInfo) -> None:
+    info.progress("reading the model")
+    until = time.monotonic() + 3.0
+    while time.monotonic() < until:
+        pass
+    live(settings, info)
+
+
+def start_never(settings: Settings, info: ProcessInfo) -> None:
+    info.progress("waiting for a device")
+    time.sleep(60.0)
+
+
+def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.START_TIMEOUT", 1.5)
+    with Supervisor(start_slowly, Settings(), name=name) as supervisor:
+        assert supervisor.running
+
+
+def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.START_TIMEOUT", 1.5)
+    with (
+        pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
+        Supervisor(start_never, Settings(), name=name),
+    ):
+        pass
+
+
+def start_deaf(settings: Settings, info: ProcessInfo) -> None:
+    """Run at first; a successor heeds SIGTERM only once it has started, which takes it a minute."""
+    if info.restarts == 0:
+        live(settings, info, stall_after=30)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    info.progress("starting")
+    time.sleep(60.0)
+
+
+def test_a_run_ends_at_once_while_a_successor_starts(name: str) -> None:
+    with Supervisor(start_deaf, Settings(), name=name) as supervisor:
+        first = supervisor.pid
+        assert eventually(lambda: supervisor.pid != first)
+        time.sleep(1.0)
+        began = time.monotonic()
+    assert time.monotonic() - began < END_TIMEOUT / 2
+    assert not os.path.exists(f"/proc/{supervisor.pid}")
+
+
+def test_sigterm_during_the_start_leaves_no_process_behind(name: str) -> None:
+    side = Supervisor(start_slowly, Settings(), name=name)
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    with pytest.raises(SystemExit), supervised(side):
+        pytest.fail("it has started")
+    assert not os.path.exists(f"/proc/{side.pid}")
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_restarts_come_as_soon_as_at_first_after_a_healthy_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.SHORT_LIFE", 0.8)
+    lines: list[str] = []
+    with Supervisor(live, Settings(), name=name, report=lines.append) as supervisor:
+        for number in range(3):
+            os.kill(supervisor.pid, signal.SIGKILL)
+            assert eventually(lambda number=number: supervisor.restarts > number)
+            assert eventually(lambda: writer_of(name) == supervisor.pid)
+            time.sleep(1.0 if number else 0.0)
+    assert [line.rpartition("in ")[2] for line in lines if line.startswith("!")] == ["0.5 s", "1 s", "0.5 s"]
+
+
+def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
+    with Supervisor(live, Settings(), name=name) as supervisor:
+        os.kill(supervisor.pid, signal.SIGSTOP)
+    with pytest.raises(TactophoneError, match="cannot reach"):
+        Watcher(name)
+
+
+def test_sides_start_together_and_end_together_when_one_fails(name: str) -> None:
+    first, second = Supervisor(live, Settings(), name=name), Supervisor(live, Settings(), name=f"{name}-2")
+    with supervised(first, second):
+        assert first.running
+        assert second.running
+        pids = [first.pid, second.pid]
+    assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
+    failing = Supervisor(fail_to_open, Settings(), name=f"{name}-3")
+    running = Supervisor(live, Settings(), name=name)
+    with pytest.raises(TactophoneError, match="no such device"), supervised(running, failing):
+        pass
+    assert not os.path.exists(f"/proc/{running.pid}")

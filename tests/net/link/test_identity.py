@@ -1,0 +1,110 @@
+"""Keys and pins on disk, and what is refused."""
+
+import contextlib
+import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+
+from tactophone.core.errors import ConfigError
+from tactophone.net.link.identity import Identity, Peers, parse_fingerprint
+
+
+def test_an_identity_is_saved_and_loaded(tmp_path: Path) -> None:
+    identity = Identity.create("robot")
+    identity.save(tmp_path / "new" / "folder")
+    loaded = Identity.load(tmp_path / "new" / "folder")
+    assert (loaded.name, loaded.fingerprint) == ("robot", identity.fingerprint)
+
+
+def test_every_identity_is_its_own() -> None:
+    assert Identity.create("robot").fingerprint != Identity.create("robot").fingerprint
+
+
+@pytest.mark.parametrize("mode", [0o604, 0o640, 0o660, 0o700 | 0o001])
+def test_a_key_that_others_may_access_is_refused(tmp_path: Path, mode: int) -> None:
+    Identity.create("robot").save(tmp_path)
+    (tmp_path / "key.pem").chmod(mode)
+    with pytest.raises(ConfigError, match="chmod 600"):
+        Identity.load(tmp_path)
+
+
+def test_missing_broken_and_mismatched_keys_have_different_errors(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="pair init"):
+        Identity.load(tmp_path)
+    Identity.create("robot").save(tmp_path)
+    Identity.create("operator").save(tmp_path / "other")
+    (tmp_path / "certificate.pem").write_bytes((tmp_path / "other" / "certificate.pem").read_bytes())
+    with pytest.raises(ConfigError, match="do not belong together"):
+        Identity.load(tmp_path)
+    (tmp_path / "key.pem").write_text("nonsense")
+    with pytest.raises(ConfigError, match="no usable key"):
+        Identity.load(tmp_path)
+
+
+def test_peers_are_saved_and_must_not_be_writable_by_others(tmp_path: Path) -> None:
+    peers = Peers().trusting("robot one", "ab" * 32)
+    peers.save(tmp_path)
+    assert Peers.load(tmp_path).items() == peers.items()
+    (tmp_path / "peers.txt").chmod(0o622)
+    with pytest.raises(ConfigError, match="no other user may access it"):
+        Peers.load(tmp_path)
+
+
+def test_a_line_without_a_name_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "peers.txt"
+    path.write_text("ab" * 32)
+    path.chmod(0o600)
+    with pytest.raises(ConfigError, match="has no name"):
+        Peers.load(tmp_path)
+
+
+def test_a_name_has_one_fingerprint() -> None:
+    peers = Peers().trusting("robot", "ab" * 32).trusting("robot", "cd" * 32)
+    assert [pin[:5] for _, pin in peers.items()] == ["CD:CD"]
+    assert peers.name_of(parse_fingerprint("cd" * 32)) == "robot"
+    assert peers.name_of(parse_fingerprint("ab" * 32)) is None
+
+
+@pytest.mark.parametrize("text", ["", "AB", "zz" * 32, "ab" * 33])
+def test_a_malformed_fingerprint_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="not a fingerprint"):
+        parse_fingerprint(text)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"\x00\x80 robot"])
+def test_a_list_of_peers_that_is_not_text_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "peers.txt").write_bytes(content)
+    (tmp_path / "peers.txt").chmod(0o600)
+    with pytest.raises(ConfigError):
+        Peers.load(tmp_path)
+
+
+def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(tmp_path: Path) -> None:
+    """The library raises many types of its own: for a version, an algorithm or a name that it does not know."""
+    Identity.create("robot").save(tmp_path)
+    original = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    random = np.random.default_rng(0)
+    for _ in range(400):
+        path = list(original)[random.integers(len(original))]
+        changed = bytearray(original[path])
+        for at in random.integers(0, len(changed), 3):
+            changed[at] = random.choice(list(b"ABCxyz019+/=-\n\xff"))
+        path.write_bytes(changed)
+        with contextlib.suppress(ConfigError):
+            assert isinstance(Identity.load(tmp_path).name, str)
+        path.write_bytes(original[path])
+
+
+def test_a_certificate_without_a_name_is_refused_in_words(tmp_path: Path) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    now = datetime.datetime.now(datetime.UTC)
+    builder = x509.CertificateBuilder(x509.Name([]), x509.Name([]), key.public_key(), x509.random_serial_number())
+    certificate = builder.not_valid_before(now).not_valid_after(now + datetime.timedelta(1)).sign(key, hashes.SHA256())
+    Identity(key, certificate).save(tmp_path)
+    with pytest.raises(ConfigError, match="no usable key and certificate"):
+        Identity.load(tmp_path)
