@@ -92,9 +92,12 @@ def read_ros(arrived: Arrived, port: int) -> None:
 def read_zenoh(arrived: Arrived, port: int) -> None:
     import zenoh
 
-    settings = {"mode": "peer", "scouting": {"multicast": {"enabled": False}},
-                "connect": {"endpoints": [f"tcp/127.0.0.1:{port}"], "timeout_ms": -1, "exit_on_failure": False},
-                "listen": {"endpoints": []}}  # fmt: skip
+    settings = {
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}},
+        "connect": {"endpoints": [f"tcp/127.0.0.1:{port}"], "timeout_ms": -1, "exit_on_failure": False},
+        "listen": {"endpoints": []},
+    }
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
         # Twelve numbers follow in the body of CDR after header and times: here only those at known places are read.
         def take(sample: "zenoh.Sample") -> None:
@@ -186,14 +189,18 @@ def measure(way: str) -> tuple[float, float]:
     options += ["--set", "bridges.ros_sinks=manus"] if way == "gloves" else []
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "zenoh.json5")
-        listen = {"mode": "peer", "scouting": {"multicast": {"enabled": False}},
-                  "listen": {"endpoints": [f"tcp/127.0.0.1:{port}"]}}  # fmt: skip
+        listen = {
+            "mode": "peer",
+            "scouting": {"multicast": {"enabled": False}},
+            "listen": {"endpoints": [f"tcp/127.0.0.1:{port}"]},
+        }
         config.write_text(json.dumps(listen))
         environment = os.environ | {"CYCLONEDDS_URI": LOOPBACK, "ZENOH_SESSION_CONFIG_URI": str(config)}
         os.environ["CYCLONEDDS_URI"] = LOOPBACK
         command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
-        run = subprocess.Popen([*command, *options], env=environment,
-                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # fmt: skip
+        run = subprocess.Popen(
+            [*command, *options], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
         assert run.stdout
         lines: list[str] = []
         threading.Thread(target=lambda: lines.extend(run.stdout or ()), daemon=True).start()

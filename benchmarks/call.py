@@ -164,9 +164,12 @@ def calls(folder: Path, source: str, number: int, listen: float, kind: Nat) -> N
                 counters, _ = run.operator.totals()
                 trip = run.robot.gauge("round_trip")
             every.append(run.times)
-            print(json.dumps({stage: round(at, 3) for stage, at in run.times.items()}), "relayed" * run.relayed,
-                  f"lost {counters['packets_lost']} of {counters['packets_received']}, {1000 * trip:.1f} ms",
-                  flush=True)  # fmt: skip
+            print(
+                json.dumps({stage: round(at, 3) for stage, at in run.times.items()}),
+                "relayed" * run.relayed,
+                f"lost {counters['packets_lost']} of {counters['packets_received']}, {1000 * trip:.1f} ms",
+                flush=True,
+            )
     print(f"{'s after the code is typed':26} {'p50':>6} {'p90':>6}")
     for stage in STAGES:
         values = [each[stage] for each in every]

@@ -144,8 +144,10 @@ def feel_speed(model: str) -> dict:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
             [sys.executable, "-m", "tactophone", "feel", str(recording), "--model", model, "--out", folder, "--json"],
-            stdout=subprocess.PIPE, check=True, env=os.environ | ONE_THREAD,
-        )  # fmt: skip
+            stdout=subprocess.PIPE,
+            check=True,
+            env=os.environ | ONE_THREAD,
+        )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
     worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return {"wall": json.loads(done.stdout)[0]["speed"], "processor": FEEL_DURATION / worked}

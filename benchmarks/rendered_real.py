@@ -114,9 +114,11 @@ def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
     errors = []
     for _ in range(500):
         drawn = {name: Touch.ROUGH if rng.random() < mean else Touch.SMOOTH for name, mean in means.items()}
-        errors.append(calibration_error(
-            replace(take, recording=replace(take.recording, label=drawn[take.recording.surface])) for take in takes
-        ))  # fmt: skip
+        errors.append(
+            calibration_error(
+                replace(take, recording=replace(take.recording, label=drawn[take.recording.surface])) for take in takes
+            )
+        )
     return float(np.mean(errors)), *np.percentile(errors, [5, 95]).tolist()
 
 

@@ -75,8 +75,10 @@ def main() -> None:
             for operators in numbers:
                 print(robot_row(name, operators, each[operators], seconds=args.seconds), flush=True)
         return
-    print("| fingers | settings | processor time, both ends, 5 ms packets | goal | as settings | p50 / p99 | goal "
-          "| missed | operator | goal | Mbit/s | goal | decisions |")  # fmt: skip
+    print(
+        "| fingers | settings | processor time, both ends, 5 ms packets | goal | as settings | p50 / p99 | goal "
+        "| missed | operator | goal | Mbit/s | goal | decisions |"
+    )
     print("|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
     for name in args.rows.split(","):
         for fingers in map(int, args.fingers.split(",")):

@@ -28,8 +28,11 @@ def commands(page: str) -> list[tuple[str, list[str]]]:
 def start(words: list[str], **options: str | Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "tactophone", *words],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **options,  # type: ignore[call-overload]
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        **options,  # type: ignore[call-overload]
+    )
 
 
 @pytest.mark.slow

@@ -32,8 +32,11 @@ def test_everything_lies_beside_each_other(model: str, tmp_path: Path, capsys: p
     assert main(["feel", record(tmp_path / "a.wav"), "--model", model, "--out", str(out), "--plot", "--json"]) == 0
     (result,) = json.loads(capsys.readouterr().out)
     assert sorted(path.name for path in out.iterdir()) == [
-        "a.feel.png", "a.haptic.wav", "a.timeline.csv", "a.timeline.json",
-    ]  # fmt: skip
+        "a.feel.png",
+        "a.haptic.wav",
+        "a.timeline.csv",
+        "a.timeline.json",
+    ]
     assert set(result["files"].values()) == {str(path) for path in out.iterdir()}
     assert result["rough"] > 0.5
     assert result["model"] == "tiny"

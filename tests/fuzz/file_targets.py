@@ -65,8 +65,10 @@ def identities() -> tuple[Sequence[bytes], Run]:
 
 def page_requests() -> tuple[Sequence[bytes], Run]:
     messages: list[dict[str, object]] = [
-        {"action": "mute"}, {"action": "ceiling", "value": 0.2}, {"action": "profile", "text": "paper"},
-    ]  # fmt: skip
+        {"action": "mute"},
+        {"action": "ceiling", "value": 0.2},
+        {"action": "profile", "text": "paper"},
+    ]
     state = State(profiles=("paper",), fingers=(FingerState(ceiling=0.5),))
 
     def run(data: bytes) -> None:

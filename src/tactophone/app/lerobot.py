@@ -108,9 +108,11 @@ def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: floa
         "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in Hz; the others 0 to 1",
         "touch": [touch.name.lower() for touch in Touch],
         "event": ["", *EVENT_KINDS],
-        "audio": {str(path.relative_to(out)): {"start_time_s": lead - begin, "sample_rate": LIVE_SAMPLE_RATE}
-                  for path in sounds},
-    }  # fmt: skip
+        "audio": {
+            str(path.relative_to(out)): {"start_time_s": lead - begin, "sample_rate": LIVE_SAMPLE_RATE}
+            for path in sounds
+        },
+    }
     for name, content in (("info.json", info), ("stats.json", stats)):
         (out / "meta" / name).unlink(missing_ok=True)
         (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")

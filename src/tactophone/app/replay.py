@@ -349,9 +349,12 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
     for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
         files["figure"] = folder / f"{name}.replay.png"
         draw_recording(
-            files["figure"], timeline=files["timeline"], microphones=renderer.microphones, vibration=renderer.vibration,
+            files["figure"],
+            timeline=files["timeline"],
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
             title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
-        )  # fmt: skip
+        )
     return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
 
 

@@ -52,25 +52,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
-    add("--splits", metavar="LIST",
+    add(
+        "--splits",
+        metavar="LIST",
         help="names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
-        "pressure, scenario and session where the data has them)")  # fmt: skip
+        "pressure, scenario and session where the data has them)",
+    )
     add(
         "--fast",
         action="store_true",
         help="three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours",
     )
-    add("--out", type=Path, default=Path("benchmark"), metavar="DIR",
-        help="for results.json, report.md and its figures")  # fmt: skip
+    add(
+        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.md and its figures"
+    )
     add_folds(parser)
     add("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     add("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
-    add("--table3", action="store_true",
-        help="print the paper's task with a simulated operator; --methods also takes paths of model files")  # fmt: skip
     add(
-        "--ablations", type=Path, metavar="DIR",
+        "--table3",
+        action="store_true",
+        help="print the paper's task with a simulated operator; --methods also takes paths of model files",
+    )
+    add(
+        "--ablations",
+        type=Path,
+        metavar="DIR",
         help="score the paper's network by each recipe file in DIR, on the first of --splits (default: 3-fold by kin)",
-    )  # fmt: skip
+    )
     add("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
     options.add_json(parser, "print JSON instead of tables")
 

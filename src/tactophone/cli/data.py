@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--filter", action="append", metavar="KEY=VALUE[,VALUE...]",
+        "--filter",
+        action="append",
+        metavar="KEY=VALUE[,VALUE...]",
         help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
-    )  # fmt: skip
+    )
 
 
 def add_kin(parser: argparse.ArgumentParser) -> None:

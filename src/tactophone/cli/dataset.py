@@ -52,16 +52,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(sub, "print JSON instead of a table")
     sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
     sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
-    sub.add_argument("--fold", type=Within(int, 1), default=1, metavar="N",
-        help="the fold whose test set --write takes, %(type)s")  # fmt: skip
+    sub.add_argument(
+        "--fold", type=Within(int, 1), default=1, metavar="N", help="the fold whose test set --write takes, %(type)s"
+    )
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
-        "import", _import,
+        "import",
+        _import,
         "convert another layout to this one, as FLAC: the paper's authors', manifest.csv, folders rough/ and smooth/, "
         "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, file_name and label without surface, "
         "or an MCAP file of --record",
-    )  # fmt: skip
+    )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
     sub.add_argument("--format", choices=("biotac",), help="BioTac vibration as published: CSV with pac1 to pac22")
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
@@ -139,12 +141,15 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
     with TemporaryDirectory(prefix="tactophone-") as folder:
         takes = [
             Recording(
-                sound.path, args.surface or log.stem, LABEL_NAMES[args.label],
+                sound.path,
+                args.surface or log.stem,
+                LABEL_NAMES[args.label],
                 MICROPHONES[: soundfile.info(sound.path).channels],
-                take="-".join(filter(None, (str(sound.session), sound.finger))), session=log.stem,
+                take="-".join(filter(None, (str(sound.session), sound.finger))),
+                session=log.stem,
             )
             for sound in write_sound(log, Path(folder))
-        ]  # fmt: skip
+        ]
         converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
     _print_count(len(converted.recordings), args.out)
     return 0
@@ -160,9 +165,12 @@ def _import(args: argparse.Namespace) -> int:
         output.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
     with output.progress("converting", len(found.dataset.recordings)) as update:
         converted = convert(
-            found.dataset, args.out, air_of=found.air_of, targets=found.targets,
+            found.dataset,
+            args.out,
+            air_of=found.air_of,
+            targets=found.targets,
             progress=lambda done: update(completed=done),
-        )  # fmt: skip
+        )
     pairs = f", {len(found.air_of)} of them joined from two mono files" if found.air_of else ""
     print(f"{len(converted.recordings)} recordings{pairs} in {args.out}")
     if found.guessed:

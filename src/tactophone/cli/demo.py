@@ -112,8 +112,9 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     fingers: Fingers = {}
     for finger, source, recorder in zip(names_of(settings), sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)
-        subject = finger or (source.path.name if args.recording else "a simulated finger on a smooth stone, then a "
-                             "rough one")  # fmt: skip
+        subject = finger or (
+            source.path.name if args.recording else "a simulated finger on a smooth stone, then a rough one"
+        )
         files = _write(args.out, source, recorder, truth, finger=finger, title=f"{subject}: encrypted, over {network}")
         fingers[finger] = score_run(read_timeline(timeline, finger=finger), truth), files
     last = outcome.last

@@ -117,9 +117,11 @@ def _feel(settings: Settings) -> int:
     input("Lay a finger on the actuator, and press Enter. ")
     lacking_db: list[float] = []
     with open_actuator(
-        settings, lambda outs: oscillator.render(outs[0]),
-        roughness=lambda: float(now is ROUGH_STIMULUS), ceiling=lambda: oscillator.limits.ceiling,
-    ) as actuator:  # fmt: skip
+        settings,
+        lambda outs: oscillator.render(outs[0]),
+        roughness=lambda: float(now is ROUGH_STIMULUS),
+        ceiling=lambda: oscillator.limits.ceiling,
+    ) as actuator:
         for now, word in ((ROUGH_STIMULUS, "rough"), (SMOOTH_STIMULUS, "smooth")):
             first = next(filter(felt, STEPS_DB), math.inf)
             lacking_db.append(first - now.level_dbfs)

@@ -57,15 +57,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--note", metavar="NAME", help="write the scores into the model's card, under this name")
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
-    group.add_argument("--split", metavar="NAME",
-        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)")  # fmt: skip
+    group.add_argument(
+        "--split",
+        metavar="NAME",
+        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)",
+    )
     group.add_argument("--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
         "(without N: 1)")  # fmt: skip
     group.add_argument(
-        "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...",
+        "--vary",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE,VALUE...",
         help="an entry of a recipe file and its values, repeatable: every combination is tried, best first",
-    )  # fmt: skip
+    )
     add_folds(group)
     add_recipe(group)
 
@@ -157,17 +163,23 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     yield (
         f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
         f"{first.contact:.0%} of them in contact by the gate.\n"
-        + ("In brackets: 90 % intervals, surfaces drawn anew.\n" if known else
-           "No intervals: one surface of a class says nothing of others.\n")
-    )  # fmt: skip
-    yield from _table("as rendered", {
-        name: {
-            "balanced accuracy": report.rendered.balanced_accuracy,
-            "smooth as rough": report.rendered.smooth_as_rough,
-            "gaps": report.rendered.gaps,
-        }
-        for name, report in reports.items()
-    })  # fmt: skip
+        + (
+            "In brackets: 90 % intervals, surfaces drawn anew.\n"
+            if known
+            else "No intervals: one surface of a class says nothing of others.\n"
+        )
+    )
+    yield from _table(
+        "as rendered",
+        {
+            name: {
+                "balanced accuracy": report.rendered.balanced_accuracy,
+                "smooth as rough": report.rendered.smooth_as_rough,
+                "gaps": report.rendered.gaps,
+            }
+            for name, report in reports.items()
+        },
+    )
     bumps, dips = (f"{rate:.1f}" if math.isfinite(rate) else "-" for rate in (first.false_bumps, first.dips))
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
     unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))
@@ -175,10 +187,13 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     # Three columns of a score and its interval are what 80 characters hold.
     headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
     for rule in RULES if len(reports) > 1 else ():
-        yield from _table(f"{rule} rule", {
-            name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
-            for name, report in reports.items()
-        })  # fmt: skip
+        yield from _table(
+            f"{rule} rule",
+            {
+                name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
+                for name, report in reports.items()
+            },
+        )
     yield from _table(
         "",
         {words: {f"{rule} rule": first.rules[rule][name] for rule in RULES} for name, words in _MEASURES.items()},
@@ -218,9 +233,12 @@ def _vary(args: argparse.Namespace) -> int:
     todo = [(method, fold) for _, method in methods for fold in folds]
     with output.progress("varying", len(todo)) as update:
         run_folds(
-            todo, cache, workers=args.workers, ray=args.ray,
+            todo,
+            cache,
+            workers=args.workers,
+            ray=args.ray,
             report=lambda done, name: update(completed=done, note=name),
-        )  # fmt: skip
+        )
     trials: list[dict[str, Any]] = []
     for name, method in methods:
         found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))

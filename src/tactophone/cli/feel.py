@@ -246,10 +246,13 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         files["figure"] = args.out / f"{stem}.feel.png"
         labelled = f", labelled {label}" if label else ""
         draw_recording(
-            files["figure"], timeline=outputs.timeline, microphones=renderer.microphones, vibration=renderer.vibration,
+            files["figure"],
+            timeline=outputs.timeline,
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
             title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
             truth=truth,
-        )  # fmt: skip
+        )
     mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
     if source.sample_rate < card.sample_rate:

@@ -96,10 +96,11 @@ def run(args: argparse.Namespace) -> int:
     recipe = finetune.finetuning_recipe(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
     with output.progress("training") as update:
         trained = finetune.train_on_both(
-            recipe, data,
+            recipe,
+            data,
             reading=lambda done, count: update(completed=done, total=count, note="reading"),
             report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
-        )  # fmt: skip
+        )
     out = args.out
     with tempfile.TemporaryDirectory() as folder:
         args.out = Path(folder, out.name)  # until it is known to be good

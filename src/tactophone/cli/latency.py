@@ -90,10 +90,12 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
 
 def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Iterator[dict[str, str]]:
     durations = {
-        **measured.stages, "[bold]sum of the stages[/]": _sum(measured), "[bold]end to end[/]": measured.end_to_end,
+        **measured.stages,
+        "[bold]sum of the stages[/]": _sum(measured),
+        "[bold]end to end[/]": measured.end_to_end,
         f"window of {card.name}, all of the new surface": np.array([card.duration]),
         "[bold]window to finger[/]": card.duration + measured.end_to_end,
-    }  # fmt: skip
+    }
     if delays is not None:
         durations["decision: contact to vibration"] = np.array(delays.touch)
         durations["decision: edge to changed vibration"] = np.array(delays.edge)

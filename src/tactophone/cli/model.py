@@ -37,8 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return
     add_action = options.add_actions(parser)
     show = add_action("show", "show a model's card: input, decision rule, training data, scores", _show)
-    show.add_argument("model", metavar="NAME|FILE",
-        help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}")  # fmt: skip
+    show.add_argument(
+        "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
+    )
     options.add_json(show, "print the card as JSON")
     words = (
         "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
@@ -47,8 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     published = add_action("import", words, _import)
     published.add_argument("source", type=Path, metavar="FILE", help="the TorchScript file, or model.pt")
-    published.add_argument("--out", type=Path, metavar="FILE",
-        help="the model file to write (default: FILE.onnx, in this folder)")  # fmt: skip
+    published.add_argument(
+        "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
+    )
 
 
 def _import(args: argparse.Namespace) -> int:
@@ -123,8 +125,9 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     parser.set_defaults(run=_set_threshold)
     goal = parser.add_mutually_exclusive_group(required=True)
-    goal.add_argument("--false-bumps", metavar="N/min",
-        help="rough predicted on smooth, over 0 to 600 times a minute of contact")  # fmt: skip
+    goal.add_argument(
+        "--false-bumps", metavar="N/min", help="rough predicted on smooth, over 0 to 600 times a minute of contact"
+    )
     goal.add_argument("--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
         help="share of smooth contact predicted rough, %(type)s")  # fmt: skip
     add("--out", type=Path, metavar="FILE",

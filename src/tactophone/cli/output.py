@@ -158,8 +158,11 @@ def progress(description: str, total: float | None = None, *, note: str = "") ->
     Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
     """
     columns = (
-        BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
-    )  # fmt: skip
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
     with Progress(
         TextColumn(description), *columns, console=log(), transient=True, disable=not log().is_terminal
     ) as bar:

@@ -25,8 +25,9 @@ if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
     """Add ``--dashboard``, and for a verb without other settings ``--lan`` and ``--https``."""
-    parser.add_argument("--dashboard", action="store_true",
-        help="serve a page that shows the run, and print its address")  # fmt: skip
+    parser.add_argument(
+        "--dashboard", action="store_true", help="serve a page that shows the run, and print its address"
+    )
     for name in options.flags_of(verb):
         if name.startswith("page."):
             options.add_flag(parser, name)

@@ -49,9 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     verb = parser.get_default("verb")
     if verb == "play":
         add(
-            "--seed", type=SEED, metavar="N",
+            "--seed",
+            type=SEED,
+            metavar="N",
             help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
-        )  # fmt: skip
+        )
         add("--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
             help="file to which each round's result is appended as one line of JSON")  # fmt: skip
         options.add_settings(parser, verb, NEAR)

@@ -24,8 +24,11 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
         f"{', '.join(RecipeFile.__struct_fields__[:-1])} (docs/guide/training.md)")  # fmt: skip
     add("--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
         "from variant in a recipe file (default: 2)")  # fmt: skip
-    add("--tip", choices=TIP_NAMES,
-        help="that the model is for (recipes on features; default: the one that the recordings name)")  # fmt: skip
+    add(
+        "--tip",
+        choices=TIP_NAMES,
+        help="that the model is for (recipes on features; default: the one that the recordings name)",
+    )
     add("--set", action="append", default=[], metavar="NAME=VALUE",
         help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable")  # fmt: skip
 
@@ -71,9 +74,12 @@ def run(args: argparse.Namespace) -> int:
         checkpoint.unlink(missing_ok=True)
     with output.progress("training") as update:
         recipe.train(
-            args.out, dataset, checkpoint=checkpoint, log=output.log().print,
+            args.out,
+            dataset,
+            checkpoint=checkpoint,
+            log=output.log().print,
             report=lambda done, total, note: update(completed=done, total=total, note=note),
-        )  # fmt: skip
+        )
     checkpoint.unlink(missing_ok=True)
     print(args.out)
     return 0

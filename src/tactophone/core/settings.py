@@ -104,9 +104,12 @@ class Capture:
         "empty: the default",
     )
     tip: str = _setting(
-        DEFAULT_TIP, "tip that touches: it chooses the model where none is named, and is the simulated finger's",
-        choices=TIP_NAMES, flag="--tip", verbs="answer call demo feel loopback play receive send setup",
-    )  # fmt: skip
+        DEFAULT_TIP,
+        "tip that touches: it chooses the model where none is named, and is the simulated finger's",
+        choices=TIP_NAMES,
+        flag="--tip",
+        verbs="answer call demo feel loopback play receive send setup",
+    )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
     block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
@@ -127,9 +130,12 @@ class Link:
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
     identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
     codec: str = _setting(
-        "opus", "pcm16 for a local network, opus for the rest", choices=("opus", "pcm16"), flag="--codec",
+        "opus",
+        "pcm16 for a local network, opus for the rest",
+        choices=("opus", "pcm16"),
+        flag="--codec",
         verbs="latency send",
-    )  # fmt: skip
+    )
     packet_duration: float = _setting(
         0.005, "sound in a packet", unit="s", span=(0.0005, 0.02), flag="--packet-duration", verbs="latency"
     )
@@ -282,9 +288,11 @@ class Page:
         verbs="feel play receive replay send try",
     )
     open: bool = _setting(
-        False, "open the page in this machine's browser, besides printing its address", flag="--open",
+        False,
+        "open the page in this machine's browser, besides printing its address",
+        flag="--open",
         verbs="demo play try",
-    )  # fmt: skip
+    )
     https: bool = _setting(
         False,
         "serve the page encrypted, with the certificate of `tactophone pair init`; a phone needs it for sound and "

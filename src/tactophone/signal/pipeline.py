@@ -161,10 +161,12 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
     return [
         AudioBlock(
             np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]),
-            block.sample_rate, block.start, block.concealed,
+            block.sample_rate,
+            block.start,
+            block.concealed,
         )
         for finger, count in enumerate(channels)
-    ]  # fmt: skip
+    ]
 
 
 def open_pipeline(

@@ -54,8 +54,10 @@ async def watch(
         channels = {channel["topic"]: channel["id"] for channel in texts[1]["channels"]}
         for text in sent:
             await view.send_str(text)
-        wanted = [{"id": 70, "channelId": channels["/tactophone/prediction"]},
-                  {"id": 71, "channelId": channels["/tactophone/state"]}]  # fmt: skip
+        wanted = [
+            {"id": 70, "channelId": channels["/tactophone/prediction"]},
+            {"id": 71, "channelId": channels["/tactophone/state"]},
+        ]
         await view.send_str(json.dumps({"op": "subscribe", "subscriptions": wanted}))
         await asyncio.sleep(0.2)
         telemetry.publish(STEP, now=time.monotonic())
@@ -168,9 +170,12 @@ def test_half_a_header_is_cut_off_and_keeps_no_viewer_away(bridge: FoxgloveBridg
 
 def test_malformed_requests_leave_the_viewer_connected(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
     wild = [
-        '{"op":"subscribe","subscriptions":[{"id":1,"channelId":1e999}]}', "[" * 60_000, "[]",
-        '{"op":"subscribe","subscriptions":["ab"]}', '{"op":"unsubscribe","subscriptionIds":[1e999]}',
-    ]  # fmt: skip
+        '{"op":"subscribe","subscriptions":[{"id":1,"channelId":1e999}]}',
+        "[" * 60_000,
+        "[]",
+        '{"op":"subscribe","subscriptions":["ab"]}',
+        '{"op":"unsubscribe","subscriptionIds":[1e999]}',
+    ]
     bridge.read()
     assert len(asyncio.run(watch(bridge, telemetry, PROTOCOLS[0], *wild))[1]) == 2
 

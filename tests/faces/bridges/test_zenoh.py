@@ -73,9 +73,11 @@ def test_predictions_sound_format_and_devices_arrive_under_the_keys_of_rmw_zenoh
     found: dict[str, Any] = {}
     everything = node.declare_subscriber("7/**", lambda sample: found.setdefault(str(sample.key_expr), sample))
     late = ext.declare_advanced_subscriber(
-        node, "7/tactophone/index/audio_info/**", lambda sample: found.setdefault("late", sample),
+        node,
+        "7/tactophone/index/audio_info/**",
+        lambda sample: found.setdefault("late", sample),
         history=ext.HistoryConfig(detect_late_publishers=True),
-    )  # fmt: skip
+    )
 
     def arrived() -> bool:
         telemetry.publish(STEP, now=time.monotonic())

@@ -73,8 +73,9 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
     key, own = tmp_path / "key.pem", tmp_path / "own.pem"
     subprocess.run(
         f"openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=x -keyout {key} -out {own}".split(),
-        check=True, capture_output=True,
-    )  # fmt: skip
+        check=True,
+        capture_output=True,
+    )
     return own, key
 
 

@@ -20,8 +20,11 @@ SETTINGS = replace(network_settings("fine-tuned"), hop=32, batch_size=64, epochs
 
 def accuracy(predictions: list[TakePredictions]) -> float:
     called = [np.mean(take.probabilities[:, 2] > take.probabilities[:, 1]) > 0.5 for take in predictions]
-    return float(np.mean([rough == (take.recording.label is Touch.ROUGH)
-                          for rough, take in zip(called, predictions, strict=True)]))  # fmt: skip
+    return float(
+        np.mean(
+            [rough == (take.recording.label is Touch.ROUGH) for rough, take in zip(called, predictions, strict=True)]
+        )
+    )
 
 
 @pytest.mark.slow

@@ -35,9 +35,12 @@ def test_class_folders_bring_labels_and_surfaces(tmp_path: Path) -> None:
         write_sound(tmp_path / f"{name}.wav")
     found = find_importable(tmp_path)
     assert {(take.surface, take.label, take.take) for take in found.dataset.recordings} == {
-        ("granite", Touch.ROUGH, "01"), ("granite", Touch.ROUGH, "02"), ("slate", Touch.ROUGH, "a"),
-        ("glass", Touch.SMOOTH, "1"), ("room", Touch.NONE, "1"),
-    }  # fmt: skip
+        ("granite", Touch.ROUGH, "01"),
+        ("granite", Touch.ROUGH, "02"),
+        ("slate", Touch.ROUGH, "a"),
+        ("glass", Touch.SMOOTH, "1"),
+        ("room", Touch.NONE, "1"),
+    }
     assert found.guessed
     made = convert(found.dataset, tmp_path / "ours", targets=found.targets)
     assert check(open_dataset(tmp_path / "ours")) == ()
@@ -49,8 +52,9 @@ def test_a_name_under_both_labels_is_two_surfaces_and_sides_are_kept(tmp_path: P
         write_sound(tmp_path / f"{name}.wav")
     recordings = find_importable(tmp_path).dataset.recordings
     assert {(take.surface, take.known("split")) for take in recordings} == {
-        ("rough stone", "train"), ("smooth stone", "test"),
-    }  # fmt: skip
+        ("rough stone", "train"),
+        ("smooth stone", "test"),
+    }
 
 
 @pytest.mark.parametrize(

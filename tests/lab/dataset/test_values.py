@@ -32,8 +32,11 @@ def test_the_fingerprint_follows_the_content_and_not_the_place_or_the_order(tmp_
 def test_known_reads_fields_and_properties_and_nothing_else() -> None:
     recording = Recording(Path("a.wav"), "slate", Touch.ROUGH, session="day 1", properties={"pressure": "light"})
     assert [recording.known(key) for key in ("session", "pressure", "label", "weather")] == [
-        "day 1", "light", "rough", "",
-    ]  # fmt: skip
+        "day 1",
+        "light",
+        "rough",
+        "",
+    ]
 
 
 def test_an_unknown_touch_is_still_contact() -> None:

@@ -94,8 +94,10 @@ def test_bumps_are_not_avoided_by_staying_rough() -> None:
 def test_a_lower_limit_never_increases_recall() -> None:
     rules = candidate_rules(DecisionRule())
     outcomes = try_rules(predictions(), rules)
-    recall = [rates(outcomes)["rough_recall"][choose_rule(outcomes, rules, goal="false_bumps_per_minute", limit=limit)]
-             for limit in (0.5, 5.0, 50.0)]  # fmt: skip
+    recall = [
+        rates(outcomes)["rough_recall"][choose_rule(outcomes, rules, goal="false_bumps_per_minute", limit=limit)]
+        for limit in (0.5, 5.0, 50.0)
+    ]
     assert recall == sorted(recall)
 
 

@@ -33,9 +33,11 @@ def nominal(tip: str) -> SessionVariation:
     """The tip in the middle of its ranges, on quiet microphones."""
     chosen = TIPS[tip]
     middle = {
-        "tip_radius": chosen.radius, "pad_mass": chosen.mass, "air_distance": chosen.air_distance,
+        "tip_radius": chosen.radius,
+        "pad_mass": chosen.mass,
+        "air_distance": chosen.air_distance,
         "pad_radiation": chosen.shaken,
-    }  # fmt: skip
+    }
     drawn = {name: float(np.sqrt(pair[0] * pair[1])) for name, pair in middle.items() if pair}
     return SessionVariation(chosen.finger._replace(**drawn), QUIET, flexure=chosen.flexure)
 

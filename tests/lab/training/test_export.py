@@ -51,8 +51,10 @@ def test_the_card_holds_the_papers_settings(tmp_path: Path) -> None:
     assert (read.sample_rate, read.window_size, float(read.hop / read.sample_rate)) == (2000, 512, 512 / 48_000)
     assert (read.channels, read.gate, read.licence) == (2, GATE, "BSD-3-Clause")
     assert (read.training["recipe"], read.training["dataset"], read.training["sha256"]) == (
-        "paper/general", "stones", dataset.fingerprint,
-    )  # fmt: skip
+        "paper/general",
+        "stones",
+        dataset.fingerprint,
+    )
 
 
 def test_scores_are_added_beside_others_and_the_network_stays(tmp_path: Path) -> None:

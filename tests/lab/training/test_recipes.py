@@ -151,11 +151,17 @@ def test_where_the_paper_and_its_reference_code_differ() -> None:
     assert {key for key in paper if paper[key] != code[key]} == {"reference_code", "labelling", "class_weights"}
     assert code["class_weights"] == (1.0, 0.05, 0.05)
     assert paper["labelling"] == {
-        "loudness": "rms", "threshold": pytest.approx(0.0501, abs=1e-4), "relative": False, "quiet_rough": True,
-    }  # fmt: skip
+        "loudness": "rms",
+        "threshold": pytest.approx(0.0501, abs=1e-4),
+        "relative": False,
+        "quiet_rough": True,
+    }
     assert code["labelling"] == {
-        "loudness": "mean_absolute", "threshold": 1.0, "relative": True, "quiet_rough": False,
-    }  # fmt: skip
+        "loudness": "mean_absolute",
+        "threshold": 1.0,
+        "relative": True,
+        "quiet_rough": False,
+    }
 
 
 def test_every_recipe_file_of_the_examples_can_be_followed() -> None:

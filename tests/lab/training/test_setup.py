@@ -155,9 +155,7 @@ def test_a_graph_with_the_correction_gives_its_logit_also_without_the_air_microp
 def test_silence_is_refused_by_the_things_name() -> None:
     model = read_model(model_path("texture"))
     with pytest.raises(ModelError, match="brick: no contact"):
-        collect(
-            model, noise(level_dbfs=-80), sample_rate=48_000, threshold_dbfs=-40.0, name="brick", rough=True
-        )  # fmt: skip
+        collect(model, noise(level_dbfs=-80), sample_rate=48_000, threshold_dbfs=-40.0, name="brick", rough=True)
 
 
 def test_models_without_texture_features_are_refused() -> None:

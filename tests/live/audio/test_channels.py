@@ -120,8 +120,9 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
         ),
     ):
         wire = {"in": "operator:vibration"}
-        listener = JackClient("listener", lambda inputs, _: played.append(inputs[0].copy()), inputs=wire, outputs={},
-                              server=server.name)  # fmt: skip
+        listener = JackClient(
+            "listener", lambda inputs, _: played.append(inputs[0].copy()), inputs=wire, outputs={}, server=server.name
+        )
         listener.open()
         ports = {port.name for port in listener.ports()}
         connected = [entry.name for entry in listener._client.get_all_connections("operator:vibration")]

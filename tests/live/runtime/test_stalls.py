@@ -209,8 +209,11 @@ def test_no_fresh_sound_has_waited_longer_than_what_counts_as_stale(part: str, d
     world.run(3.5)
     assert world.began is not None
     first = world.decoded[0][1].block.start / LIVE_SAMPLE_RATE
-    ages = [now - world.began - first - audio.block.end / LIVE_SAMPLE_RATE for now, audio in world.decoded
-            if not audio.stale]  # fmt: skip
+    ages = [
+        now - world.began - first - audio.block.end / LIVE_SAMPLE_RATE
+        for now, audio in world.decoded
+        if not audio.stale
+    ]
     assert max(ages) - min(ages) < STALENESS + 0.01
 
 

@@ -122,8 +122,10 @@ def test_each_finger_has_its_own_rows_and_requests() -> None:
         snapshots = [watcher.snapshot(finger=finger) for finger in range(3)]
         assert watcher.fingers == 3
         assert [(len(each.steps), len(each.sound), len(each.vibration)) for each in snapshots] == [
-            (0, 0, 0), (0, 0, 7), (1, 5, 0),
-        ]  # fmt: skip
+            (0, 0, 0),
+            (0, 0, 7),
+            (1, 5, 0),
+        ]
         watcher.ask("mute", finger=1)
         watcher.ask("ceiling", 0.2)
         watcher.ask("ceiling", 0.3, finger=2)

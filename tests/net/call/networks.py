@@ -214,8 +214,9 @@ table ip filter {{
             for _ in range(200):
                 listening = subprocess.run(
                     ["ip", "netns", "exec", self._prefix + "net", "ss", "-Hlntu", f"sport = :{port}"],
-                    capture_output=True, text=True,
-                )  # fmt: skip
+                    capture_output=True,
+                    text=True,
+                )
                 if listening.stdout:
                     break
                 time.sleep(0.05)

@@ -128,6 +128,8 @@ def test_check_says_which_router_is_here_and_which_way_a_call_would_take(offices
         said = process.communicate(timeout=30)[0].splitlines()
         assert router in said[0]
         assert said[1:4] == [
-            "STUN: 10.9.0.10:3478, 10.9.0.11:3478 answered", "mailbox: answers", "relay: gives an address",
-        ]  # fmt: skip
+            "STUN: 10.9.0.10:3478, 10.9.0.11:3478 answered",
+            "mailbox: answers",
+            "relay: gives an address",
+        ]
         assert "direct" in said[-1]

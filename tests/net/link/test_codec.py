@@ -163,5 +163,8 @@ def test_a_hand_that_does_not_fit_a_datagram_is_refused(
 def test_wild_samples_of_a_page_are_clipped_without_a_warning() -> None:
     wild = np.float32([[3e38], [-3e38], [2.0], [0.5]])
     assert np.frombuffer(open_encoder(Codec("pcm16", channels=1)).encode(wild), ">i2").tolist() == [
-        32_767, -32_768, 32_767, 16_384
-    ]  # fmt: skip
+        32_767,
+        -32_768,
+        32_767,
+        16_384,
+    ]

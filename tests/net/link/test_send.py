@@ -217,8 +217,10 @@ def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None
     assert kinds.count(PacketReceived) == 80
     changes = [event for event in logged if not isinstance(event, PacketReceived)]
     assert [(type(event), getattr(event, "peer", "")) for event in changes] == [
-        (Connected, "operator 0"), (Disconnected, ""), (Connected, "operator 1"),
-    ]  # fmt: skip
+        (Connected, "operator 0"),
+        (Disconnected, ""),
+        (Connected, "operator 1"),
+    ]
 
 
 def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> None:

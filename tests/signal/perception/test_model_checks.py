@@ -149,9 +149,12 @@ def test_weights_in_another_file_are_refused(tmp_path: Path) -> None:
         for key, entry in (("location", location), ("offset", "0"), ("length", "12")):
             outside.external_data.add(key=key, value=entry)
         graph = helper.make_graph(
-            ADD, "hostile", [helper.make_tensor_value_info(SOUND, TensorProto.FLOAT, (1, 1, 512))],
-            [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3))], [outside],
-        )  # fmt: skip
+            ADD,
+            "hostile",
+            [helper.make_tensor_value_info(SOUND, TensorProto.FLOAT, (1, 1, 512))],
+            [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3))],
+            [outside],
+        )
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
         path = tmp_path / "hostile.onnx"
         path.write_bytes(model.SerializeToString())

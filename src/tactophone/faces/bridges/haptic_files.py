@@ -107,10 +107,13 @@ def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
 def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
     """Encode as .hjif: one perception with one channel, and a band of vectorial waves; times in ms."""
     keyframes = [
-        {"relative_position": round(1000 * time, 1), "amplitude_modulation": _digits(level),
-         "frequency_modulation": round(hertz, 2)}
+        {
+            "relative_position": round(1000 * time, 1),
+            "amplitude_modulation": _digits(level),
+            "frequency_modulation": round(hertz, 2),
+        }
         for time, level, hertz in points
-    ]  # fmt: skip
+    ]
     band = {
         "band_type": "VectorialWave", "lower_frequency_limit": LOWEST_HZ, "upper_frequency_limit": HIGHEST_HZ,
         "effects": [

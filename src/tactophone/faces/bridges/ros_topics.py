@@ -197,10 +197,11 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
 
 def _joy(fingers: Sequence[str]) -> Sink:
     return Sink(
-        "joy/set_feedback", JoyFeedback,
+        "joy/set_feedback",
+        JoyFeedback,
         # One rumble for all: it follows the finger that vibrates most.
         lambda amplitudes, beat: JoyFeedback(type=_RUMBLE, id=0, intensity=max(amplitudes.values())),
-    )  # fmt: skip
+    )
 
 
 def _senseglove(fingers: Sequence[str]) -> Sink:
@@ -217,29 +218,32 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
 
 def _manus(fingers: Sequence[str]) -> Sink:
     return Sink(
-        "manus_glove_0/vibration_cmd", ManusVibrationCommand,
+        "manus_glove_0/vibration_cmd",
+        ManusVibrationCommand,
         lambda amplitudes, beat: ManusVibrationCommand(
             intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES]
         ),
-    )  # fmt: skip
+    )
 
 
 def _haptx(hand: str, fingers: Sequence[str]) -> Sink:
     groups = [f"{hand}_{_HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers]
     return Sink(
-        f"haptx/{hand}/tactor_group_state", TactorGroupState,
+        f"haptx/{hand}/tactor_group_state",
+        TactorGroupState,
         lambda amplitudes, beat: TactorGroupState(
             tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers]
         ),
-    )  # fmt: skip
+    )
 
 
 def _float32(fingers: Sequence[str]) -> Sink:
     (finger,) = fingers
     return Sink(
-        f"tactophone/{finger}/amplitude", Float32,
+        f"tactophone/{finger}/amplitude",
+        Float32,
         lambda amplitudes, beat: Float32(data=amplitudes[finger]),
-    )  # fmt: skip
+    )
 
 
 _SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {

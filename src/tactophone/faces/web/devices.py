@@ -40,9 +40,12 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
     The amplitude is that after every limit and the output gate, 0 to 1 of full drive.
     """
     entries: dict[str, Any] = {
-        "alive": snapshot.alive, "armed": snapshot.finger.armed, "muted_because": snapshot.finger.muted_because,
-        "ceiling": snapshot.finger.ceiling, "command": None,
-    }  # fmt: skip
+        "alive": snapshot.alive,
+        "armed": snapshot.finger.armed,
+        "muted_because": snapshot.finger.muted_because,
+        "ceiling": snapshot.finger.ceiling,
+        "command": None,
+    }
     if len(snapshot.steps) and snapshot.alive and (last is None or snapshot.step_end != last.step_end):
         newest = snapshot.steps[-1]
         amplitude = float(newest["amplitude"]) * snapshot.finger.armed

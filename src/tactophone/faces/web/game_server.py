@@ -96,9 +96,12 @@ class _Player:
 
     async def receive(self) -> None:
         actions: dict[str, Callable[..., Awaitable[None]]] = {
-            "begin": self._begin, "move": self._move, "choose": self._choose, "delay": self._delay,
+            "begin": self._begin,
+            "move": self._move,
+            "choose": self._choose,
+            "delay": self._delay,
             **{action: partial(self._request, action) for action in ("stop", "mute", "arm")},
-        }  # fmt: skip
+        }
         async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
                 continue

@@ -118,9 +118,12 @@ def _listen_everywhere(address: str) -> list[socket.socket]:
 
 
 def _serve(
-    parent: Parent, build: "Callable[[], web.Application]", access: AccessControl, listening: list[socket.socket],
+    parent: Parent,
+    build: "Callable[[], web.Application]",
+    access: AccessControl,
+    listening: list[socket.socket],
     certificate: tuple[Path, Path] | None,
-) -> None:  # fmt: skip
+) -> None:
     tls: ssl.SSLContext | None = None
     if certificate is not None:
         tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -129,9 +132,12 @@ def _serve(
 
 
 async def _run(
-    parent: Parent, build: "Callable[[], web.Application]", access: AccessControl, listening: list[socket.socket],
+    parent: Parent,
+    build: "Callable[[], web.Application]",
+    access: AccessControl,
+    listening: list[socket.socket],
     tls: ssl.SSLContext | None,
-) -> None:  # fmt: skip
+) -> None:
     from aiohttp import web
 
     from tactophone.faces.web.views import protect

@@ -244,8 +244,10 @@ def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
-            precision=fastest_precision(), contact_threshold=None if segmented else "off", **changes,
-        )  # fmt: skip
+            precision=fastest_precision(),
+            contact_threshold=None if segmented else "off",
+            **changes,
+        )
         return method_of(RECIPES["paper-fast"].with_options(options))
     recipe = name.partition("/")[0]
     rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision

@@ -76,8 +76,9 @@ PIECE = 5.0
 """Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
 
 PAPER_ONE: Mapping[str, tuple[float, ...]] = {
-    "competition": (0.113, 0.472, 0.009, 0.405), "test": (0.240, 0.265, 0.081, 0.413),
-}  # fmt: skip
+    "competition": (0.113, 0.472, 0.009, 0.405),
+    "test": (0.240, 0.265, 0.081, 0.413),
+}
 """Table I, general model: shares of all windows, in the order of :data:`SHARES`."""
 
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
@@ -97,8 +98,11 @@ LIKE_PAPER = ("paper", "dualsense", "events")
 """Profiles that render roughness as the paper's does: one row stands for them."""
 
 PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
-    "NimbRo": (66, 62), "Pollen Robotics": (144, 119), "Northeastern": (None, 567), "Avatrina": (288, None),
-}  # fmt: skip
+    "NimbRo": (66, 62),
+    "Pollen Robotics": (144, 119),
+    "Northeastern": (None, 567),
+    "Avatrina": (288, None),
+}
 """Table III: each team's time in s from the begin of the task until a rough stone was fetched, on days 1 and 2;
 ``None``: not attempted. ``NimbRo`` are the paper's authors."""
 
@@ -325,9 +329,12 @@ def task_methods() -> tuple[str, ...]:
 
 
 def play_task(
-    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS,
+    names: Sequence[str] = (),
+    *,
+    rounds: int = 1000,
+    visits: int = VISITS,
     report: Callable[[str], None] = lambda name: None,
-) -> list[TaskOutcome]:  # fmt: skip
+) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
     ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if

@@ -74,13 +74,16 @@ def read_manifest(folder: Path) -> Dataset:
         meanings = filter(None, row.get("channel_meaning", "").split(" | "))
         recordings.append(
             Recording(
-                path, row["surface"], LABEL_NAMES[label],
+                path,
+                row["surface"],
+                LABEL_NAMES[label],
                 tuple("air" if meaning.strip().startswith("air") else "contact" for meaning in meanings),
-                take=row.get("recording", ""), tier=row.get("tier", ""),
+                take=row.get("recording", ""),
+                tier=row.get("tier", ""),
                 segments=tuple(segments.get(row["file"], ())),
                 properties={key: value for key, value in row.items() if key not in _COLUMNS and value},
             )
-        )  # fmt: skip
+        )
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 

@@ -116,11 +116,14 @@ def _parse(row: Mapping[str, str], *, manifest: Path, line: int, problems: list[
     if folder.name in PARTS:
         extra.setdefault("split", folder.name)
     return Recording(
-        path, row["surface"] or path.stem, LABEL_NAMES[parse_label(row.get("label", ""), path=path, problems=problems)],
+        path,
+        row["surface"] or path.stem,
+        LABEL_NAMES[parse_label(row.get("label", ""), path=path, problems=problems)],
         tuple(filter(None, row.get("channels", "").split("|"))),
         **{key: row.get(key, "") for key in ("take", "scenario", "session", "tier")},
-        segments=_segments(row.get("segments", ""), path=path, problems=problems), properties=extra,
-    )  # fmt: skip
+        segments=_segments(row.get("segments", ""), path=path, problems=problems),
+        properties=extra,
+    )
 
 
 def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segment, ...]:

@@ -254,8 +254,10 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
     """The slides of the joined recording, if both recordings have them labelled."""
     places = (LEAD, LEAD + HALF - FADE)
-    cuts = [cut_slides(recording, start, start + HALF, place=place)
-            for (recording, start), place in zip(pair, places, strict=True)]  # fmt: skip
+    cuts = [
+        cut_slides(recording, start, start + HALF, place=place)
+        for (recording, start), place in zip(pair, places, strict=True)
+    ]
     if cuts[0] is None or cuts[1] is None:
         return {}
     # A slide that continues over the edge is one slide.

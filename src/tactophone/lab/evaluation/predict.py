@@ -74,9 +74,12 @@ def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
 
 
 def run_detector(
-    recording: Recording, blocks: Iterable[AudioBlock], open_detector: Callable[[int], Detector], *,
+    recording: Recording,
+    blocks: Iterable[AudioBlock],
+    open_detector: Callable[[int], Detector],
+    *,
     keep_touch: bool = False,
-) -> TakePredictions:  # fmt: skip
+) -> TakePredictions:
     """Run a detector, opened for the rate of the sound, over a recording; ``keep_touch`` keeps what it rendered."""
     detector: Detector | None = None
     found: list[Prediction] = []

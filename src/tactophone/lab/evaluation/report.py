@@ -159,11 +159,13 @@ def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
     contact = np.concatenate([take.contact for take in takes])
     touching = [in_true_contact(take) for take in takes]
     right = [
-        np.concatenate([
-            (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.rough)
-            for take in touching
-        ])
+        np.concatenate(
+            [
+                (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.rough)
+                for take in touching
+            ]
+        )
         for rule in RULES
-    ]  # fmt: skip
+    ]
     shares = (float(each.mean()) if len(each) else float("nan") for each in (contact, *right))
     return GroupScore(name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares)

@@ -85,9 +85,11 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
     """Return the manifest's entry of a run that has been written."""
     metadata = read_render_metadata(folder / f"{run.name}.flac")
     properties = {
-        "stones": " ".join(label.name.lower() for label in run.order), "split": "competition", "tip": run.tip,
+        "stones": " ".join(label.name.lower() for label in run.order),
+        "split": "competition",
+        "tip": run.tip,
         "source": "simulated",
-    }  # fmt: skip
+    }
     return Recording(
         folder / f"{run.name}.flac", "competition stones", None, ("contact", "air"), take=f"run_{run.number}",
         scenario="competition", session=f"day {run.day}", segments=metadata.segments if metadata else (),

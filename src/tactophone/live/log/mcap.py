@@ -59,11 +59,13 @@ class LogFile(AbstractContextManager["LogFile", None]):
         }
         self._channels = {
             topic.name: self._writer.register_channel(
-                topic.name, topic.schema.message_encoding, numbers[topic.schema.name],
+                topic.name,
+                topic.schema.message_encoding,
+                numbers[topic.schema.name],
                 {"description": topic.words, "finger": str(topic.finger)},
             )
             for topic in written
-        }  # fmt: skip
+        }
         self._file.flush()
 
     def __exit__(self, *_: object) -> None:

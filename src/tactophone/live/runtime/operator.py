@@ -205,18 +205,23 @@ class Operator(Side):
         self._local_robot.refresh()
         playout = self._session.playout
         return operator_stages(
-            self._watcher, self._local_robot.watcher, self._actuator.device.latency,
+            self._watcher,
+            self._local_robot.watcher,
+            self._actuator.device.latency,
             sound_delay=(
                 playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
             ),
-        )  # fmt: skip
+        )
 
     def _state(self, now: float) -> State:
         return State(
-            role="operator", profiles=self._fingers[0].profiles, link=self._link(),
-            output=self._settings.output.actuator, faults=tuple(self._faults(now)),
+            role="operator",
+            profiles=self._fingers[0].profiles,
+            link=self._link(),
+            output=self._settings.output.actuator,
+            faults=tuple(self._faults(now)),
             fingers=tuple(finger.state() for finger in self._fingers),
-        )  # fmt: skip
+        )
 
     def _link(self) -> str:
         if self._hung_up:

@@ -93,9 +93,12 @@ def _channel(text: str) -> int:
 
 
 def open_actuator(
-    settings: Settings, render: RenderHand, *, roughness: Callable[[], float] = lambda: 0.0,
+    settings: Settings,
+    render: RenderHand,
+    *,
+    roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
-) -> Actuator:  # fmt: skip
+) -> Actuator:
     """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
     output, fingers = settings.output, each_finger(settings)
     match output.actuator:

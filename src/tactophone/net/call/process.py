@@ -257,9 +257,11 @@ class _Call:
 
         nat, _, answered = await asked
         finder = Finder(
-            controls=not self._plan.answers, stun=answered[0] if answered else None, turn=self._turn,
+            controls=not self._plan.answers,
+            stun=answered[0] if answered else None,
+            turn=self._turn,
             relay_only=self._plan.settings.relay_only,
-        )  # fmt: skip
+        )
         try:
             offer = await finder.gather(nat)
             exchange.send(offer)
