@@ -22,7 +22,7 @@ from tactophone.lab.benchmark.methods import FEATURE_LATENCY
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import split, with_kin
 from tactophone.lab.dataset.values import Dataset, Recording, slides_over, tip_of
-from tactophone.lab.evaluation.events import SOURCES, edge_delays, join_edges
+from tactophone.lab.evaluation.events import SOURCES_KEY, edge_delays, join_edges
 from tactophone.lab.evaluation.metrics import rough_score
 from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
 from tactophone.lab.training.recipes import RECIPES, TrainingOptions
@@ -62,7 +62,7 @@ def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOpti
 def floor_of(edge: Recording, model: Model) -> float:
     """Return the contact threshold over the noise of the two takes of an edge, in dBFS; of either channel 0."""
     thresholds = []
-    for path in edge.properties[SOURCES].split("\n"):
+    for path in edge.properties[SOURCES_KEY].split("\n"):
         with FileSource(Path(path)) as source:
             rate, blocks = source.sample_rate, list(source)
         floor = measure_floor(blocks, sample_rate=rate, rule=model.card.gate.rule)

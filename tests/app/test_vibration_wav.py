@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.vibration_wav import TAIL, OutputFiles, RunSummary, process_recording
+from tactophone.app.vibration_wav import VIBRATION_TAIL, OutputFiles, RunSummary, process_recording
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.pipeline import open_pipeline
@@ -35,7 +35,7 @@ def test_the_vibration_is_as_long_as_the_sound_and_its_fade(recording: Path) -> 
     _, outputs = process(recording)
     wave, rate = soundfile.read(outputs.waveform)
     assert rate == 48_000
-    assert len(wave) == round((2 + TAIL) * rate)
+    assert len(wave) == round((2 + VIBRATION_TAIL) * rate)
     assert not wave[:48_000].any()
     assert np.abs(wave[72_000:96_000]).max() > 0.99
     assert not wave[-480:].any()

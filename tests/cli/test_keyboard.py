@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tactophone.cli.console import KEYS, read_key, single_keys
+from tactophone.cli.console import RUN_KEYS, read_key, single_keys
 
 
 @pytest.fixture
@@ -48,4 +48,4 @@ def test_a_pipe_is_not_a_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_space_bar_is_the_emergency_stop() -> None:
-    assert KEYS[" "] == "stop"
+    assert RUN_KEYS[" "] == "stop"

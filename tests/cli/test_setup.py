@@ -8,7 +8,7 @@ import pytest
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage
 from tactophone.cli.setup import Fitted
-from tactophone.lab.training.setup import SHIPPED, Correction, LeftOut, SetUpFit
+from tactophone.lab.training.setup import SHIPPED_BOUNDARY, Correction, LeftOut, SetUpFit
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 
@@ -88,7 +88,7 @@ def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: p
 def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: bool) -> None:
     left_out = tuple(LeftOut(name, rough, right, right) for name, rough in (("tile", False), ("brick", True)))
     unchanged = Correction(np.zeros(1), np.ones(1), np.zeros(1), 1.0, 0.0)
-    fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED, left_out), [], -40.0, "rubber", "rubber")
+    fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED_BOUNDARY, left_out), [], -40.0, "rubber", "rubber")
     words = " ".join(part for part in fitted.parts() if isinstance(part, str))
     assert ("no shipped model fits" in words) is says
     assert ("the wrong way round" in words) is (right == 0.1)

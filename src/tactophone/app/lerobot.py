@@ -23,10 +23,21 @@ from tactophone.core.types import EVENT_KINDS, LIVE_SAMPLE_RATE, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
 
-COLUMNS = ("none", "smooth", "rough", "touch", "contact", "roughness", "level_dbfs", "amplitude", "frequency", "event")
+LEROBOT_COLUMNS = (
+    "none",
+    "smooth",
+    "rough",
+    "touch",
+    "contact",
+    "roughness",
+    "level_dbfs",
+    "amplitude",
+    "frequency",
+    "event",
+)
 """Numbers of a prediction, as in `tactophone.core.prediction_fields.PREDICTION_FIELDS`."""
 
-LOWEST_DBFS = -200.0
+LEROBOT_LOWEST_DBFS = -200.0
 """Stands for the level of digital silence, because a mean over -inf is useless."""
 
 NEW_SESSION = 0.5
@@ -39,7 +50,7 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """The predictions of a finger: ``times`` in s since 1970, and a row of `COLUMNS` for each."""
+    """The predictions of a finger: ``times`` in s since 1970, and a row of `LEROBOT_COLUMNS` for each."""
 
     name: str
     times: Rows
@@ -135,13 +146,13 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
     """Return the predictions of each finger, and the time of the beginning of the sound, in s since 1970."""
     found: dict[str, list[tuple[float, float, list[float]]]] = {}
     for message in read_messages(log):
-        if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION.kind:
+        if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION_TOPIC.kind:
             continue
         entries = msgspec.json.decode(message.data, type=dict[str, Any])
         entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
-        entries["level_dbfs"] = max(LOWEST_DBFS, entries["level_dbfs"] or LOWEST_DBFS)
+        entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries["level_dbfs"] or LEROBOT_LOWEST_DBFS)
         name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
-        row = [float(entries[key] or 0.0) for key in COLUMNS]
+        row = [float(entries[key] or 0.0) for key in LEROBOT_COLUMNS]
         found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")
@@ -179,7 +190,7 @@ def _features(fingers: list[Finger], moments: Rows, most: int) -> dict[str, Rows
         places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
         features[f"{base}.valid"] = np.repeat(known[:, None], most, axis=1).astype(float)
         features[f"{base}.age"] = np.where(known[:, None], moments[:, None] - finger.times[places], 0.0)
-        for number, column in enumerate(COLUMNS):
+        for number, column in enumerate(LEROBOT_COLUMNS):
             features[f"{base}.{column}"] = np.where(known[:, None], finger.rows[places, number], 0.0)
     return features
 

@@ -14,7 +14,7 @@ from tactophone.app.hum import Hum, HumMeter
 from tactophone.core.types import AudioBlock, ChangedSource, Source
 from tactophone.signal.perception import health
 
-SILENT = 1e-6
+SILENT_CHANNEL = 1e-6
 """Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a twentieth of the last bit of 16."""
 
 LEAST_OFFSET = 1e-3
@@ -76,9 +76,9 @@ class Preparation:
                 railed += health.clipped_samples(samples.T).sum(axis=1)
                 count += block.size
                 meter.push(samples)
-                if source.sample_rate >= health.LOWEST_RATE and detector.push(replace(block, samples=samples)):
+                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(replace(block, samples=samples)):
                     faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
-        live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
+        live = tuple(np.flatnonzero(~(peak < SILENT_CHANNEL)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
         offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
@@ -107,7 +107,7 @@ class Preparation:
                 f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
                 "a file of floats to -1 to 1"
             )
-        if self.clipped > health.CLIPPED_SHARE:
+        if self.clipped > health.FAULT_CLIPPED_SHARE:
             notes.append(f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain")
         if any(self.offset):
             notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")

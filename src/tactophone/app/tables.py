@@ -15,7 +15,7 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.types import DEFAULT_TIP, HapticCommand, PipelineStep, Prediction, Source, Touch, TouchEvent
 from tactophone.live.audio.files import FileSource
 from tactophone.live.audio.pacing import paced
-from tactophone.live.telemetry.layout import PREDICTION
+from tactophone.live.telemetry.layout import PREDICTION_RECORD
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 
@@ -42,7 +42,7 @@ class Table:
         """Return one number of each prediction; names as in the CSV file, such as ``level_dbfs`` or ``amplitude``."""
         field = next(field for field in PREDICTION_FIELDS if field.name == name)
         pairs = zip(self.predictions, self.commands, strict=True)
-        return np.array([field.of(*pair) for pair in pairs], PREDICTION[name])
+        return np.array([field.of(*pair) for pair in pairs], PREDICTION_RECORD[name])
 
     @property
     def times(self) -> NDArray[np.float64]:

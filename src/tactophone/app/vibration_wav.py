@@ -20,7 +20,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, PipelineStep, Source, Touch
 from tactophone.lab.dataset.values import Segment, within
-from tactophone.live.telemetry.layout import STEP
+from tactophone.live.telemetry.layout import STEP_RECORD
 from tactophone.live.telemetry.prediction_log import RunFollower
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Snapshot
@@ -30,7 +30,7 @@ from tactophone.signal.perception.decision import count_bumps, count_dips
 from tactophone.signal.perception.resample import Resampler
 from tactophone.signal.pipeline import Pipeline
 
-TAIL = 0.1
+VIBRATION_TAIL = 0.1
 """Seconds of vibration after the end of the sound: the fade that follows the last command, to its last sample."""
 
 CAPACITY = 4096
@@ -183,7 +183,10 @@ class OfflineRenderer:
         faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
         if self._last:
             tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
-            self._write(replace(tail, block=replace(self._last, samples=self._last.samples[:0])), until=duration + TAIL)
+            self._write(
+                replace(tail, block=replace(self._last, samples=self._last.samples[:0])),
+                until=duration + VIBRATION_TAIL,
+            )
         updates = sum(self._counts.values())
         contact = updates - self._counts[Touch.NONE]
         return RunSummary(
@@ -248,7 +251,7 @@ class RunRecorder(RunFollower):
 
     def vibration(self, *, sample_rate: int) -> FloatArray:
         """Return the actuator's waveform, shape ``(samples,)``, from the arrival of the first sound on."""
-        steps = np.concatenate([np.empty(0, STEP), *self._steps])
+        steps = np.concatenate([np.empty(0, STEP_RECORD), *self._steps])
         if not len(steps):
             return np.empty(0, np.float32)
         # Each step holds how much vibration had been rendered at its time: that aligns the two.

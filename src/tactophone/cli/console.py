@@ -23,7 +23,7 @@ from tactophone.live.telemetry.watcher import Snapshot, Watcher
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.live.runtime.supervisor import Supervisor
 
-KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
+RUN_KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
 """Which key makes which request; the space bar is the emergency stop, as it is the largest key. A page's
 keys are in `faces/web/static/stop.js`."""
 
@@ -35,10 +35,10 @@ KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 STRIP = 60
 """Updates, 12 s, of vibration that the line above the figures shows; the newest is at its right."""
 
-STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
+TOUCH_STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
 """How vibration is drawn: in the terminal's own colours, which its theme makes legible."""
 
-INTERVAL = 0.2
+REFRESH_INTERVAL = 0.2
 """Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
 
 
@@ -79,9 +79,9 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
             view.update()
             if live is not None:
                 live.update(view.line(), refresh=True)
-            if has_keyboard and not view.handle(read_key(INTERVAL)):
+            if has_keyboard and not view.handle(read_key(REFRESH_INTERVAL)):
                 break
-            if not has_keyboard and supervisors[0].wait(min(INTERVAL, max(0.0, deadline - time.monotonic()))):
+            if not has_keyboard and supervisors[0].wait(min(REFRESH_INTERVAL, max(0.0, deadline - time.monotonic()))):
                 break
     return Outcome(view.last, sum(side.restarts for side in supervisors), received)
 
@@ -107,8 +107,8 @@ class _ConsoleView:
 
     def handle(self, key: str) -> bool:
         """Make the request of a key; false when the key ends the run."""
-        if key in KEYS and self._watcher is not None:
-            self._watcher.ask(KEYS[key])
+        if key in RUN_KEYS and self._watcher is not None:
+            self._watcher.ask(RUN_KEYS[key])
         return key not in QUIT_KEYS
 
     def line(self) -> Text:
@@ -133,7 +133,7 @@ def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
     strip = Text(no_wrap=True)
     for touch, amplitude in felt:
         height = round(np.interp(20 * np.log10(max(amplitude, 1e-6)), (-30, -6), (1, 8)))
-        strip.append("▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", STYLES.get(touch, "dim"))
+        strip.append("▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", TOUCH_STYLES.get(touch, "dim"))
     return strip
 
 

@@ -136,7 +136,7 @@ def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None
 
 
 def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
-    from tactophone.lab.evaluation.metrics import RULES
+    from tactophone.lab.evaluation.metrics import SCORING_RULES
     from tactophone.lab.evaluation.report import RENDERED
     from tactophone.lab.training.export import add_scores
 
@@ -148,7 +148,7 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
     }
     for name in RENDERED:
         scores[f"{name}, as rendered"] = getattr(report.rendered, name).rounded(3)
-    for rule in RULES:
+    for rule in SCORING_RULES:
         for name in _HEADLINE:
             scores[f"{name}, {rule} rule"] = report.rules[rule][name].rounded(3)
     add_scores(model_path(args.model), args.note, scores)
@@ -156,7 +156,7 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
 
 def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
     """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
-    from tactophone.lab.evaluation.metrics import RULES
+    from tactophone.lab.evaluation.metrics import SCORING_RULES
 
     first = next(iter(reports.values()))
     known = math.isfinite(first.rendered.balanced_accuracy.low)
@@ -186,7 +186,7 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
     # Three columns of a score and its interval are what 80 characters hold.
     headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
-    for rule in RULES if len(reports) > 1 else ():
+    for rule in SCORING_RULES if len(reports) > 1 else ():
         yield from _table(
             f"{rule} rule",
             {
@@ -196,7 +196,10 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
         )
     yield from _table(
         "",
-        {words: {f"{rule} rule": first.rules[rule][name] for rule in RULES} for name, words in _MEASURES.items()},
+        {
+            words: {f"{rule} rule": first.rules[rule][name] for rule in SCORING_RULES}
+            for name, words in _MEASURES.items()
+        },
     )
     rows = first.by_recording if by_recording else first.by_surface
     table = Table("recording" if by_recording else "surface", "label", "updates", "contact", "authors",

@@ -27,7 +27,7 @@ from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.model_file import ModelCard, read_model
 from tactophone.signal.perception.models import default_model, model_path, tip_mismatch
-from tactophone.signal.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
+from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS, RecordingFloor, measure_floor
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 EXAMPLES = (
@@ -107,7 +107,7 @@ def _threshold(result: Result) -> str:
         over = floor.floor_dbfs > floor.threshold_dbfs
         words = ", louder than any threshold: all of it is taken as touch" if over else ""
         return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
-    if floor.loudest_dbfs < SILENT_DBFS:
+    if floor.loudest_dbfs < FLOOR_SILENT_DBFS:
         why = "too short to show its noise" if result.summary.contact else "digital silence"
         return f"none: the recording is {why}"
     return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
@@ -121,7 +121,7 @@ def _no_contact(result: Result) -> tuple[str, str]:
         return "the samples are no sound: see the note", "write the file again: 16 or 24 bits, or floats from -1 to 1"
     if result.summary.faults:
         return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector.name)}"
-    if loudest < SILENT_DBFS:
+    if loudest < FLOOR_SILENT_DBFS:
         return "the recording is digital silence: no microphone was connected", "tactophone setup --check"
     if floor is None:
         return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"

@@ -29,12 +29,12 @@ LAST_LOOK = 0.3
 DONE = "done"
 """Button that ends the page."""
 
-LOWEST_DBFS = -72.0
+METER_LOWEST_DBFS = -72.0
 WIDTH = 36
 METER_INTERVAL = 0.1
 """Seconds between two updates of the screen."""
 
-HOLD = 0.7
+PEAK_HOLD = 0.7
 """Factor by which a peak falls between two updates: slow enough to be read after a tap."""
 
 RED_DBFS, YELLOW_DBFS = -1.0, -6.0
@@ -67,7 +67,7 @@ class Meters:
     def levels(self) -> list[tuple[str, float, float]]:
         """Return each microphone's name, level and peak in dBFS, and lower the peaks."""
         powers, peaks = np.sqrt(self._powers), self._peaks
-        self._peaks = HOLD * peaks
+        self._peaks = PEAK_HOLD * peaks
         return [(MICROPHONES[channel], _dbfs(powers[channel]), _dbfs(peaks[channel])) for channel in range(len(powers))]
 
     def rows(self, levels: Sequence[tuple[str, float, float]] | None = None) -> list[Text]:
@@ -87,11 +87,11 @@ class Meters:
 
 
 def _place(level_dbfs: float) -> int:
-    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / LOWEST_DBFS))) if math.isfinite(level_dbfs) else -1
+    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / METER_LOWEST_DBFS))) if math.isfinite(level_dbfs) else -1
 
 
 def _dbfs(amplitude: float) -> float:
-    return max(20 * math.log10(amplitude), LOWEST_DBFS) if amplitude > 0 else LOWEST_DBFS
+    return max(20 * math.log10(amplitude), METER_LOWEST_DBFS) if amplitude > 0 else METER_LOWEST_DBFS
 
 
 class GuidePage:

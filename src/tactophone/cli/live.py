@@ -76,7 +76,7 @@ def add_record(parser: argparse.ArgumentParser) -> None:
         "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
     )  # fmt: skip
     words = "; ".join(f"{name}: {what}" for name, what in BRIDGES.items())
-    parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=ADDRESS]",
+    parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=FOXGLOVE_ADDRESS]",
         help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip
 
 
@@ -207,14 +207,16 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
         bridge, _, address = text.partition("=")
         if bridge == "foxglove":
             extras.require_modules("aiohttp")
-            from tactophone.faces.bridges.foxglove import ADDRESS, LAYOUT, FoxgloveBridge
+            from tactophone.faces.bridges.foxglove import FOXGLOVE_ADDRESS, LAYOUT, FoxgloveBridge
 
             if address.endswith(":0"):
-                raise ConfigError(f"--bridge {text}: a viewer has to know the port: name one, such as {ADDRESS}")
+                raise ConfigError(
+                    f"--bridge {text}: a viewer has to know the port: name one, such as {FOXGLOVE_ADDRESS}"
+                )
 
             token = secrets.token_urlsafe(24)
-            yield partial(FoxgloveBridge, name, address or ADDRESS, token=token)
-            output.note(f"Foxglove: ws://{address or ADDRESS}/{token}/")
+            yield partial(FoxgloveBridge, name, address or FOXGLOVE_ADDRESS, token=token)
+            output.note(f"Foxglove: ws://{address or FOXGLOVE_ADDRESS}/{token}/")
             output.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
         elif bridge == "osc":
             extras.require_modules("pythonosc")

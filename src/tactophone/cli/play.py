@@ -33,7 +33,7 @@ SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=
 
 The watchdog protects from an actuator that a stalled process would keep driving; here there is none."""
 
-SOURCES = {
+TRY_SOURCES = {
     "browser": "the microphone of a page, on this machine or on a phone",
     "microphone": "this machine's own, by PortAudio",
     "finger": "the simulated finger",
@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="file to which each round's result is appended as one line of JSON")  # fmt: skip
         options.add_settings(parser, verb, NEAR)
         return
-    words = "; ".join(f"{name}: {what}" for name, what in SOURCES.items())
-    add("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
+    words = "; ".join(f"{name}: {what}" for name, what in TRY_SOURCES.items())
+    add("--source", choices=tuple(TRY_SOURCES), default="browser", help=f"what listens: {words}")
     live.add_record(parser)
     live.add_end(parser)
     options.add_settings(parser, verb, USUAL_OF_TRY)

@@ -26,9 +26,22 @@ from tactophone.lab.simulation.takes import TAKES
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.health import Reference
 
-SCENARIOS = ("held", "table", "box")
-KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT, "\x04": Key.QUIT}
-STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cyan", Stage.COUNTDOWN: "bold yellow"}
+RECORD_SCENARIOS = ("held", "table", "box")
+RECORD_KEYS = {
+    " ": Key.GO,
+    "\n": Key.GO,
+    "\r": Key.GO,
+    "r": Key.RETAKE,
+    "q": Key.QUIT,
+    "\x03": Key.QUIT,
+    "\x04": Key.QUIT,
+}
+STAGE_STYLES = {
+    Stage.RECORDING: "bold red",
+    Stage.PAUSED: "yellow",
+    Stage.REVIEW: "cyan",
+    Stage.COUNTDOWN: "bold yellow",
+}
 
 EXAMPLES = (
     "tactophone record slate --label rough --calibration calibration.toml",
@@ -42,11 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--label", required=True, choices=[label.name.lower() for label in SURFACE_LABELS], help="how it feels to you")
     add("--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)")
     add("--material", default="", metavar="NAME", help="its material")
-    add("--scenario", default="table", metavar="NAME", help=f"how it is held: {', '.join(SCENARIOS)}, or any other")
+    add(
+        "--scenario",
+        default="table",
+        metavar="NAME",
+        help=f"how it is held: {', '.join(RECORD_SCENARIOS)}, or any other",
+    )
     add("--session", default="", metavar="NAME", help="recording session (default: today's date)")
     add("--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to")
     add("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")
-    add("--seconds", type=Within(float, 1, 600, unit="s"), default=protocol.DURATION, metavar="S",
+    add("--seconds", type=Within(float, 1, 600, unit="s"), default=protocol.TAKE_DURATION, metavar="S",
         help="length of a take, %(type)s")  # fmt: skip
     add("--takes", default="all", metavar="LIST",
         help=f"comma-separated takes, of {', '.join(take.name for take in TAKES)}; or 'all'")  # fmt: skip
@@ -104,7 +122,7 @@ def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unatten
             for block in audio:
                 if unattended:
                     _press_go(recorder, audio, plan)
-                elif key := KEYS.get(console.read_key(0)):
+                elif key := RECORD_KEYS.get(console.read_key(0)):
                     recorder.press(key)
                 before = recorder.protocol.stage
                 recorder.push(block)
@@ -149,7 +167,7 @@ def _screen(recorder: Recorder, meters: Meters, plan: SessionPlan, *, unattended
 
 
 def _bar(stage: Stage, remaining: float, total: float | None) -> Text:
-    text = Text(f" {stage:10}", style=STYLES.get(stage, "cyan"))
+    text = Text(f" {stage:10}", style=STAGE_STYLES.get(stage, "cyan"))
     if total:
         done = round(44 * (1 - remaining / total))
         text.append("━" * done).append("─" * (44 - done), "dim").append(f" {remaining:4.1f} s left")

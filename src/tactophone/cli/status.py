@@ -19,7 +19,7 @@ EXAMPLES = {
     "arm": ("tactophone arm", "tactophone arm receive"),
 }
 
-TIMEOUT = 1.0
+STATUS_TIMEOUT = 1.0
 """Seconds for a process to carry out a request; it looks for requests fifty times as often."""
 
 
@@ -74,10 +74,12 @@ def _ask(watcher: Watcher, action: Action) -> int:
         # A signal besides the request: the process may look at its requests too late.
         with contextlib.suppress(ProcessLookupError):
             os.kill(watcher.pid, signal.SIGUSR1)
-    deadline = time.monotonic() + TIMEOUT
+    deadline = time.monotonic() + STATUS_TIMEOUT
     while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:
-            output.print_error(f"{watcher.name} did not {action} within {TIMEOUT:g} s: end process {watcher.pid}")
+            output.print_error(
+                f"{watcher.name} did not {action} within {STATUS_TIMEOUT:g} s: end process {watcher.pid}"
+            )
             return 1
         time.sleep(0.01)
     output.out().print(f"{watcher.name}: {state.muted_because or 'armed'}")

@@ -14,7 +14,7 @@ import pytest
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.faces.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
-from tactophone.faces.web.connections import TIMEOUT
+from tactophone.faces.web.connections import CONNECTION_TIMEOUT
 from tactophone.live.log.log_topics import TOPICS
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.telemetry.layout import FingerState, State
@@ -163,7 +163,7 @@ def test_half_a_header_is_cut_off_and_keeps_no_viewer_away(bridge: FoxgloveBridg
             half = stack.enter_context(socket.create_connection(("127.0.0.1", bridge.port)))
             half.sendall(b"GET / HTTP/1.1\r\nHost: x")
         asyncio.run(watch(bridge, telemetry, PROTOCOLS[0]))
-        half.settimeout(2 * TIMEOUT)
+        half.settimeout(2 * CONNECTION_TIMEOUT)
         with suppress(ConnectionResetError):
             assert half.recv(1) == b""
 

@@ -16,7 +16,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tactophone.faces.bridges.osc import OscBridge
 from tactophone.faces.bridges.process import BridgeProcess
-from tactophone.live.log.reader import BACKLOG, SILENCE, PredictionReader
+from tactophone.live.log.reader import READER_BACKLOG, READER_SILENCE, PredictionReader
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -86,7 +86,7 @@ def test_what_was_vibrating_is_sent_a_0_when(
             receive(listening, 7)
             monkeypatch.setattr(time, "time", lambda: 0.0)  # the clock on the wall may be set at any time
             if ending == "the predictions end":
-                time.sleep(1.1 * SILENCE)
+                time.sleep(1.1 * READER_SILENCE)
                 bridge.read()
         found = receive(listening, 7)
         listening.setblocking(False)
@@ -112,9 +112,9 @@ def predicted(number: int) -> PipelineStep:
 
 def test_a_slow_reader_loses_the_oldest_first_and_counts_them(telemetry: Telemetry) -> None:
     reader = PredictionReader(telemetry.name)
-    for number in range(BACKLOG + 20):
+    for number in range(READER_BACKLOG + 20):
         telemetry.publish(predicted(number), now=time.monotonic())
-    assert [passed.roughness for passed in reader.read()] == list(range(20, BACKLOG + 20))
+    assert [passed.roughness for passed in reader.read()] == list(range(20, READER_BACKLOG + 20))
     assert reader.missed == 20
     telemetry.publish(predicted(7), now=time.monotonic())
     assert len(reader.read()) == 1

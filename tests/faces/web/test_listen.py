@@ -14,7 +14,7 @@ from selenium.webdriver.common.by import By
 
 from tactophone.faces.web.devices import FINGERTIPS
 from tactophone.faces.web.server import Page, watch
-from tactophone.faces.web.views import FLOOD, OTHER_VERSION, TAKEN, TOO_MANY, VIEWERS
+from tactophone.faces.web.views import FLOOD, OTHER_VERSION, PAGE_VIEWERS, TAKEN, TOO_MANY
 from tests.browser import start_chromium, text, wait
 from tests.faces.web.running import Run
 
@@ -111,7 +111,7 @@ def test_a_page_of_another_version_is_asked_to_reload(page: Page, path: str) -> 
     assert (code, reason) == (OTHER_VERSION, "this page is of another version: reload it")
 
 
-@pytest.mark.parametrize(("path", "most"), [("live", VIEWERS), ("feel", FINGERTIPS)])
+@pytest.mark.parametrize(("path", "most"), [("live", PAGE_VIEWERS), ("feel", FINGERTIPS)])
 def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(page: Page, path: str, most: int) -> None:
     async def look() -> list[tuple[int, str]]:
         async with aiohttp.ClientSession() as session:

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactophone.faces.web.feed import STEP_COLUMNS, envelope, event_table, pack, step_table
-from tactophone.live.telemetry.layout import STEP
+from tactophone.live.telemetry.layout import STEP_RECORD
 
 BUCKET = 480
 
@@ -55,13 +55,13 @@ def test_the_level_is_the_bucket_s_rms_and_silence_is_finite() -> None:
 
 
 def test_every_touch_event_is_sent_also_where_its_step_is_not() -> None:
-    steps = np.zeros(3, STEP)
+    steps = np.zeros(3, STEP_RECORD)
     steps["time"], steps["event"] = [7.0, 7.0025, 7.005], [0, 2, 0]
     np.testing.assert_allclose(event_table(steps, origin=7.0), [[0.0025, 2]])
 
 
 def test_of_fast_steps_one_in_ten_milliseconds_is_sent_and_the_newest() -> None:
-    steps = np.zeros(41, STEP)
+    steps = np.zeros(41, STEP_RECORD)
     steps["time"] = 7 + 0.0025 * np.arange(41)
     steps["roughness"] = np.arange(41)
     table = step_table(steps, 7.0)

@@ -12,7 +12,7 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 
-from tactophone.faces.web.connections import TIMEOUT
+from tactophone.faces.web.connections import CONNECTION_TIMEOUT
 from tactophone.faces.web.security import HEADERS
 from tactophone.faces.web.server import Page
 from tactophone.faces.web.views import CREDIT, admit
@@ -114,7 +114,7 @@ def test_a_header_that_never_ends_is_cut_off(page: Page) -> None:
     assert address.port
     with socket.create_connection(("127.0.0.1", address.port)) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
-        connection.settimeout(2 * TIMEOUT)
+        connection.settimeout(2 * CONNECTION_TIMEOUT)
         with contextlib.suppress(ConnectionResetError):
             assert connection.recv(100) == b""
 

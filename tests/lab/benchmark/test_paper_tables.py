@@ -14,7 +14,7 @@ from tactophone.lab.benchmark.paper_tables import (
     GATES,
     IN_CONTACT,
     PAPER_ONE,
-    SHARES,
+    TABLE_SHARES,
     TWO_COLUMNS,
     by_gate,
     loud_segments,
@@ -67,7 +67,7 @@ def test_table_one_stands_beside_the_papers_own(predictions: dict[str, list[Take
     lines = {line.name: line.values for line in table_one(predictions)}
     assert list(lines) == ["paper's own, competition", "texture, competition", "paper's own, test", "texture, test"]
     assert lines["paper's own, test"]["rough_as_rough"].value == 0.240
-    shares = [lines["texture, test"][name].value for name in SHARES]
+    shares = [lines["texture, test"][name].value for name in TABLE_SHARES]
     assert sum(shares) == pytest.approx(1)
     assert sum(PAPER_ONE["test"]) == pytest.approx(1, abs=0.005)
 

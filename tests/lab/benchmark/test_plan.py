@@ -14,7 +14,7 @@ from tactophone.lab.benchmark.plan import (
     run_benchmark,
     splits_of,
 )
-from tactophone.lab.benchmark.report import COLUMNS, row_of, write_report
+from tactophone.lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult
 from tactophone.lab.dataset.values import Dataset
 from tests.surfaces import surfaces
@@ -122,5 +122,5 @@ def test_the_report_has_every_result_and_its_figures_beside_it(
     assert "a note" in page
     assert "permuted labels" in page
     assert "perceptual" in page
-    assert len(row_of(results[0])) == len(COLUMNS)
+    assert len(row_of(results[0])) == len(REPORT_COLUMNS)
     assert not math.isnan(results[0].bumps_per_minute)

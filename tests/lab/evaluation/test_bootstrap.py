@@ -8,7 +8,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.bootstrap import (
-    BINS,
+    SCORE_BINS,
     Estimate,
     accuracy_of,
     compare_models,
@@ -69,7 +69,7 @@ def test_a_rate_rises_beyond_its_interval_or_without_one_by_two_points() -> None
 def test_draws_in_bins_measure_what_exact_ones_do() -> None:
     scores = made(12, spread=0.15, windows=400)
     times = np.random.default_rng(3).integers(0, 3, size=(20, 12)).astype(float)
-    table, called = count_by_surface(scores, bins=BINS)
+    table, called = count_by_surface(scores, bins=SCORE_BINS)
     binned = measure_counts(np.tensordot(times, table, axes=1), called)
     for row, weights in enumerate(times):
         exact = measure(scores, weights[scores.surface])

@@ -9,10 +9,10 @@ import soundfile
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.values import Segment
 from tactophone.lab.evaluation.events import (
-    FADE,
+    EVENT_FADE,
     HALF,
     LEAD,
-    SOURCES,
+    SOURCES_KEY,
     calibration_error,
     contact_delays,
     decided_touches,
@@ -92,12 +92,12 @@ def test_calibration_error_is_the_gap_between_confidence_and_truth() -> None:
 def test_edges_join_a_smooth_and_a_rough_touch_in_either_order(tmp_path: Path) -> None:
     edges = join_edges(surfaces(tmp_path).recordings, tmp_path / "edges")
     paths = {str(recording.path) for recording in surfaces(tmp_path).recordings}
-    assert all(set(edge.properties[SOURCES].split("\n")) <= paths for edge in edges)
+    assert all(set(edge.properties[SOURCES_KEY].split("\n")) <= paths for edge in edges)
     orders = {tuple(segment.label for segment in edge.segments) for edge in edges}
     assert orders == {(Touch.NONE, Touch.SMOOTH, Touch.ROUGH), (Touch.NONE, Touch.ROUGH, Touch.SMOOTH)}
     sound, rate = soundfile.read(edges[0].path)
     assert (rate, sound.shape[1]) == (RATE, 2)
-    assert len(sound) / rate == pytest.approx(LEAD + 2 * HALF - FADE, abs=1e-3)
+    assert len(sound) / rate == pytest.approx(LEAD + 2 * HALF - EVENT_FADE, abs=1e-3)
     assert edges[0].segments[-1].end == pytest.approx(len(sound) / rate, abs=1e-3)
 
 

@@ -6,12 +6,12 @@ import pytest
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.finger import TIPS
 from tactophone.lab.simulation.mechanics import SKIN, hertz_patch, reduced_modulus, tip_on_body
-from tactophone.lab.simulation.surface import SIZE, SPACING, envelope, height_profile, mechanics_of
+from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, envelope, height_profile, mechanics_of
 
 SPEED = 0.1
 """m/s, of the table."""
 
-LENGTH = SIZE * SPACING
+LENGTH = SIZE * HEIGHT_SPACING
 
 
 def test_a_smooth_contact_is_hertz() -> None:
@@ -80,5 +80,5 @@ def test_rough_is_a_few_strong_strikes_and_smooth_many_weak_ones(
 
 def strike_jumps(height: np.ndarray, radius: float) -> np.ndarray:
     """Jumps of slope at the envelope's cusps, largest first; the grid's own are under two steps of curvature."""
-    jumps = np.diff(np.diff(envelope(height, radius)) / SPACING)
-    return np.sort(jumps[jumps > 2 * SPACING / radius])[::-1]
+    jumps = np.diff(np.diff(envelope(height, radius)) / HEIGHT_SPACING)
+    return np.sort(jumps[jumps > 2 * HEIGHT_SPACING / radius])[::-1]

@@ -2,7 +2,7 @@ import numpy as np
 
 from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.lab.simulation.render import touch_segments
-from tactophone.signal.perception.health import CLIPPED_SHARE, clipped_samples
+from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 
 def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
@@ -22,4 +22,4 @@ def test_no_half_second_of_the_demonstration_is_clipped() -> None:
     half = finger.sample_rate // 2
     contact = np.concatenate([block.samples for block in finger])[:, :1].T
     shares = [clipped_samples(contact[:, n : n + half]).mean() for n in range(0, contact.shape[1], half)]
-    assert max(shares) <= CLIPPED_SHARE
+    assert max(shares) <= FAULT_CLIPPED_SHARE

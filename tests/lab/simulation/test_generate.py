@@ -10,7 +10,7 @@ from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.modes import Mounting
 from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render, render_dataset, write_manifest
 from tactophone.lab.simulation.takes import TAKES
-from tactophone.signal.perception.health import CLIPPED_SHARE, clipped_samples
+from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 BRIEF = RenderOptions(duration=1.0)
 
@@ -83,4 +83,4 @@ def test_a_lower_gain_clips_less() -> None:
         options = RenderOptions(duration=2.0, gain_db=gain_db)
         (job,) = plan_dataset([find("17")], options, takes=TAKES[2:3])
         clipped.append(clipped_samples(render(job)[0].T).mean(axis=1)[0])
-    assert clipped[1] < CLIPPED_SHARE < clipped[0]
+    assert clipped[1] < FAULT_CLIPPED_SHARE < clipped[0]

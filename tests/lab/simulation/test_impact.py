@@ -5,8 +5,8 @@ import pytest
 
 from tactophone.lab.simulation.contact import (
     BODY,
+    CONTACT_STATE,
     OVERSAMPLING,
-    STATE,
     ContactSignals,
     Ground,
     Motion,
@@ -29,7 +29,7 @@ ELASTIC = Finger(
 
 def bounce(finger: Finger) -> tuple[np.ndarray, np.ndarray]:
     """Drop the finger at `SPEED` on a rigid plate; return the final state and the force over time."""
-    state = np.zeros(1, STATE)
+    state = np.zeros(1, CONTACT_STATE)
     state["arm"] = state["pad"] = 1e-4
     state["arm_speed"] = state["pad_speed"] = -SPEED
     bodies = np.zeros(1, BODY)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import ConfigError
-from tactophone.lab.simulation.network import PROFILES, ImpairedLink, NetworkProfile, deliveries, network_profile
+from tactophone.lab.simulation.network import (
+    NETWORK_PROFILES,
+    ImpairedLink,
+    NetworkProfile,
+    deliveries,
+    network_profile,
+)
 
 
 def carried(profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000) -> list[tuple[float, bytes]]:
@@ -21,7 +27,7 @@ def carried(profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000) -> 
     return out
 
 
-@pytest.mark.parametrize("profile", PROFILES.values(), ids=PROFILES)
+@pytest.mark.parametrize("profile", NETWORK_PROFILES.values(), ids=NETWORK_PROFILES)
 def test_a_seed_repeats_a_link(profile: NetworkProfile) -> None:
     assert carried(profile, seed=5, packets=500) == carried(profile, seed=5, packets=500)
 

@@ -12,7 +12,7 @@ from tactophone.lab.simulation.finger import TIPS, Electronics
 from tactophone.lab.simulation.microphones import SessionVariation
 from tactophone.lab.simulation.motion import single
 from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.surface import SIZE, SPACING, Surface, envelope, height_profile, track
+from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, Surface, envelope, height_profile, track
 from tactophone.lab.training.features import describe
 from tactophone.lab.training.recipes import BAND_COUNT
 from tactophone.lab.training.tracks import FeatureSpec
@@ -86,11 +86,11 @@ def patch_over_spacing(obj: SimulatedObject, session: SessionVariation) -> float
     """Patch over the mean distance of the strikes that make half of the impact power: many under it are Gaussian."""
     finger = session.finger
     height = height_profile(obj.surface)
-    jumps = np.diff(np.diff(envelope(height, finger.tip_radius)) / SPACING)
-    strong = np.sort(jumps[jumps > 2 * SPACING / finger.tip_radius])[::-1]
+    jumps = np.diff(np.diff(envelope(height, finger.tip_radius)) / HEIGHT_SPACING)
+    strong = np.sort(jumps[jumps > 2 * HEIGHT_SPACING / finger.tip_radius])[::-1]
     half = np.searchsorted(np.cumsum(strong**2) / np.sum(strong**2), 0.5) + 1
     patch = track(obj.surface, obj.material, finger.tip_radius, finger.tip_modulus).mechanics.patch(1.0)
-    return patch / (SIZE * SPACING / half)
+    return patch / (SIZE * HEIGHT_SPACING / half)
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import pytest
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.motion import single
 from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import PRESSURES, Script, Visit, explore, log_uniform, take_moves
+from tactophone.lab.simulation.strokes import STROKE_PRESSURES, Script, Visit, explore, log_uniform, take_moves
 from tactophone.lab.simulation.takes import TAKES, Take
 
 STONE = find("lava stone")
@@ -25,13 +25,13 @@ def test_a_take_fills_its_time_in_order(take: Take) -> None:
     assert min(move.force for move in moves) < 0 < max(move.force for move in moves)
 
 
-@pytest.mark.parametrize("pressure", PRESSURES)
+@pytest.mark.parametrize("pressure", STROKE_PRESSURES)
 def test_pressure_is_the_contact_force(pressure: str) -> None:
     scene = single(STONE)
     moves = take_moves(Take("short", pressure), scene.placed[0], duration=6.0, rng=np.random.default_rng(2))
     finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
     finger.render(6 * 48_000)
-    low, high = PRESSURES[pressure]
+    low, high = STROKE_PRESSURES[pressure]
     assert 0.6 * low < np.median(finger.truth.force[finger.truth.object_index == 0]) < 1.4 * high
 
 

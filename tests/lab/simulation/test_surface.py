@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tactophone.lab.simulation.surface import (
+    HEIGHT_SPACING,
     SIZE,
-    SPACING,
     Grains,
     Pits,
     Ridges,
@@ -28,7 +28,7 @@ def test_a_profile_repeats_and_has_its_rms() -> None:
 def test_the_spectrum_falls_with_the_hurst_exponent(hurst: float) -> None:
     profile = self_affine(1.0, 1e-3, hurst=hurst, rng=np.random.default_rng(0))
     power = np.abs(np.fft.rfft(profile)) ** 2
-    wavenumber = np.fft.rfftfreq(SIZE, SPACING)
+    wavenumber = np.fft.rfftfreq(SIZE, HEIGHT_SPACING)
     # Well over the roll-off at 1/mm: the slope between 5 and 40 per mm is -(2H + 1).
     low, high = (power[(wavenumber > at) & (wavenumber < 1.3 * at)].mean() for at in (5e3, 30e3))
     assert np.log(high / low) / np.log(6) == pytest.approx(-(2 * hurst + 1), abs=0.15)
@@ -43,4 +43,4 @@ def test_grains_stand_out_and_pits_go_in() -> None:
 def test_ridges_repeat_at_their_period() -> None:
     profile = height_profile(plain(ridges=Ridges(period=2e-3, height=100e-6)))
     peak = np.argmax(np.abs(np.fft.rfft(profile)))
-    assert SIZE * SPACING / peak == pytest.approx(2e-3, rel=0.01)
+    assert SIZE * HEIGHT_SPACING / peak == pytest.approx(2e-3, rel=0.01)

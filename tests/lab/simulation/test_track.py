@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tactophone.lab.simulation.mechanics import SKIN, tip_on_body
-from tactophone.lab.simulation.surface import SIZE, SPACING, Material, Surface, envelope, patch_filter, track
+from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, Material, Surface, envelope, patch_filter, track
 
 
 def sine(wavelength: float, amplitude: float = 10e-6) -> np.ndarray:
-    cycles = round(SIZE * SPACING / wavelength)
+    cycles = round(SIZE * HEIGHT_SPACING / wavelength)
     return amplitude * np.sin(2 * np.pi * cycles * np.arange(SIZE) / SIZE)
 
 
@@ -43,9 +43,9 @@ def test_the_envelope_is_exact() -> None:
     height = np.cumsum(rng.standard_normal(SIZE)) * 1e-8
     height -= np.linspace(0, height[-1], SIZE)
     places = np.concatenate([rng.integers(SIZE, size=200), [0, 1, SIZE - 1]])
-    reach = int(np.sqrt(2 * 3e-3 * np.ptp(height)) / SPACING) + 1
+    reach = int(np.sqrt(2 * 3e-3 * np.ptp(height)) / HEIGHT_SPACING) + 1
     offset = np.arange(-reach, reach + 1)
-    expected = [np.max(height[(at + offset) % SIZE] - (offset * SPACING) ** 2 / 6e-3) for at in places]
+    expected = [np.max(height[(at + offset) % SIZE] - (offset * HEIGHT_SPACING) ** 2 / 6e-3) for at in places]
     np.testing.assert_allclose(envelope(height, tip_radius=3e-3)[places], expected, atol=1e-15)
 
 
@@ -54,8 +54,8 @@ def test_between_two_summits_the_tip_turns_at_a_cusp() -> None:
     height = np.full(SIZE, -1e-3)
     distance = 400
     height[[1000, 1000 + distance]] = 0.0
-    slope = np.diff(envelope(height, tip_radius=1e-3)) / SPACING
+    slope = np.diff(envelope(height, tip_radius=1e-3)) / HEIGHT_SPACING
     between = slope[1000 : 1000 + distance]
     # The grid's own curvature adds one step to the jump.
-    assert np.diff(between).max() == pytest.approx(distance * SPACING / 1e-3, rel=0.02)
+    assert np.diff(between).max() == pytest.approx(distance * HEIGHT_SPACING / 1e-3, rel=0.02)
     assert (np.diff(between) > 0).sum() == 1

@@ -7,7 +7,7 @@ import pytest
 
 from tactophone.core.errors import ModelError
 from tactophone.lab.training.setup import (
-    SHIPPED,
+    SHIPPED_BOUNDARY,
     ObjectSound,
     SetUpFit,
     collect,
@@ -64,7 +64,7 @@ def test_a_boundary_that_no_object_proves_wrong_stays_with_the_whole_graph(tmp_p
     for sound in sounds:
         sound.logit[:] += -2.7 if not sound.rough else -4.0  # rough: half of the windows are right
     fit = fit_set_up(sounds, channels=1, tip="stylus")
-    assert (fit.score, fit.keeps) == (SHIPPED, True)
+    assert (fit.score, fit.keeps) == (SHIPPED_BOUNDARY, True)
     assert {entry.before == entry.after for entry in fit.left_out} == {True}
     start, path = model_path("stylus"), tmp_path / "own.onnx"
     write_set_up(path, start, read_model(start), fit, threshold_dbfs=-55.0, tip="stylus")

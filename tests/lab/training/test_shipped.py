@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import TIP_NAMES, AudioBlock, Touch
-from tactophone.lab.training.recipes import RECIPES, SHIPPED
+from tactophone.lab.training.recipes import RECIPES, SHIPPED_RECIPES
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import (
     TIP_MODELS,
@@ -27,7 +27,7 @@ def hiss(channels: int) -> np.ndarray:
 
 
 def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes() -> None:
-    assert set(shipped_models()) == {*PAPERS, *SHIPPED, *TIP_MODELS.values()}
+    assert set(shipped_models()) == {*PAPERS, *SHIPPED_RECIPES, *TIP_MODELS.values()}
     assert sum(model_path(name).stat().st_size for name in shipped_models()) < 6_500_000
     assert max(model_path(name).stat().st_size for name in ON_FEATURES) < 1_500_000
 

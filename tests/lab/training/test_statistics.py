@@ -2,7 +2,15 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.lab.training.features import BEFORE, FORGET_AFTER, PRIOR_WINDOWS, SETTLED, front, parts, run_statistics
+from tactophone.lab.training.features import (
+    BEFORE,
+    FORGET_AFTER,
+    PRIOR_WINDOWS,
+    STATISTICS_SETTLED,
+    front,
+    parts,
+    run_statistics,
+)
 from tactophone.lab.training.recipes import BAND_VALUES
 from tactophone.lab.training.tracks import FeatureSpec
 from tactophone.signal.perception.model_file import CONTACT_INPUT, FEATURES, SOUND, STATE, STATE_OUT
@@ -50,8 +58,8 @@ def test_an_edge_restarts_the_statistics_and_drift_does_not() -> None:
 
 
 def test_no_change_is_detected_before_the_statistics_have_settled() -> None:
-    states = fed([1.0] * (BEFORE + SETTLED - 2) + [9.0, 9.0], metric=2 * FIRST)
-    assert states["count"][:, 0].tolist()[-2:] == [BEFORE + SETTLED - 1, 3]
+    states = fed([1.0] * (BEFORE + STATISTICS_SETTLED - 2) + [9.0, 9.0], metric=2 * FIRST)
+    assert states["count"][:, 0].tolist()[-2:] == [BEFORE + STATISTICS_SETTLED - 1, 3]
 
 
 def test_recordings_of_several_lengths_together_are_what_each_is_alone() -> None:

@@ -32,7 +32,7 @@ from tactophone.live.log.mcap import (
 )
 from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry import layout
-from tactophone.live.telemetry.layout import PREDICTION, FingerState, State
+from tactophone.live.telemetry.layout import PREDICTION_RECORD, FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
@@ -334,7 +334,7 @@ def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path) -> None:
 
 
 def some_predictions() -> list[tuple[Prediction, HapticCommand]]:
-    rows = np.zeros(3, PREDICTION)
+    rows = np.zeros(3, PREDICTION_RECORD)
     rows["window_end"], rows["window_start"] = (0.256, 0.266, 0.279), (0.0, 0.01, 0.0230001)
     rows["time"] = rows["window_end"] + 1 / 2823
     rows["none"], rows["smooth"], rows["rough"] = np.transpose([[1, 0, 0], [0.1, 0.2, 0.7], [1e-30, 1 / 3, 2 / 3]])

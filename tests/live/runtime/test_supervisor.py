@@ -9,7 +9,7 @@ import pytest
 
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.settings import Settings
-from tactophone.live.runtime.supervisor import END_TIMEOUT, ProcessInfo, Supervisor, supervised
+from tactophone.live.runtime.supervisor import SIDE_END_TIMEOUT, ProcessInfo, Supervisor, supervised
 from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -117,13 +117,13 @@ def start_never(settings: Settings, info: ProcessInfo) -> None:
 
 
 def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.live.runtime.supervisor.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
     with Supervisor(start_slowly, Settings(), name=name) as supervisor:
         assert supervisor.running
 
 
 def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.live.runtime.supervisor.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
     with (
         pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
         Supervisor(start_never, Settings(), name=name),
@@ -146,7 +146,7 @@ def test_a_run_ends_at_once_while_a_successor_starts(name: str) -> None:
         assert eventually(lambda: supervisor.pid != first)
         time.sleep(1.0)
         began = time.monotonic()
-    assert time.monotonic() - began < END_TIMEOUT / 2
+    assert time.monotonic() - began < SIDE_END_TIMEOUT / 2
     assert not os.path.exists(f"/proc/{supervisor.pid}")
 
 

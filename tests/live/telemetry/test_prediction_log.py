@@ -19,7 +19,7 @@ from tactophone.core.prediction_fields import prediction_of
 from tactophone.core.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 from tactophone.live.telemetry import layout, memory, prediction_log
 from tactophone.live.telemetry.prediction_log import PredictionLog
-from tactophone.live.telemetry.timeline import COLUMNS, TimelineWriter, read_timeline, row
+from tactophone.live.telemetry.timeline import TIMELINE_COLUMNS, TimelineWriter, read_timeline, row
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -46,7 +46,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
         timeline.write(step(4))
         timeline.write(step(0))
     columns = read_timeline(path)
-    assert set(columns) == set(COLUMNS)
+    assert set(columns) == set(TIMELINE_COLUMNS)
     assert columns["touch"].tolist() == [0, 1, 2, 0]
     assert columns["contact"].tolist() == [0, 1, 1, 0]
     assert columns["unknown"].tolist() == [0, 1, 1, 0]
@@ -90,7 +90,7 @@ def test_touch_events_reach_steps_predictions_and_the_log(tmp_path: Path, name: 
 def test_a_timeline_from_before_the_events_is_read(tmp_path: Path) -> None:
     path = tmp_path / "old.csv"
     with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS[:-2], extrasaction="ignore")
+        writer = csv.DictWriter(file, TIMELINE_COLUMNS[:-2], extrasaction="ignore")
         writer.writeheader()
         writer.writerow(row(step(1).predictions[0], step(1).commands[0]))
     assert read_timeline(path)["event"].tolist() == [""]
@@ -133,7 +133,7 @@ def test_predictions_without_a_command_have_no_amplitude(tmp_path: Path, name: s
 
 
 def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.live.telemetry.prediction_log.READ_INTERVAL", 1e3)
+    monkeypatch.setattr("tactophone.live.telemetry.prediction_log.CSV_READ_INTERVAL", 1e3)
     messages: list[str] = []
     total = layout.PREDICTION_CAPACITY + 100
     with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv", report=messages.append):
@@ -144,7 +144,7 @@ def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.
 
 
 def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prediction_log, "READ_INTERVAL", 1e3)  # only this test's thread reads
+    monkeypatch.setattr(prediction_log, "CSV_READ_INTERVAL", 1e3)  # only this test's thread reads
     code = (
         "import os, sys; sys.path.insert(0, os.getcwd()); from tests.live.telemetry.test_prediction_log import *\n"
         "telemetry = Telemetry(sys.argv[1])\n"
@@ -165,7 +165,7 @@ def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatc
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 def test_a_full_disk_ends_the_log_with_one_line_and_not_the_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.live.telemetry.prediction_log.READ_INTERVAL", 1e3)
+    monkeypatch.setattr("tactophone.live.telemetry.prediction_log.CSV_READ_INTERVAL", 1e3)
     messages: list[str] = []
     with Telemetry(name) as telemetry, PredictionLog(name, Path("/dev/full"), report=messages.append) as log:
         for _ in range(3):
@@ -191,7 +191,7 @@ def test_a_killed_loopback_leaves_a_log_that_lacks_at_most_a_second(tmp_path: Pa
         rows, count = watcher.predictions()
         loopback.kill()
     log = read_timeline(tmp_path / "log.csv")
-    assert set(log) == set(COLUMNS)
+    assert set(log) == set(TIMELINE_COLUMNS)
     assert rows["window_end"][-1] - log["window_end"][-1] < 1.0
     np.testing.assert_allclose(log["window_end"], rows["window_end"][: len(log["window_end"])], atol=1e-6)
     assert np.isfinite(log["amplitude"]).all()

@@ -126,7 +126,7 @@ def test_sound_goes_on_over_a_new_way_and_the_session_sees_the_same_peer(ends: E
 def test_a_way_that_falls_silent_is_reported_each_second_until_something_comes(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tactophone.net.link.way.SILENCE", 0.1)
+    monkeypatch.setattr("tactophone.net.link.way.WAY_SILENCE", 0.1)
 
     def silent() -> int:
         for _ in range(25):

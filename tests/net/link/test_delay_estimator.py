@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tactophone.net.link.stats import WINDOW, MinDelayFilter, Skew
+from tactophone.net.link.stats import TRANSIT_WINDOW, MinDelayFilter, Skew
 
 
 def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_a_window_or_two() -> None:
@@ -16,7 +16,7 @@ def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_a_window_or_t
         delay.push(transit, now=now)
         seen.append(delay.minimum)
     longer = next(step for step, minimum in enumerate(seen) if minimum == 0.030)
-    assert WINDOW <= (longer - 400) * 0.005 <= 2 * WINDOW + 0.01
+    assert TRANSIT_WINDOW <= (longer - 400) * 0.005 <= 2 * TRANSIT_WINDOW + 0.01
     assert seen[800] == 0.005
 
 

@@ -12,7 +12,7 @@ from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.packet import CLOCK_RATE, Packet, Payload, PayloadType
 from tactophone.net.link.stream import (
-    HISTORY,
+    PACKET_HISTORY,
     BlockEncoder,
     DecodedAudio,
     Depacketizer,
@@ -159,7 +159,7 @@ def test_of_a_long_backlog_only_the_newest_is_decoded() -> None:
     for step, packet in enumerate(sent[:50]):
         depacketizer.push([packet], now=step * SECOND)
     decoded = depacketizer.push(sent[50:450], now=449.5 * SECOND)
-    assert sum(audio.block.size for audio in decoded) == pytest.approx(HISTORY * CLOCK_RATE, abs=480)
+    assert sum(audio.block.size for audio in decoded) == pytest.approx(PACKET_HISTORY * CLOCK_RATE, abs=480)
     assert is_contiguous(decoded)
     assert decoded[-1].block.end == 450 * 240
     assert not decoded[-1].stale

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactophone.net.link.playout import WARM_UP, PlayoutController
+from tactophone.net.link.playout import PLAYOUT_WARM_UP, PlayoutController
 
 RATE, PACKET, BLOCK = 48_000, 240, 128
 
@@ -80,7 +80,7 @@ def test_nothing_is_played_during_the_warm_up() -> None:
     controller.push(0, PACKET, now=0.01)
     controller.step(BLOCK, now=0.02)
     assert np.isnan(controller.position)
-    assert controller.step(BLOCK, now=0.02 + WARM_UP).jumped
+    assert controller.step(BLOCK, now=0.02 + PLAYOUT_WARM_UP).jumped
 
 
 def test_speed_stays_below_the_noticeable_difference() -> None:

@@ -10,7 +10,7 @@ from tactophone.net.link.identity import Peers
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.rtcp import ReceiverReport
 from tactophone.net.link.send import SendGroup
-from tactophone.net.link.session import MAX_KEY_AGE, OVERLAP, RECALL_AFTER, RENEW_AFTER, Session
+from tactophone.net.link.session import KEY_OVERLAP, MAX_KEY_AGE, RECALL_AFTER, RENEW_AFTER, Session
 from tactophone.net.link.stream import DecodedAudio
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, SessionPair
@@ -91,7 +91,7 @@ def test_old_keys_are_refused_after_the_overlap() -> None:
     assert old is not None
     stream.run(0.5)
     assert len(list(stream.operator.session._keys)) == 2
-    stream.run(OVERLAP)
+    stream.run(KEY_OVERLAP)
     # Two seconds later the next renewal may be under way, but the first keys are gone.
     assert old.agreement.secrets.local_ssrc not in [known.stream for known in stream.operator.session._keys]
 

@@ -10,7 +10,7 @@ from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.faults import CODES, FaultSpan, FaultySource
 from tactophone.lab.simulation.participant import SimulatedParticipant
 from tactophone.signal.perception.calibration import (
-    WINDOW,
+    CALIBRATION_WINDOW,
     CalibrationResult,
     CalibrationSounds,
     gate_threshold,
@@ -86,7 +86,7 @@ def test_missing_strokes_and_taps_are_found() -> None:
     assert "restless" in {finding.code for finding in restless.findings}
 
 
-@pytest.mark.parametrize("duration", [0.004, WINDOW])
+@pytest.mark.parametrize("duration", [0.004, CALIBRATION_WINDOW])
 def test_the_threshold_gives_about_the_chosen_number_of_false_alarms(duration: float) -> None:
     rng = np.random.default_rng(3)
     noise = rng.normal(0, 0.02, (RATE * 120, 1)).astype(np.float32)

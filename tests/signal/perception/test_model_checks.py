@@ -224,7 +224,7 @@ def test_an_inference_that_takes_too_long_is_ended(
     optimised: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All of it is constant, so that the runtime would compute it while it loads, where nothing ends it."""
-    monkeypatch.setattr(checks, "PROBE_TIMEOUT", 0.05)
+    monkeypatch.setattr(checks, "MODEL_PROBE_TIMEOUT", 0.05)
     size = 1_500
     nodes = [helper.make_node("Expand", ["one", "shape"], ["x0"])]
     nodes += [helper.make_node("MatMul", [f"x{k}", "x0"], [f"x{k + 1}"]) for k in range(200)]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.health import LOWEST_DBFS, ChannelStatistics, SignalStatistics
+from tactophone.signal.perception.health import FAINTEST_DBFS, ChannelStatistics, SignalStatistics
 
 RATE = 48_000
 
@@ -78,5 +78,5 @@ def test_invalid_samples_have_finite_statistics() -> None:
 
 def test_silence_and_one_channel_have_measures_too() -> None:
     statistics = measure(np.zeros((RATE, 1)))[-1]
-    assert statistics.level_dbfs == (pytest.approx(LOWEST_DBFS),)
+    assert statistics.level_dbfs == (pytest.approx(FAINTEST_DBFS),)
     assert statistics.correlation == 0.0

@@ -28,7 +28,7 @@ BLOCK = 120
 MIDDLE = sqrt(SMOOTH_STIMULUS.frequency * ROUGH_STIMULUS.frequency)
 """Hz that separate the smooth from the rough vibration: their geometric mean."""
 
-FIRST = 1e-4
+FIRST_VIBRATION = 1e-4
 """Amplitude above which a sample vibrates, as in `impulses`."""
 
 CHANGED_FOR = 0.03
@@ -40,7 +40,7 @@ MAX_DECISION_DELAY = 0.6
 HOP = 0.06
 """Seconds without contact that are not a lift."""
 
-PITCH = 0.085
+STONE_PITCH = 0.085
 """Metres between the centres of the stones: their width, so that the finger slides from one to the next."""
 
 
@@ -67,7 +67,7 @@ def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) ->
     touching = touch != Touch.NONE
     longest, lasting = int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE), int(CHANGED_FOR * LIVE_SAMPLE_RATE)
     for onset in _onsets(touching):
-        loud = np.flatnonzero(np.abs(waveform[onset : onset + longest]) > FIRST)
+        loud = np.flatnonzero(np.abs(waveform[onset : onset + longest]) > FIRST_VIBRATION)
         if len(loud):
             delays.touch.append(float(loud[0]) / LIVE_SAMPLE_RATE)
         else:
@@ -122,20 +122,20 @@ def _render(pipeline: Pipeline, passes: int, seed: int) -> tuple[NDArray[np.int8
 
 
 def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
-    scene = row([find("smooth competition stone"), find("20")], pitch=PITCH)
+    scene = row([find("smooth competition stone"), find("20")], pitch=STONE_PITCH)
     rng = np.random.default_rng([0xED6E, seed])
     depth = scene.placed[0].centre[1]
-    script = Script(rng, x=PITCH * 0.7, y=depth)
+    script = Script(rng, x=STONE_PITCH * 0.7, y=depth)
     script.hover(0.8)
     for number in range(passes):
         force = rng.uniform(1.0, 2.0)
         if number % 4 == 0:
             script.hover(0.6)
             script.land(force)
-        reach = rng.uniform(0.2, 0.35) * PITCH
-        script.stroke(PITCH + (reach if number % 2 == 0 else -reach), rng.uniform(0.7, 1.1), force)
+        reach = rng.uniform(0.2, 0.35) * STONE_PITCH
+        script.stroke(STONE_PITCH + (reach if number % 2 == 0 else -reach), rng.uniform(0.7, 1.1), force)
     script.hover(0.5)
-    return SimulatedFinger(scene, script.moves, seed=seed, place=(PITCH * 0.7, depth)), script.time
+    return SimulatedFinger(scene, script.moves, seed=seed, place=(STONE_PITCH * 0.7, depth)), script.time
 
 
 def _onsets(touching: NDArray[np.bool_]) -> Iterator[int]:

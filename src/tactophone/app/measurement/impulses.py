@@ -26,7 +26,7 @@ from tactophone.live.runtime.wiring import OpenSource, open_device
 from tactophone.live.telemetry.layout import MARKS, STAGES
 from tactophone.live.telemetry.watcher import Watcher
 
-BURST = 0.03
+PROBE_BURST = 0.03
 """Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
 
 TONE = 300.0
@@ -39,13 +39,13 @@ INTERVALS = (0.22, 0.27)
 """Range of seconds between impulses, uniform: the vibration has faded 10 ms before, as it ends 197 ms after an impulse
 at the latest (512 samples, Opus 10 ms), and every phase of the period occurs."""
 
-FIRST = 1e-4
+FIRST_ARRIVAL = 1e-4
 """Amplitude above which a sample vibrates, 80 dB below full drive; at rest, every sample is exactly zero."""
 
 LONGEST = 0.15
 """Seconds after which an impulse counts as missed."""
 
-WARM_UP = 1.5
+IMPULSE_WARM_UP = 1.5
 """Seconds of sound before the first impulse, in which estimators converge."""
 
 COLLECT_EVERY = 1.0
@@ -79,10 +79,10 @@ class ImpulsePlayer:
 
     def __init__(self, impulses: int, *, seed: int = 0) -> None:
         gaps = np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, impulses) * LIVE_SAMPLE_RATE
-        self.impulses: NDArray[np.int64] = (WARM_UP * LIVE_SAMPLE_RATE + np.cumsum(gaps)).astype(np.int64)
+        self.impulses: NDArray[np.int64] = (IMPULSE_WARM_UP * LIVE_SAMPLE_RATE + np.cumsum(gaps)).astype(np.int64)
         size = int(self.impulses[-1] + INTERVALS[1] * LIVE_SAMPLE_RATE)
         self.played, self.vibration = np.zeros(size, np.float32), np.zeros(size, np.float32)
-        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(BURST * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE)
+        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(PROBE_BURST * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE)
         for impulse in self.impulses:
             self.played[impulse : impulse + len(burst)] = burst
         self.position = 0
@@ -117,8 +117,8 @@ class ImpulsePlayer:
         """Yield each impulse that caused vibration, and the first sample that vibrates after it."""
         for impulse in self.impulses:
             after = self.vibration[impulse : impulse + int(LONGEST * LIVE_SAMPLE_RATE)]
-            found = np.flatnonzero(np.abs(after) > FIRST)
-            if len(found) and not np.abs(self.vibration[impulse - 480 : impulse]).max() > FIRST:
+            found = np.flatnonzero(np.abs(after) > FIRST_ARRIVAL)
+            if len(found) and not np.abs(self.vibration[impulse - 480 : impulse]).max() > FIRST_ARRIVAL:
                 yield int(impulse), int(impulse + found[0])
 
     def clock(self, sample: int) -> float:

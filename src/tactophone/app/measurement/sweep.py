@@ -16,7 +16,7 @@ from tactophone.live.audio.device import Device, Process
 LOWEST, HIGHEST = 35.0, 800.0
 """Hz: the lower limit of the vibration (`haptics.Limits`); and a finger feels little above 800 Hz (Verrillo 1963)."""
 
-DURATION = 8.0
+SWEEP_DURATION = 8.0
 """Seconds of a sweep: 1.7 s an octave, slow enough for an actuator of Q 20 at 30 Hz to follow."""
 
 BAND_DB = 10.0
@@ -44,7 +44,7 @@ class MeasuredResponse:
     snr_db: float
 
 
-def sweep(amplitude: float, *, duration: float = DURATION) -> FloatArray:
+def sweep(amplitude: float, *, duration: float = SWEEP_DURATION) -> FloatArray:
     """Return an exponential sine sweep from `LOWEST` to `HIGHEST`, faded over 50 ms, with silence before and after.
 
     After Farina, "Simultaneous measurement of impulse response and distortion with a swept-sine technique" (AES 2000).
@@ -57,7 +57,7 @@ def sweep(amplitude: float, *, duration: float = DURATION) -> FloatArray:
     return np.concatenate([silence, amplitude * edge * np.sin(phase), silence]).astype(np.float32)
 
 
-def fit(recorded: FloatArray, *, duration: float = DURATION) -> MeasuredResponse:
+def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredResponse:
     """Fit resonance and band to the recording of a `sweep`, shape ``(samples,)``.
 
     At each frequency the recording is correlated with a sine of it while the sweep passes, so neither noise of other

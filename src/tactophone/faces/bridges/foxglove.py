@@ -24,7 +24,7 @@ from tactophone.live.log.sound import SoundMessages
 if TYPE_CHECKING:
     from aiohttp import web
 
-ADDRESS = "127.0.0.1:8765"
+FOXGLOVE_ADDRESS = "127.0.0.1:8765"
 """Where Foxglove looks by itself."""
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -32,13 +32,13 @@ PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 ORIGINS = ("https://app.foxglove.dev", "null", "file://")
 """Origins of Foxglove's page and of the desktop programs; others only from this machine."""
 
-INTERVAL = 0.02
+FOXGLOVE_INTERVAL = 0.02
 """Seconds between two reads of the run."""
 
-BACKLOG = 500
+CLIENT_BACKLOG = 500
 """Messages kept for a slow viewer: several seconds; older ones are dropped."""
 
-VIEWERS = 8
+FOXGLOVE_VIEWERS = 8
 """Greatest number of viewers."""
 
 MESSAGES_PER_SECOND = 100.0
@@ -52,14 +52,16 @@ _MESSAGE_DATA = 1
 
 
 class FoxgloveBridge:
-    """Serves a run to viewers who know the path ``token``; a context manager whose `read` is called every `INTERVAL`.
+    """Serves a run to viewers who know the path ``token``; a context manager.
+
+    Call `read` every `FOXGLOVE_INTERVAL`.
 
     Raises `ConfigError` when the address cannot be used.
     """
 
-    interval = INTERVAL
+    interval = FOXGLOVE_INTERVAL
 
-    def __init__(self, name: str, address: str = ADDRESS, *, token: str = "") -> None:
+    def __init__(self, name: str, address: str = FOXGLOVE_ADDRESS, *, token: str = "") -> None:
         self.name, self.token = name, token
         self._reader = RunReader(name)
         self._sound = SoundMessages(self._reader.names)
@@ -68,7 +70,7 @@ class FoxgloveBridge:
         self._advertised = json.dumps(
             {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
         )
-        self._listening = listen(address, "--bridge foxglove", example=ADDRESS)
+        self._listening = listen(address, "--bridge foxglove", example=FOXGLOVE_ADDRESS)
         self._acceptor = Acceptor()
         self._viewers: set[_Viewer] = set()
         self._dropped = 0
@@ -137,8 +139,8 @@ class FoxgloveBridge:
         if refused := self._refusal(request):
             return web.Response(status=403, text=f"Refused: {refused}.\n")
         self._acceptor.known.add(request.protocol)
-        if len(self._viewers) >= VIEWERS:
-            return web.Response(status=503, text=f"{VIEWERS} viewers are connected already: close one.\n")
+        if len(self._viewers) >= FOXGLOVE_VIEWERS:
+            return web.Response(status=503, text=f"{FOXGLOVE_VIEWERS} viewers are connected already: close one.\n")
         view = web.WebSocketResponse(protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20)
         await view.prepare(request)
         if view.ws_protocol is None:
@@ -178,14 +180,14 @@ class _Viewer:
         self.socket = view
         self._shown, self._latched = shown, latched
         self._subscribed: dict[int, int] = {}  # channel -> the viewer's number of the subscription
-        self._waiting: deque[Message] = deque(maxlen=BACKLOG)
+        self._waiting: deque[Message] = deque(maxlen=CLIENT_BACKLOG)
         self._wake = asyncio.Event()
 
     def offer(self, message: Message) -> bool:
         """Queue a message that it subscribed to; returns whether an older one was dropped for it."""
         if self._shown[message.topic.name] not in self._subscribed:
             return False
-        full = len(self._waiting) == BACKLOG
+        full = len(self._waiting) == CLIENT_BACKLOG
         self._waiting.append(message)
         self._wake.set()
         return full

@@ -25,7 +25,7 @@ from tactophone.core.types import HapticCommand
 LOWEST_HZ, HIGHEST_HZ = 35.0, 1000.0
 """The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the file states this one."""
 
-SILENT = 1e-4
+SILENT_AMPLITUDE = 1e-4
 """Amplitude, -80 dB of full drive, below which a command is written as 0."""
 
 _STEP = 1e-4
@@ -43,7 +43,7 @@ def envelope(commands: Iterable[HapticCommand], *, duration: float = 0.0) -> lis
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
     for command in commands:
         _, amplitude, frequency = points[-1]
-        target = (command.amplitude if command.amplitude > SILENT else 0.0, command.frequency)
+        target = (command.amplitude if command.amplitude > SILENT_AMPLITUDE else 0.0, command.frequency)
         if target == (amplitude, frequency):
             continue
         if target[0] == 0.0:

@@ -10,7 +10,7 @@ from typing import Any, Self
 from tactophone.core.errors import ConfigError
 from tactophone.live.log.reader import Passed, PredictionReader
 
-INTERVAL = 0.004
+OSC_INTERVAL = 0.004
 """Seconds between two reads: well under the interval of the predictions, as each drives a device."""
 
 DATAGRAMS = 32
@@ -23,7 +23,7 @@ VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "a
 
 
 class OscBridge:
-    """Sends each prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
+    """Sends each prediction as OSC messages; a context manager whose `read` is called every `OSC_INTERVAL`.
 
     Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
     keeps the value that it has.
@@ -47,7 +47,7 @@ class OscBridge:
         Datagrams received: ``stop``, and ``ignored``.
     """
 
-    interval = INTERVAL
+    interval = OSC_INTERVAL
 
     def __init__(self, name: str, target: str, *, finger: str = "index", listen: int = 0, avatar: bool = False) -> None:
         host, _, port = target.rpartition(":")

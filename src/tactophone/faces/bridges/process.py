@@ -8,13 +8,13 @@ from typing import Any, Protocol, Self
 from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent
 
-START_TIMEOUT = 20.0
+BRIDGE_START_TIMEOUT = 20.0
 """Seconds that a bridge may take to import its libraries and begin."""
 
-END_TIMEOUT = 5.0
+BRIDGE_END_TIMEOUT = 5.0
 """Seconds that a bridge may take to end, for a log to write its index."""
 
-NICENESS = 5
+BRIDGE_NICENESS = 5
 """On a busy machine a bridge waits, not the sound."""
 
 
@@ -44,12 +44,12 @@ class BridgeProcess:
         self._name = getattr(build, "func", build).__name__
         self._report = report
         self._asked_to_end = False
-        self._child = Child(_run, build, name="tactophone-bridge", niceness=NICENESS)
+        self._child = Child(_run, build, name="tactophone-bridge", niceness=BRIDGE_NICENESS)
         self.pid = self._child.pid
         self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
 
     def __enter__(self) -> Self:
-        kind, text = next(self._child.messages(START_TIMEOUT), ("", "a bridge did not begin"))
+        kind, text = next(self._child.messages(BRIDGE_START_TIMEOUT), ("", "a bridge did not begin"))
         if kind != "ready":
             self._end()
             raise TactophoneError(text)
@@ -74,7 +74,7 @@ class BridgeProcess:
     def _end(self) -> None:
         self._asked_to_end = True
         self._child.ask_to_end()
-        self._child.end(END_TIMEOUT)
+        self._child.end(BRIDGE_END_TIMEOUT)
 
 
 def _run(parent: Parent, build: Callable[[], Bridge]) -> None:

@@ -26,7 +26,7 @@ from tactophone.live.log.reader import Passed, PredictionReader
 from tactophone.live.telemetry.layout import Action
 from tactophone.live.telemetry.watcher import Snapshot
 
-INTERVAL = 0.004
+ROS_INTERVAL = 0.004
 """Seconds between two reads: well under the interval of the predictions, as each drives a device."""
 
 SOUND_INTERVAL = 0.01
@@ -99,7 +99,7 @@ def default_domain() -> int:
 
 
 class RosBridge:
-    """Passes a run on to ROS 2; a context manager whose `read` is called every `INTERVAL`.
+    """Passes a run on to ROS 2; a context manager whose `read` is called every `ROS_INTERVAL`.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class RosBridge:
     Raises `ConfigError` if the domain cannot be joined.
     """
 
-    interval = INTERVAL
+    interval = ROS_INTERVAL
 
     def __init__(
         self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),

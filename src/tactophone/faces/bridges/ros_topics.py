@@ -160,7 +160,7 @@ _HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
 
 _RUMBLE = 1
 
-HEARTBEAT = 0.01
+TOPIC_HEARTBEAT = 0.01
 """Per cent that the SenseGlove's value alternates by: its driver does not send an equal value again."""
 
 
@@ -209,7 +209,7 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
         values = [0.0] * _SENSEGLOVE_VALUES
         for finger, amplitude in amplitudes.items():
             # Below its highest value, so that the heartbeat adds nothing to full drive; silence stays silence.
-            value = max(0.0, 100 * amplitude - HEARTBEAT * (beat % 2)) if amplitude else 0.0
+            value = max(0.0, 100 * amplitude - TOPIC_HEARTBEAT * (beat % 2)) if amplitude else 0.0
             values[_SENSEGLOVE_TIPS + FINGER_NAMES.index(finger)] = value
         return Float64MultiArray(data=values)
 

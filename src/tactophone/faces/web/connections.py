@@ -23,7 +23,7 @@ QUEUE = 1024
 """Connections that the system holds until they are accepted: a viewer waits behind a crowd rather than 1 s for a
 repeated SYN."""
 
-TIMEOUT = 5.0
+CONNECTION_TIMEOUT = 5.0
 """Seconds for a TLS handshake, and for the header of a request; a browser sends both at once."""
 
 
@@ -61,7 +61,7 @@ class Acceptor:
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
         if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux then holds a connection until its first byte
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, round(TIMEOUT))
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, round(CONNECTION_TIMEOUT))
         while True:
             try:
                 connection, _ = await loop.sock_accept(listener)
@@ -93,7 +93,10 @@ class Acceptor:
         assert runner.server is not None
         try:
             _, handler = await asyncio.get_running_loop().connect_accepted_socket(
-                runner.server, connection, ssl=self._tls, ssl_handshake_timeout=TIMEOUT if self._tls else None
+                runner.server,
+                connection,
+                ssl=self._tls,
+                ssl_handshake_timeout=CONNECTION_TIMEOUT if self._tls else None,
             )
         except OSError:  # no TLS, or none in time
             return None
@@ -151,6 +154,7 @@ _LOG = logging.getLogger("tactophone.web")
 _LOG.addFilter(_Counted())
 
 RUNNER: dict[str, Any] = {
-    "access_log": None, "logger": _LOG, "shutdown_timeout": 0.5, "keepalive_timeout": TIMEOUT, "lingering_time": 0,
+    "access_log": None, "logger": _LOG, "shutdown_timeout": 0.5, "keepalive_timeout": CONNECTION_TIMEOUT,
+    "lingering_time": 0,
 }  # fmt: skip
 """Options of the web server. Its keep-alive time begins with the connection, before any request."""

@@ -18,7 +18,7 @@ from tactophone.faces.web.devices import Fingertips, PageMicrophone
 from tactophone.faces.web.feed import Feed, WatchedRun
 from tactophone.live.telemetry.layout import FingerState, Request, State
 
-PERIOD = 1 / 60
+DASHBOARD_PERIOD = 1 / 60
 """Seconds between messages: the refresh interval of a screen."""
 
 _LEVELS = ("ceiling", "output_level")
@@ -111,7 +111,7 @@ def dashboard(name: str, microphone: Connection | None = None, recorder: Connect
 async def _live(
     run: WatchedRun, watching: set[web.WebSocketResponse], logs: views.Answers | None, request: web.Request
 ) -> web.StreamResponse:
-    view = await views.admit(request, watching, views.VIEWERS)
+    view = await views.admit(request, watching, views.PAGE_VIEWERS)
     if view is None:
         return web.Response()
     watching.add(view)
@@ -122,7 +122,9 @@ async def _live(
             await view.send_str(json.dumps(logs.status))
         finger = views.finger_of(request)
         receiving = _receive(view, run, logs, credit, local=views.is_local(request), finger=finger)
-        await views.exchange(view, Feed(run, finger=finger).message, receiving, credit=credit, interval=PERIOD)
+        await views.exchange(
+            view, Feed(run, finger=finger).message, receiving, credit=credit, interval=DASHBOARD_PERIOD
+        )
     finally:
         watching.discard(view)
     return view

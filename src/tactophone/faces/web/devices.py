@@ -24,7 +24,7 @@ from tactophone.faces.web.feed import WatchedRun, pack
 from tactophone.faces.web.views import TAKEN, admit, end_flood, finger_of, messages_of
 from tactophone.live.telemetry.watcher import Snapshot
 
-PERIOD = 0.005
+DEVICE_PERIOD = 0.005
 """Seconds between two looks for a new command: half the interval of predictions."""
 
 FINGERTIP_CREDIT = 6
@@ -103,7 +103,7 @@ class _FingerPages:
                     self._credit[view] -= 1
                     with suppress(ConnectionError):
                         await view.send_bytes(message)
-            await asyncio.sleep(max(0.0, PERIOD - (time.monotonic() - begun)))
+            await asyncio.sleep(max(0.0, DEVICE_PERIOD - (time.monotonic() - begun)))
 
     def _message(self) -> bytes:
         """Return the message with what is new; empty when nothing is."""

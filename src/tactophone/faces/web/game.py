@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 PITCH, WIDTH, DEPTH = 0.11, 0.085, 0.07
 """Metres from stone to stone, and width and depth of a stone, as in `simulation.five_stones`."""
 
-MARGIN = 0.015
+SLOT_MARGIN = 0.015
 """Metres that the finger can reach beyond the stones."""
 
-LIFTED = -0.1
+LIFTED_PRESSURE = -0.1
 """Newtons of a lifted finger: negative, so that it rises, but little, so that a press reaches the stone soon."""
 
 GREATEST_FORCE = 5.0
@@ -111,7 +111,7 @@ class Round:
     ...     game.touch(Point(0.1 * k, 0.02 + 0.01 * k, 0.03, 1.5))
     >>> game.strokes, game.truth(Point(1.0, 0.02, 0.03, 1.5)).name
     ([1, 0, 0, 0, 0], 'ROUGH')
-    >>> game.finish([0, 2], Point(9.4, 0, 0, LIFTED), finished="now").correct
+    >>> game.finish([0, 2], Point(9.4, 0, 0, LIFTED_PRESSURE), finished="now").correct
     1
     """
 
@@ -167,9 +167,9 @@ def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
     width = 4 * PITCH + WIDTH
     return Point(
         now,
-        min(max(x, -MARGIN), width + MARGIN),
-        min(max(y, -MARGIN), DEPTH + MARGIN),
-        min(force, GREATEST_FORCE) if force > 0 else LIFTED,
+        min(max(x, -SLOT_MARGIN), width + SLOT_MARGIN),
+        min(max(y, -SLOT_MARGIN), DEPTH + SLOT_MARGIN),
+        min(force, GREATEST_FORCE) if force > 0 else LIFTED_PRESSURE,
     )
 
 

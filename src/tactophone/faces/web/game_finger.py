@@ -10,10 +10,10 @@ from tactophone.lab.simulation.microphones import SessionVariation
 from tactophone.lab.simulation.motion import LIFT, five_stones
 from tactophone.lab.simulation.source import SimulatedFinger
 
-BLOCK_SIZE = 128
+GAME_BLOCK = 128
 """Default number of samples per block: messages are read every 2.7 ms."""
 
-WARM_UP = 480
+FINGER_WARM_UP = 480
 """Samples rendered before a finger is used; the very first ones also compile the kernels, which takes seconds."""
 
 
@@ -35,7 +35,7 @@ class StoneBoxSource(AlwaysOpen):
     sample_rate = LIVE_SAMPLE_RATE
     channels = 2
 
-    def __init__(self, inbox: Connection, *, block_size: int = BLOCK_SIZE, tip: str = DEFAULT_TIP) -> None:
+    def __init__(self, inbox: Connection, *, block_size: int = GAME_BLOCK, tip: str = DEFAULT_TIP) -> None:
         self._inbox, self._block_size, self._tip = inbox, block_size, tip
         self._finger = _finger_over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0, tip)
         self._next: SimulatedFinger | None = None
@@ -81,5 +81,5 @@ def _finger_over(order: tuple[Touch, ...], seed: int, tip: str) -> SimulatedFing
     session = dataclasses.replace(session, finger=session.finger._replace(arm_rest=HOVER))
     finger = SimulatedFinger(scene, seed=seed, place=(x, y), session=session)
     finger.move(x, y, LIFT)
-    finger.render(WARM_UP)
+    finger.render(FINGER_WARM_UP)
     return finger

@@ -29,7 +29,7 @@ from tactophone.live.telemetry.layout import Action, Request
 from tactophone.live.telemetry.watcher import Snapshot
 from tactophone.signal.perception.decision import count_bumps, count_dips
 
-PERIOD = 0.004
+GAME_PERIOD = 0.004
 """Seconds between messages: they carry sound, and what waits here is felt late."""
 
 SHORTEST_ROUND = 0.5
@@ -72,7 +72,7 @@ class _PlayerSlot:
         await say_command(view, request)
         player = _Player(self._game, self._run, view, self._played, local=is_local(request))
         try:
-            await exchange(view, player.message, player.receive(), credit=player.credit, interval=PERIOD)
+            await exchange(view, player.message, player.receive(), credit=player.credit, interval=GAME_PERIOD)
         finally:
             player.lift()
             self._played = max(self._played, player.played)

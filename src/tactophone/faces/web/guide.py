@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 
 from aiohttp import WSMsgType, web
 
-from tactophone.faces.web.views import STATIC, VIEWERS, Answers, admit, is_local, messages_of, page
+from tactophone.faces.web.views import PAGE_VIEWERS, STATIC, Answers, admit, is_local, messages_of, page
 
 LONGEST_BUTTON = 16
 """Characters of a button's name."""
@@ -26,7 +26,7 @@ def guide_page(orders: Connection) -> web.Application:
 
 
 async def _show(command: Answers, request: web.Request) -> web.StreamResponse:
-    view = await admit(request, command.views, VIEWERS)
+    view = await admit(request, command.views, PAGE_VIEWERS)
     if view is None:
         return web.Response()
     if not is_local(request):

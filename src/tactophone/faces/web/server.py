@@ -19,10 +19,10 @@ from tactophone.faces.web.security import AccessControl
 if TYPE_CHECKING:
     from aiohttp import web
 
-ADDRESS = "127.0.0.1:0"
+PAGE_ADDRESS = "127.0.0.1:0"
 """Default address of a page: only this machine, any free port."""
 
-NICENESS = 5
+PAGE_NICENESS = 5
 """Niceness of the page's process: on a busy machine, the page waits, not the sound."""
 
 
@@ -34,8 +34,8 @@ class Page(AbstractContextManager["Page", None]):
     build
         Makes the application in that process; must be picklable.
     address
-        Host and port to listen at, port 0 for any free one; `ADDRESS` if ``None``. An address of the local network is
-        served at this machine's loopback address too, where browsers allow a page its microphone.
+        Host and port to listen at, port 0 for any free one; `PAGE_ADDRESS` if ``None``. An address of the local network
+        is served at this machine's loopback address too, where browsers allow a page its microphone.
     certificate
         Files of a certificate and its private key, for https; plain http if ``None``.
     names
@@ -50,12 +50,12 @@ class Page(AbstractContextManager["Page", None]):
     ) -> None:  # fmt: skip
         if importlib.util.find_spec("aiohttp") is None:
             raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
-        listening = _listen_everywhere(ADDRESS if address is None else address)
+        listening = _listen_everywhere(PAGE_ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
         self.access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
         self.url = self.access.url  # to open, with the token
         self._child = Child(
-            _serve, build, self.access, listening, certificate, name="tactophone-page", niceness=NICENESS
+            _serve, build, self.access, listening, certificate, name="tactophone-page", niceness=PAGE_NICENESS
         )
         for listener in listening:
             listener.close()
@@ -109,11 +109,11 @@ def _guide(orders: Connection) -> "web.Application":
 
 def _listen_everywhere(address: str) -> list[socket.socket]:
     """Listen at an address, and at 127.0.0.1 too if another machine can reach the address but this one cannot."""
-    sockets = [listen(address, "the page", example=ADDRESS)]
+    sockets = [listen(address, "the page", example=PAGE_ADDRESS)]
     host, port = sockets[0].getsockname()[:2]
     if sockets[0].family == socket.AF_INET and host != "0.0.0.0" and not host.startswith("127."):
         with suppress(TactophoneError):  # the port may be in use there: the page is then not served at 127.0.0.1
-            sockets.append(listen(f"127.0.0.1:{port}", "the page", example=ADDRESS))
+            sockets.append(listen(f"127.0.0.1:{port}", "the page", example=PAGE_ADDRESS))
     return sockets
 
 

@@ -20,7 +20,7 @@ from aiohttp import WSMessage, web
 from tactophone.faces.web.connections import Acceptor, FloodGate
 from tactophone.faces.web.security import HEADERS, AccessControl
 
-VERSION = "1"
+PAGE_VERSION = "1"
 """Version of the messages between page and server; `feed.js` sends its own. Change both when a message changes."""
 
 TAKEN = 4001
@@ -35,7 +35,7 @@ MAX_MESSAGE_BYTES = 4_096
 FLOOD_RATE = 500.0
 """Messages a second, twice what a page sends that acknowledges 125 a second and follows a fast pointer."""
 
-VIEWERS = 16
+PAGE_VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
 
 CREDIT = 3
@@ -101,7 +101,7 @@ async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketR
         await view.prepare(request)
     except ConnectionError:
         return None
-    if request.query.get("v", VERSION) != VERSION:
+    if request.query.get("v", PAGE_VERSION) != PAGE_VERSION:
         await view.close(code=OTHER_VERSION, message=b"this page is of another version: reload it")
     elif len(views) >= most:
         await view.close(code=TOO_MANY, message=f"{most} pages are open already: close one".encode())

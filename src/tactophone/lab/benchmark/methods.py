@@ -40,7 +40,7 @@ from tactophone.signal.perception.resample import Resampler
 if TYPE_CHECKING:
     from tactophone.lab.training.trainer import NetworkRecipe
 
-VERSION = 1
+METHODS_VERSION = 1
 """Raise it when a class here changes in a way that its settings do not show, so that cached folds are trained anew."""
 
 NO_AIR = "texture/no-air"
@@ -64,7 +64,7 @@ WINDOW_SIZE, HOP = 1024, 128 / 3
 BAND_EDGES = np.geomspace(35, 1000, 9)
 """Hz, of the bands of a vibration."""
 
-FAINT = 1e-8
+FAINTEST_VIBRATION = 1e-8
 """Added to each power, as silence has no logarithm."""
 
 RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
@@ -89,7 +89,7 @@ class NetworkMethod:
 
     @property
     def identity(self) -> str:
-        return f"{'ablation' if self.ablation else 'model file'} {VERSION} {self.recipe.identity}"
+        return f"{'ablation' if self.ablation else 'model file'} {METHODS_VERSION} {self.recipe.identity}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         if self.ablation:
@@ -123,7 +123,7 @@ class FeatureMethod:
 
     @property
     def identity(self) -> str:
-        return f"features {VERSION} {self.recipe.identity}" + (
+        return f"features {METHODS_VERSION} {self.recipe.identity}" + (
             "" if self.dropped is None else f" without {self.dropped}"
         )
 
@@ -147,7 +147,7 @@ class RendererMethod:
 
     @property
     def identity(self) -> str:
-        return f"regression {VERSION} {self.name}"
+        return f"regression {METHODS_VERSION} {self.name}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Fit, with every surface at the same weight."""
@@ -189,7 +189,10 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
     pairs = itertools.pairwise(BAND_EDGES)
     bands = np.stack([powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs], axis=1)
     power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
-    rows = np.log10(np.column_stack([bands / WINDOW_SIZE, power, (peak + FAINT) / (power + FAINT)]) + FAINT)
+    rows = np.log10(
+        np.column_stack([bands / WINDOW_SIZE, power, (peak + FAINTEST_VIBRATION) / (power + FAINTEST_VIBRATION)])
+        + FAINTEST_VIBRATION
+    )
     return (starts + WINDOW_SIZE) / rate, rows
 
 

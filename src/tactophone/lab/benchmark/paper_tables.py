@@ -59,7 +59,7 @@ FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
 
 METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
 
-STEP = 20
+TABLE_STEP = 20
 """Samples at 2 kHz, 10 ms, from one look at the level to the next."""
 
 SHORT_WINDOW = 64
@@ -68,18 +68,18 @@ SHORT_WINDOW = 64
 CLEARLY_DB = 12.0
 """So far under the threshold there is nothing but noise; between the two, contact is unknown."""
 
-SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
+TABLE_SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
 IN_CONTACT = "in_contact"
 """Column with the share of windows that count."""
 
-PIECE = 5.0
+BOOTSTRAP_PIECE = 5.0
 """Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
 
 PAPER_ONE: Mapping[str, tuple[float, ...]] = {
     "competition": (0.113, 0.472, 0.009, 0.405),
     "test": (0.240, 0.265, 0.081, 0.413),
 }
-"""Table I, general model: shares of all windows, in the order of :data:`SHARES`."""
+"""Table I, general model: shares of all windows, in the order of :data:`TABLE_SHARES`."""
 
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
 """The same of its piezo-only model, of which the text states ``smooth_as_rough`` alone."""
@@ -93,7 +93,7 @@ PAPER_TWO: Mapping[str, tuple[float, ...]] = {
 }
 """Table II: accuracy of each class."""
 
-BLOCK_SIZE = 512
+SESSION_BLOCK = 512
 LIKE_PAPER = ("paper", "dualsense", "events")
 """Profiles that render roughness as the paper's does: one row stands for them."""
 
@@ -183,14 +183,14 @@ def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     """Return Table I: how windows are classified, as shares of all windows."""
     rows = []
     for part in ("competition", "test"):
-        rows.append(_published(f"paper's own, {part}", (*SHARES, IN_CONTACT), PAPER_ONE[part]))
+        rows.append(_published(f"paper's own, {part}", (*TABLE_SHARES, IN_CONTACT), PAPER_ONE[part]))
         if "paper/one-channel" in predictions:
             stated = (math.nan, math.nan, PAPER_ONE_CHANNEL[part], math.nan)
-            rows.append(_published(f"paper's own one-channel, {part}", (*SHARES, IN_CONTACT), stated))
+            rows.append(_published(f"paper's own one-channel, {part}", (*TABLE_SHARES, IN_CONTACT), stated))
         for name, takes in predictions.items():
             if of_part := [take for take in takes if take.recording.known("split") == part]:
                 scores = _measure(of_part)
-                shares = {share: scores[share] for share in SHARES}
+                shares = {share: scores[share] for share in TABLE_SHARES}
                 rows.append(TableRow(f"{name}, {part}", {**shares, IN_CONTACT: contact_share(of_part)}))
     return rows
 
@@ -252,7 +252,7 @@ def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Se
     (signal,) = read_signals([recording], channels=1, rate=NETWORK_RATE)
     sizes = np.abs(signal[:, 0]) if gate.rule == "mean_absolute" else np.square(signal[:, 0], dtype=np.float64)
     total = np.concatenate(([0.0], np.cumsum(sizes, dtype=np.float64)))
-    ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, STEP)
+    ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, TABLE_STEP)
     loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE, gate) >= 0
     # A long window detects the beginning of a touch late, so silence is looked for with a short one.
     quiet = ~loud & (_over_threshold_db(total, ends, SHORT_WINDOW, gate) < -CLEARLY_DB)
@@ -269,7 +269,7 @@ def _over_threshold_db(
 
 
 def _segments(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
-    for begin, end in (NETWORK_WINDOW_SIZE + STEP * stretches(on)) / NETWORK_RATE - STEP / NETWORK_RATE:
+    for begin, end in (NETWORK_WINDOW_SIZE + TABLE_STEP * stretches(on)) / NETWORK_RATE - TABLE_STEP / NETWORK_RATE:
         yield Segment(float(begin), float(end), label)
 
 
@@ -287,13 +287,13 @@ def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estim
 def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
     scored = [piece for take in takes for piece in _pieces(in_true_contact(take))]
     if not any(take.contact.any() for take in scored):
-        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan")))
+        return dict.fromkeys((*TABLE_SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan")))
     return estimate(scores_of(scored, "authors"))
 
 
 def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
     """Name what the bootstrap draws: a take of a test object, a piece of a competition's run."""
-    length = PIECE if take.recording.known("split") == "competition" else math.inf
+    length = BOOTSTRAP_PIECE if take.recording.known("split") == "competition" else math.inf
     number = (take.time // length).astype(int)
     for piece in np.unique(number):
         recording = replace(take.recording, surface=f"{take.recording.path} {piece}")
@@ -368,11 +368,11 @@ def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
     pipeline = open_pipeline(model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=profile, limits=FULL_DRIVE)
     oscillator = Oscillator(FULL_DRIVE)
     out = np.zeros(len(sound), np.float32)
-    for start in range(0, len(sound), BLOCK_SIZE):
-        step = pipeline.push(AudioBlock(sound[start : start + BLOCK_SIZE], LIVE_SAMPLE_RATE, start))
+    for start in range(0, len(sound), SESSION_BLOCK):
+        step = pipeline.push(AudioBlock(sound[start : start + SESSION_BLOCK], LIVE_SAMPLE_RATE, start))
         if step.command:
             oscillator.submit(step.command)
-        oscillator.render(out[start : start + BLOCK_SIZE])
+        oscillator.render(out[start : start + SESSION_BLOCK])
     return out
 
 

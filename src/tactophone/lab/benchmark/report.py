@@ -13,7 +13,7 @@ from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, l
 from tactophone.lab.evaluation.events import HALF
 from tactophone.signal.haptics.profiles import PROFILES, discriminable_steps, open_profile
 
-COLUMNS = (
+REPORT_COLUMNS = (
     "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",
     "AUC", "recall at 1 %", "false positives", "at the reference's recall", "false bumps a minute",
     "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
@@ -57,7 +57,7 @@ def _section(folder: Path, results: Sequence[MethodResult], split: str, of_datas
     return [
         f"### {split}",
         "As rendered (gate, abstention, decision rule inside); windows in true contact, two-class rule.",
-        _table(COLUMNS, [row_of(result) for result in results]),
+        _table(REPORT_COLUMNS, [row_of(result) for result in results]),
         f"The {control_of(of_dataset, split)}.",
         "Accuracy by both rules; by the authors', a prediction none counts as smooth.",
         _table(("method", *(f"{rule}: {name}" for rule, name in rules)), accuracies),
@@ -72,7 +72,7 @@ def control_of(results: DatasetResults, split: str) -> str:
 
 
 def row_of(result: MethodResult) -> tuple[str, ...]:
-    """Return the cells of a result, in the order of :data:`COLUMNS`."""
+    """Return the cells of a result, in the order of :data:`REPORT_COLUMNS`."""
     scores = result.scores["two-class"]
     difference = result.differences.get("balanced_accuracy")
     rendered = result.rendered

@@ -16,7 +16,7 @@ from tactophone.lab.evaluation.events import (
     edge_delays,
     false_bumps_per_minute,
 )
-from tactophone.lab.evaluation.metrics import RULES, Scores, false_positives_at_recall
+from tactophone.lab.evaluation.metrics import SCORING_RULES, Scores, false_positives_at_recall
 from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of
 from tactophone.lab.evaluation.report import Rendered, rendered_scores
 
@@ -96,7 +96,7 @@ def _result(
     recall = float((reference.score[reference.rough] >= 0.5).mean())
     differences = {} if scores is reference else paired_difference(scores, reference)
     correct = (scores.score >= 0.5) == scores.rough
-    estimates = {rule: estimate(scores_of(labelled, rule)) for rule in RULES}
+    estimates = {rule: estimate(scores_of(labelled, rule)) for rule in SCORING_RULES}
     kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
     return MethodResult(
         method.name, dataset.name, split, rendered_scores(predictions, method.rule),

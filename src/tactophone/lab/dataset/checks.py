@@ -18,7 +18,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import SURFACE_LABELS
 from tactophone.lab.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
-from tactophone.signal.perception.health import CLIPPED_SHARE, clipped_samples
+from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 MIN_RATE = 2000
 """Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""
@@ -26,7 +26,7 @@ MIN_RATE = 2000
 MIN_DURATION = 0.256
 """Seconds; one window of the paper's detector."""
 
-SILENT_DBFS = -90.0
+CHECKED_SILENT_DBFS = -90.0
 """Peak under which nothing was recorded: three steps of a 16-bit converter."""
 
 MOST_CHANNELS = 2
@@ -35,13 +35,13 @@ MOST_CHANNELS = 2
 DEFAULT_CONTACT_DBFS = -60.0
 """RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""
 
-MIN_CONTACT = 0.05
+CHECKED_MIN_CONTACT = 0.05
 """Share of a take that must be in contact."""
 
 MIN_LABEL_SHARE = 0.25
 """Of the surfaces, for either label; the paper has 0.43 rough objects."""
 
-CELL = 0.25
+CHECKED_CELL = 0.25
 """Seconds over which a level is measured."""
 
 LAG_CELL = 1e-3
@@ -163,13 +163,13 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         yield "rate", f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again", True
     if duration < MIN_DURATION:
         yield "short", f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it", True
-    threshold = 10 ** (SILENT_DBFS / 20)
+    threshold = 10 ** (CHECKED_SILENT_DBFS / 20)
     silent = [str(number) for number, peak in enumerate(measured.peaks, 1) if peak < threshold]
     if silent:
         whole = len(silent) == measured.channels
         where = "every channel" if whole else f"channel {', '.join(silent)} of {measured.channels}"
-        yield "silent", f"{where} stays under {SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
-    if max(measured.clipped) > CLIPPED_SHARE * measured.size:
+        yield "silent", f"{where} stays under {CHECKED_SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
+    if max(measured.clipped) > FAULT_CLIPPED_SHARE * measured.size:
         share = sum(measured.clipped) / (measured.size * measured.channels)
         yield "clipped", f"{share:.2%} of its samples lie at full scale; record it again with less gain", False
 
@@ -219,7 +219,7 @@ def check_consistency(
         if measured is not None:
             digest, contact = measured
             problems += _duplicate(recording, seen.setdefault(digest, recording))
-            if recording.labelled and contact < MIN_CONTACT:
+            if recording.labelled and contact < CHECKED_MIN_CONTACT:
                 found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
                 message = f"{found}; record it again, or label it none"
                 problems.append(Problem(recording.path, "no contact", message, fatal=False))
@@ -272,7 +272,7 @@ def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, 
     channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
     if not samples.size or not np.isfinite(samples).all():
         return None  # reported as a fault of the file
-    size = max(1, int(CELL * rate))
+    size = max(1, int(CHECKED_CELL * rate))
     # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
     cells = samples[: len(samples) // size * size, channel].reshape(-1, size)
     power = np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)

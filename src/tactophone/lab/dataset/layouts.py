@@ -50,7 +50,7 @@ which are most like the competition's stones."""
 STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
 
-PRESSURES: Mapping[str, str] = {"light": "light", "medium": "medium", "loud": "strong"}
+TAKE_PRESSURES: Mapping[str, str] = {"light": "light", "medium": "medium", "loud": "strong"}
 """The authors' name of each pressure, and the paper's."""
 
 _OBJECT = re.compile(r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)")
@@ -126,7 +126,7 @@ def _object(path: Path, match: re.Match[str]) -> Recording:
     number = int(match["number"])
     properties = {
         "stroke": match["stroke"] or "wiggle",
-        "pressure": PRESSURES.get(match["pressure"] or "", ""),
+        "pressure": TAKE_PRESSURES.get(match["pressure"] or "", ""),
         "split": "test" if number in TEST_OBJECTS else "" if number == SPARE_OBJECT else "train",
         "kin": KIN.get(number, f"object {number:02}"),
         "tip": DEFAULT_TIP,

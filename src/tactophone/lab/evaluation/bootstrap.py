@@ -33,7 +33,7 @@ COVERAGE = 0.90
 LEAST_RISE = 0.02
 """Of a rate whose interval is unknown, or of no width as all draws are 0: as much as fine-tuning may cost elsewhere."""
 
-BINS = 2048
+SCORE_BINS = 2048
 """Bins of scores, used in draws alone: they move an interval's end by less than 0.001 and make a draw 100x faster."""
 
 Statistic = Callable[[Floats], Mapping[str, Floats]]
@@ -122,7 +122,7 @@ def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
 
 def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
     """Compute every score of :func:`tactophone.lab.evaluation.metrics.measure`, each with its interval."""
-    table, called = count_by_surface(scores, bins=BINS)
+    table, called = count_by_surface(scores, bins=SCORE_BINS)
     strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
     drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
@@ -140,7 +140,7 @@ def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS) -> d
     def scored(scores: Scores) -> tuple[dict[str, float], Mapping[str, Floats]]:
         """Scores over all common surfaces once, and in each draw."""
         # The two methods number their surfaces differently, so rows are ordered by name.
-        counts, called = count_by_surface(scores, bins=BINS)
+        counts, called = count_by_surface(scores, bins=SCORE_BINS)
         table = counts[[scores.names.index(name) for name in rows]]
         weights = np.array([float(sum(names.count(name) for names in common)) for name in scores.names])
         drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)

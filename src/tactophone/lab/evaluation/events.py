@@ -38,19 +38,19 @@ from tactophone.signal.perception.decision import Decision, DecisionRule, count_
 BRIDGE = 0.03
 """Seconds; two bumps closer than the shortest perceptible burst are perceived as one (Sci. Rep. 2025, 15:5057)."""
 
-HOLD = 0.05
+EVENT_HOLD = 0.05
 """Seconds that a touch must stay correct to count as a decision and not as a flicker."""
 
-SHORTEST_TOUCH = 0.3
+SHORTEST_SCORED_TOUCH = 0.3
 """Seconds; shorter touches count in no delay."""
 
-BINS = 10
+CALIBRATION_BINS = 10
 """Of equal width, for the calibration error (Guo et al., ICML 2017, section 2)."""
 
 HALF = 0.6
 """Seconds of each surface at an edge that is joined."""
 
-FADE = 0.02
+EVENT_FADE = 0.02
 """Seconds of cross-fade: 2 mm of contact at 10 cm/s."""
 
 LEAD = 0.2
@@ -62,7 +62,7 @@ MOST_EDGES = 40
 _VERSION = 2
 """Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
 
-SOURCES = "sources"
+SOURCES_KEY = "sources"
 """Property of an edge: the paths of the two recordings that it is joined from, by line."""
 
 
@@ -144,7 +144,7 @@ def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *
         and segment.label is not None
         and not before.contact
         and (start := first_slide(take.recording, segment.start, segment.end)) is not None
-        and segment.end - start >= SHORTEST_TOUCH
+        and segment.end - start >= SHORTEST_SCORED_TOUCH
     ]
     return _delays(found, latency)
 
@@ -164,17 +164,17 @@ def edge_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, l
 
 
 def calibration_error(predictions: Iterable[TakePredictions]) -> float:
-    """Expected calibration error: mean distance between P(rough) and the share truly rough, over :data:`BINS` bins.
+    """Expected calibration error: mean distance between P(rough) and the share truly rough, over `CALIBRATION_BINS`.
 
     Over updates in contact, by the two-class rule; NaN without any. Source: Guo et al., ICML 2017, section 2.
     """
     takes = [(rough_score(take.probabilities[take.contact], "two-class"), take) for take in predictions]
     share = np.concatenate([score for score, _ in takes])
     rough = np.concatenate([np.full(len(score), take.recording.rough) for score, take in takes])
-    place = np.minimum((share * BINS).astype(int), BINS - 1)
-    count = np.bincount(place, minlength=BINS)
+    place = np.minimum((share * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    count = np.bincount(place, minlength=CALIBRATION_BINS)
     # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.
-    gaps = np.abs(np.bincount(place, share, BINS) - np.bincount(place, rough, BINS))
+    gaps = np.abs(np.bincount(place, share, CALIBRATION_BINS) - np.bincount(place, rough, CALIBRATION_BINS))
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
 
 
@@ -185,7 +185,7 @@ def _delay(
     time, correct = take.time[here], decided_touches(take, rule)[here] == label
     for begin, end in stretches(correct):
         # A correct stretch that the segment's end cuts short counts too: nothing contradicts it.
-        if time[end - 1] - time[begin] >= HOLD or end == len(correct):
+        if time[end - 1] - time[begin] >= EVENT_HOLD or end == len(correct):
             return float(time[begin] - start)
     return None
 
@@ -240,20 +240,20 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
     if not path.is_file():
         with atomic_write(path) as unfinished:  # later runs take it for whole
             soundfile.write(unfinished, _fade(first.samples, second.samples, rate), rate, "PCM_16", format="FLAC")
-    middle, end = LEAD + HALF - FADE / 2, LEAD + 2 * HALF - FADE
+    middle, end = LEAD + HALF - EVENT_FADE / 2, LEAD + 2 * HALF - EVENT_FADE
     segments = (
         Segment(0.0, LEAD, "none"),
         Segment(LEAD, middle, order[0].name.lower()),
         Segment(middle, end, order[1].name.lower()),
     )
-    sources = {SOURCES: "\n".join(str(take.path) for take, _ in pair)}
+    sources = {SOURCES_KEY: "\n".join(str(take.path) for take, _ in pair)}
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
                      segments=segments, properties=_motion(pair) | sources)  # fmt: skip
 
 
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
     """The slides of the joined recording, if both recordings have them labelled."""
-    places = (LEAD, LEAD + HALF - FADE)
+    places = (LEAD, LEAD + HALF - EVENT_FADE)
     cuts = [
         cut_slides(recording, start, start + HALF, place=place)
         for (recording, start), place in zip(pair, places, strict=True)
@@ -272,7 +272,7 @@ def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
 
     Sound cut into digital silence would begin with a click that no finger makes.
     """
-    size = round(FADE * rate)
+    size = round(EVENT_FADE * rate)
     angle = np.linspace(0, np.pi / 2, size, dtype=np.float32)[:, None]
     landing = first[:size] * np.sin(angle) ** 2
     crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Rule = Literal["authors", "two-class"]
-RULES: tuple[Rule, ...] = ("authors", "two-class")
+SCORING_RULES: tuple[Rule, ...] = ("authors", "two-class")
 
 LOW_FALSE_POSITIVES = 0.01
 """False positive rate at which rough recall is read: one false positive in 100 updates."""

@@ -14,7 +14,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch, is_unknown
 from tactophone.lab.evaluation.bootstrap import DRAWS, Estimate, bootstrap, estimate
 from tactophone.lab.evaluation.events import decided_touches, dips_per_minute, false_bumps_per_minute
-from tactophone.lab.evaluation.metrics import RULES, Floats, Rule, balanced_accuracy, rough_score
+from tactophone.lab.evaluation.metrics import SCORING_RULES, Floats, Rule, balanced_accuracy, rough_score
 from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
 from tactophone.signal.perception.decision import DecisionRule
 
@@ -127,7 +127,7 @@ def make_report(
     """
     own = decision or DecisionRule()
     labelled = [take for take in predictions if take.recording.labelled]
-    rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}
+    rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in SCORING_RULES}
     opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
     return Report(
@@ -165,7 +165,7 @@ def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
                 for take in touching
             ]
         )
-        for rule in RULES
+        for rule in SCORING_RULES
     ]
     shares = (float(each.mean()) if len(each) else float("nan") for each in (contact, *right))
     return GroupScore(name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares)

@@ -17,7 +17,7 @@ from collections.abc import Collection, Sequence
 from tactophone.core.types import AudioBlock
 from tactophone.lab.simulation.takes import Take
 
-DURATION = 30.0
+TAKE_DURATION = 30.0
 """Seconds of a take (paper, section III)."""
 
 COUNTDOWN = 3.0
@@ -59,7 +59,7 @@ class Protocol:
     """
 
     def __init__(
-        self, takes: Sequence[Take], *, sample_rate: int, done: Collection[str] = (), duration: float = DURATION,
+        self, takes: Sequence[Take], *, sample_rate: int, done: Collection[str] = (), duration: float = TAKE_DURATION,
         countdown: float = COUNTDOWN,
     ) -> None:  # fmt: skip
         self.takes = tuple(take for take in takes if take.name not in done)

@@ -9,7 +9,7 @@ from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock
 from tactophone.lab.simulation.takes import TAKES, Take
 from tactophone.signal.perception.health import (
-    CLIPPED_SHARE,
+    FAULT_CLIPPED_SHARE,
     ChannelStatistics,
     FaultDetector,
     FaultKind,
@@ -19,7 +19,7 @@ from tactophone.signal.perception.health import (
     clipped_samples,
 )
 
-MIN_CONTACT = 0.1
+TAKE_MIN_CONTACT = 0.1
 """Share of a take: on the paper's set-up, light strokes on smooth objects exceed the threshold for a fifth of it."""
 
 PRESSURE_STEP_DB = 1.5
@@ -87,9 +87,9 @@ def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float
     complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
     if levels.duration < 0.99 * duration:
         complaints.append(f"ends after {levels.duration:.1f} of {duration:g} s")
-    if levels.contact < MIN_CONTACT:
+    if levels.contact < TAKE_MIN_CONTACT:
         complaints.append(f"contact for only {levels.contact:.0%} of the time: pause less, or press harder")
-    if levels.clipped > CLIPPED_SHARE:
+    if levels.clipped > FAULT_CLIPPED_SHARE:
         complaints.append(f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over")
     # The take of the same stroke with the next lighter pressure, if there is one.
     same_stroke = [plan for plan in TAKES if plan.stroke == take.stroke]

@@ -6,7 +6,7 @@ from pathlib import Path
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import AudioBlock, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
-from tactophone.lab.recording.protocol import COUNTDOWN, DURATION, Key, Protocol, Stage
+from tactophone.lab.recording.protocol import COUNTDOWN, TAKE_DURATION, Key, Protocol, Stage
 from tactophone.lab.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
 from tactophone.lab.recording.safe_writer import TakeWriter
 from tactophone.lab.simulation.takes import TAKES, Take
@@ -56,7 +56,7 @@ class SessionPlan:
     root: Path
     reference: Reference = field(default_factory=Reference)
     takes: tuple[Take, ...] = TAKES
-    duration: float = DURATION
+    duration: float = TAKE_DURATION
     countdown: float = COUNTDOWN
 
 

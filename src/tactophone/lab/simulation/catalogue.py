@@ -16,7 +16,7 @@ from tactophone.core.errors import DatasetError, did_you_mean
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.heights import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.lab.simulation.modes import Body, Mounting
-from tactophone.lab.simulation.surface import SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
+from tactophone.lab.simulation.surface import HEIGHT_SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
 
 PAPER = range(23)
 """Numbers of the paper's objects: 20 for training, then those for testing."""
@@ -66,7 +66,7 @@ class SimulatedObject:
 @functools.cache
 def surface_roughness(surface: Surface) -> Roughness:
     """Return Ra and Rq of a surface's profile."""
-    return measure_profile(height_profile(surface), step=SPACING, cutoff=COARSE_CUTOFF, periodic=True)
+    return measure_profile(height_profile(surface), step=HEIGHT_SPACING, cutoff=COARSE_CUTOFF, periodic=True)
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from tactophone.lab.simulation.source import SimulatedFinger, Truth
 from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
 from tactophone.lab.simulation.takes import shuffled
 
-VERSION = "2"
+COMPETITION_VERSION = "2"
 """Raise it when the same seed gives other sound."""
 
 DAYS = (1, 2)
@@ -42,7 +42,7 @@ class CompetitionRun:
     @property
     def fingerprint(self) -> str:
         """Everything that the sound depends on."""
-        return f"competition {VERSION} {self.seed} {self.name} {self.tip}"
+        return f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip}"
 
     @property
     def scene(self) -> Scene:
@@ -105,6 +105,6 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
         for label in SURFACE_LABELS:
             sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
-            write_sound(path, sound, RenderMetadata(f"finals {VERSION}", ()), bits=bits)
+            write_sound(path, sound, RenderMetadata(f"finals {COMPETITION_VERSION}", ()), bits=bits)
             written.append(path)
     return written

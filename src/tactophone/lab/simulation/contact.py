@@ -17,7 +17,7 @@ from tactophone.lab.simulation.mechanics import compiled
 
 Array = NDArray[np.float64]
 
-STATE = np.dtype(
+CONTACT_STATE = np.dtype(
     [
         (name, np.float64)
         for name in (

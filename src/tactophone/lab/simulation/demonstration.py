@@ -25,10 +25,10 @@ from tactophone.lab.simulation.takes import shuffled
 STROKING = 3.0
 """Seconds on each stone."""
 
-GAIN_DB = -9.0
+DEMONSTRATION_GAIN_DB = -9.0
 """Of the contact preamplifier: at 0 dB the finger that slips off the rough stone clips for half a second."""
 
-BLOCK_SIZE = 4800
+DEMONSTRATION_BLOCK = 4800
 """Samples rendered at once."""
 
 _START = (-0.03, 0.035)
@@ -47,7 +47,7 @@ def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = 
     for placed, slips in zip(scene.placed, (False, True), strict=True):
         explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
-    session = SessionVariation.draw(seed, COMPETITION.amplified(GAIN_DB), tip=tip)
+    session = SessionVariation.draw(seed, COMPETITION.amplified(DEMONSTRATION_GAIN_DB), tip=tip)
     return SimulatedFinger(scene, script.moves, session=session, seed=stream, duration=script.time, place=_START)
 
 
@@ -60,8 +60,8 @@ def write_demonstration(folder: Path, names: Sequence[str] = ("",), *, seed: int
     hand, size = SimulatedHand(fingers), max(finger.end or 0 for finger in fingers)
     blocks: list[FloatArray] = []
     touched: list[list[NDArray[np.int16]]] = []
-    for start in range(0, size, BLOCK_SIZE):
-        blocks.append(hand.render(min(BLOCK_SIZE, size - start)).samples)
+    for start in range(0, size, DEMONSTRATION_BLOCK):
+        blocks.append(hand.render(min(DEMONSTRATION_BLOCK, size - start)).samples)
         touched.append([finger.truth.object_index for finger in fingers])
     samples, recordings = np.concatenate(blocks), []
     for place, name in enumerate(names):
@@ -78,7 +78,7 @@ AHEAD = 1.0
 """Seconds of movement that are queued in advance."""
 
 
-LIFTED = 0.3
+LIFT_TIME = 0.3
 """Share of visits that a finger of a hand spends in the air, while the others stroke."""
 
 
@@ -160,7 +160,7 @@ class StrokingHand(_Stroking):
         stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
         visit = Visit(self._rng.uniform(1.5, 3.0), self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12))
         for script in self._scripts:
-            if script.rng.random() < LIFTED:
+            if script.rng.random() < LIFT_TIME:
                 script.hover(visit.duration)
             else:
                 explore(script, stone, visit)

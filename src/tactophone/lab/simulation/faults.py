@@ -19,7 +19,7 @@ from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ChangedSource, Source
 
 HUM_DBFS, MAINS = -15.0, 50.0
-OFFSET = 0.2
+SIMULATED_OFFSET = 0.2
 OVERDRIVE_DB = (35.0, 65.0)
 """Excess gain of contact and air: even noise reaches full scale."""
 
@@ -103,7 +103,7 @@ def _clipped(samples: NDArray[np.float64], _: _FaultState, channel: int) -> None
 
 
 def _offset(samples: NDArray[np.float64], _: _FaultState, channel: int) -> None:
-    samples[:, channel] += OFFSET
+    samples[:, channel] += SIMULATED_OFFSET
 
 
 def _hum(samples: NDArray[np.float64], state: _FaultState, channel: int) -> None:

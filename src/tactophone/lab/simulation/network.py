@@ -61,7 +61,7 @@ class NetworkProfile:
             raise ConfigError(f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}")
 
 
-PROFILES: dict[str, NetworkProfile] = {
+NETWORK_PROFILES: dict[str, NetworkProfile] = {
     "clean": NetworkProfile(),
     "lan": NetworkProfile(delay=0.0002, jitter=0.00005),
     "wifi": NetworkProfile(loss=0.002, burst=1.5, delay=0.001, jitter=0.0015),
@@ -83,11 +83,13 @@ def network_profile(text: str) -> NetworkProfile:
     name, *changes = text.split(",")
     if "=" in name:
         name, changes = "clean", [name, *changes]
-    if name not in PROFILES:
-        raise ConfigError(f"no network is named {name!r}; there are {', '.join(PROFILES)}, or write loss=0.05,burst=3")
+    if name not in NETWORK_PROFILES:
+        raise ConfigError(
+            f"no network is named {name!r}; there are {', '.join(NETWORK_PROFILES)}, or write loss=0.05,burst=3"
+        )
     try:
         numbers = {key: float(value) for key, value in (change.split("=") for change in changes)}
-        return replace(PROFILES[name], **numbers)  # type: ignore[arg-type]
+        return replace(NETWORK_PROFILES[name], **numbers)  # type: ignore[arg-type]
     except (ValueError, TypeError) as error:
         raise ConfigError(
             f"{text!r} is not a network ({error}); write for instance wifi,loss=0.05,delay=0.01"

@@ -110,7 +110,7 @@ SoundToVibration = Callable[[FloatArray], FloatArray]
 DISCOUNT = 0.5
 """Weight of an observation: observations of a visit are not independent, as pressure and place last longer."""
 
-ERROR = 0.01
+STROKE_ERROR = 0.01
 """Accepted probability of a wrong decision about a stone."""
 
 SHORTEST, LONGEST = 1.5, 8.0
@@ -201,7 +201,7 @@ class Operator:
         if not odds.size:
             return float(np.log(2 / 3)), LONGEST
         time = _OBSERVATION * np.arange(1, odds.size + 1)
-        sure = (np.abs(odds) > np.log((1 - ERROR) / ERROR)) & (time >= SHORTEST)
+        sure = (np.abs(odds) > np.log((1 - STROKE_ERROR) / STROKE_ERROR)) & (time >= SHORTEST)
         last = int(np.argmax(sure)) if sure.any() else min(odds.size, round(LONGEST / _OBSERVATION)) - 1
         return float(odds[last]), float(time[last])
 

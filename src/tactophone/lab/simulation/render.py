@@ -31,7 +31,7 @@ from tactophone.lab.simulation.strokes import take_moves
 from tactophone.lab.simulation.takes import TAKES, Take
 from tactophone.net.link.codec import Codec, encode_and_decode
 
-SHORTEST = 0.03
+SHORTEST_RENDER = 0.03
 """Seconds; a shorter segment is merged into the one before it: the finger has bounced, not moved on."""
 
 
@@ -83,7 +83,7 @@ def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, in
     """Merge each run of ``(start, end, object)`` that is too short, or of the same object, into the one before it."""
     last: tuple[int, int, int] | None = None
     for start, end, index in runs:
-        if last and (index == last[2] or end - start < SHORTEST * LIVE_SAMPLE_RATE):
+        if last and (index == last[2] or end - start < SHORTEST_RENDER * LIVE_SAMPLE_RATE):
             last = (last[0], end, last[2])
             continue
         if last:
@@ -100,10 +100,10 @@ def _label_name(index: int, scene: Scene) -> str:
     return "contact" if label is Touch.NONE else label.name.lower()
 
 
-VERSION = "3"
+RENDER_VERSION = "3"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
 
-DURATION = 30.0
+RENDER_DURATION = 30.0
 """Seconds of a take, as in the paper."""
 
 SLIDING = 0.005
@@ -114,7 +114,7 @@ SLIDING = 0.005
 class RenderOptions:
     """How recordings are rendered and named."""
 
-    duration: float = DURATION
+    duration: float = RENDER_DURATION
     """Seconds of a take."""
     seed: int = 0
     """Of sessions, strokes and noise."""
@@ -153,7 +153,7 @@ class RenderJob:
     def fingerprint(self) -> str:
         """A hash of everything that the sound depends on."""
         tip = tip_named(self.options.tip)
-        return hashlib.sha256(f"{VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()).hexdigest()[:16]
+        return hashlib.sha256(f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()).hexdigest()[:16]
 
     @property
     def session(self) -> int:

@@ -24,18 +24,18 @@ from scipy import signal
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 from tactophone.lab.simulation.catalogue import SimulatedObject
-from tactophone.lab.simulation.contact import BODY, OVERSAMPLING, STATE, ContactSignals, Ground, Ringing, slide
+from tactophone.lab.simulation.contact import BODY, CONTACT_STATE, OVERSAMPLING, ContactSignals, Ground, Ringing, slide
 from tactophone.lab.simulation.finger import Finger
 from tactophone.lab.simulation.mechanics import compiled
 from tactophone.lab.simulation.microphones import NORMALS, Microphones, SessionVariation
 from tactophone.lab.simulation.modes import body_modes, mode_table, plate_pressure
 from tactophone.lab.simulation.motion import Hand, Move, Scene
-from tactophone.lab.simulation.surface import SPACING, Track, track
+from tactophone.lab.simulation.surface import HEIGHT_SPACING, Track, track
 
 MOTOR_SPEED = 0.15
 """Metres a second at which the arm's motors are at their loudest."""
 
-HOLD = 0.02
+SPEED_HOLD = 0.02
 """Seconds that a touch outlasts the force: a finger that bounces from grain to grain has not left the object."""
 
 
@@ -118,7 +118,7 @@ class SimulatedFinger(AlwaysOpen):
         self._rng = np.random.default_rng(np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)]))
         self._ground = _ground(scene, session)
         # The finger hovers, and nothing rings.
-        self._state = np.zeros(1, STATE)
+        self._state = np.zeros(1, CONTACT_STATE)
         self._state["arm"] = self._state["pad"] = session.finger.arm_rest
         self._ringing = Ringing(np.zeros(self._ground.modes.shape), np.zeros(self._ground.modes.shape))
         self._microphones = Microphones(
@@ -160,7 +160,7 @@ class SimulatedFinger(AlwaysOpen):
         )
         motor = np.minimum(1.0, np.abs(path.motion.speed) / MOTOR_SPEED)
         index = np.empty(size, np.int16)
-        _touched(signals.force, path.motion.body, index, self._since_touch, int(HOLD * LIVE_SAMPLE_RATE))
+        _touched(signals.force, path.motion.body, index, self._since_touch, int(SPEED_HOLD * LIVE_SAMPLE_RATE))
         touch = np.where(index < 0, np.int8(0), self._labels[index])
         self.truth = Truth(touch, index, signals.force.astype(np.float32), path.x, path.y)
         return Contacts(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
@@ -190,7 +190,7 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
     size = max(len(flexure), *map(len, modes))
     return Ground(
         light=np.stack([each.light for each in tracks]), heavy=np.stack([each.heavy for each in tracks]),
-        friction=np.stack([each.friction for each in tracks]), spacing=SPACING, bodies=bodies,
+        friction=np.stack([each.friction for each in tracks]), spacing=HEIGHT_SPACING, bodies=bodies,
         modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]), flexure=len(flexure),
     )  # fmt: skip
 
@@ -236,7 +236,7 @@ FURTHER_DB = -6.0
 CORNER = 100.0
 """Hz above which the structure transmits less."""
 
-PITCH = 0.025
+GRAIN_PITCH = 0.025
 """Metres from fingertip to fingertip."""
 
 BELOW = 0.02
@@ -260,7 +260,7 @@ class SimulatedHand:
         self.fingers, self.channels = list(fingers), 2 * len(fingers)
         apart = np.abs(np.subtract.outer(np.arange(len(fingers)), np.arange(len(fingers))))
         self._structure = np.where(apart > 0, 10 ** ((structure_db + FURTHER_DB * (apart - 1)) / 20), 0.0)
-        self._air = np.where(apart > 0, BELOW / np.hypot(BELOW, PITCH * apart), 0.0)
+        self._air = np.where(apart > 0, BELOW / np.hypot(BELOW, GRAIN_PITCH * apart), 0.0)
         if math.isinf(structure_db):
             self._structure, self._air = np.zeros_like(self._structure), np.zeros_like(self._air)
         self._sections = signal.butter(2, CORNER, fs=LIVE_SAMPLE_RATE, output="sos")

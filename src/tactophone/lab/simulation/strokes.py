@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactophone.lab.simulation.motion import DEPTH, LIFT, Move, PlacedObject
 from tactophone.lab.simulation.takes import Take
 
-STEP = 0.005
+STROKE_STEP = 0.005
 """Seconds between two moves of a script."""
 
 TOUCH = 0.3
@@ -23,7 +23,7 @@ TOUCH = 0.3
 EDGE = 0.008
 """Metres that a stroke overshoots an edge when it slips off."""
 
-PRESSURES = {"light": (0.25, 0.8), "medium": (0.8, 2.0), "strong": (2.0, 4.5)}
+STROKE_PRESSURES = {"light": (0.25, 0.8), "medium": (0.8, 2.0), "strong": (2.0, 4.5)}
 """Newtons, by the paper's names."""
 
 SPEEDS = {"light": (0.03, 0.12), "medium": (0.04, 0.16), "strong": (0.06, 0.22)}
@@ -55,14 +55,14 @@ class Script:
 
     def stroke(self, x: float, duration: float, force: float, *, y: float | None = None) -> None:
         """Stroke to a place, with about this force."""
-        size = max(2, round(duration / STEP))
+        size = max(2, round(duration / STROKE_STEP))
         press = force * np.clip(1 + 0.18 * self._wander(size, 2.0) + 0.07 * self._wander(size, 9.0), 0.25, 2.2)
         self._go(duration, x, y, lambda phase: press)
 
     def wiggle(self, amplitude: float, frequency: float, duration: float, *, force: float) -> None:
         """Rub to and fro around the current place."""
-        size = max(2, round(duration / STEP))
-        time = STEP * np.arange(size)
+        size = max(2, round(duration / STROKE_STEP))
+        time = STROKE_STEP * np.arange(size)
         phase = 2 * np.pi * (frequency * time + 0.05 * self._wander(size, 0.8))
         path = self.x + amplitude * np.minimum(1, time / 0.2) * np.sin(phase)
         press = force * np.clip(1 + 0.2 * self._wander(size, 1.5) + 0.1 * self._wander(size, 8.0), 0.25, 2.2)
@@ -80,19 +80,19 @@ class Script:
         y: float | None,
         press: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     ) -> None:
-        size = max(2, round(duration / STEP))
+        size = max(2, round(duration / STROKE_STEP))
         phase = np.arange(1, size + 1) / size
         to_x, to_y = (self.x if x is None else x), (self.y if y is None else y)
         self._write(self.x + (to_x - self.x) * _ease(phase), self.y + (to_y - self.y) * _ease(phase), press(phase))
 
     def _write(self, x: NDArray[np.float64], y: NDArray[np.float64], press: NDArray[np.float64]) -> None:
-        times = self.time + STEP * np.arange(x.size)
+        times = self.time + STROKE_STEP * np.arange(x.size)
         self.moves += [Move(*map(float, row)) for row in zip(times, x, y, press, strict=True)]
-        self.x, self.y, self.time = float(x[-1]), float(y[-1]), self.time + STEP * x.size
+        self.x, self.y, self.time = float(x[-1]), float(y[-1]), self.time + STROKE_STEP * x.size
 
     def _wander(self, size: int, frequency: float) -> NDArray[np.float64]:
         """Noise of unit rms with a bandwidth of about ``frequency`` Hz."""
-        knots = max(4, int(size * STEP * frequency * 2) + 2)
+        knots = max(4, int(size * STROKE_STEP * frequency * 2) + 2)
         drawn = self.rng.standard_normal(knots)
         return np.interp(np.linspace(0, knots - 1, size), np.arange(knots), drawn)
 
@@ -103,7 +103,7 @@ def take_moves(take: Take, placed: PlacedObject, *, duration: float, rng: np.ran
     script = Script(rng, x=middle, y=depth)
     while script.time < duration:
         script.hover(rng.uniform(0.25, 0.7), x=middle + rng.uniform(-0.3, 0.3) * placed.width, y=_lane(rng, placed))
-        force, speed = (log_uniform(rng, bounds[take.pressure]) for bounds in (PRESSURES, SPEEDS))
+        force, speed = (log_uniform(rng, bounds[take.pressure]) for bounds in (STROKE_PRESSURES, SPEEDS))
         script.land(force)
         {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](script, placed, force, speed)
     return script.moves

@@ -26,7 +26,7 @@ from tactophone.lab.simulation.mechanics import ContactMechanics, compiled, hert
 
 Profile = NDArray[np.float64]
 
-SPACING = 1.25e-6
+HEIGHT_SPACING = 1.25e-6
 """Metres between two samples of a profile: a third of the finest wavelength, a step of the contact at 0.12 m/s."""
 
 SIZE = 1 << 19
@@ -139,7 +139,7 @@ def self_affine(
     That is the one-dimensional spectrum of a self-affine surface with roll-off ``q_r`` (Persson et al., section 3).
     """
     # Only the waves that are drawn: half a million numbers for each part would take most of the time.
-    frequency = np.arange(int(SIZE * SPACING / finest) + 1) / (SIZE * SPACING)
+    frequency = np.arange(int(SIZE * HEIGHT_SPACING / finest) + 1) / (SIZE * HEIGHT_SPACING)
     power = (1 + (frequency * rolloff) ** 2) ** (-(hurst + 0.5))
     power[0] = 0
     phase = rng.standard_normal(power.size) + 1j * rng.standard_normal(power.size)
@@ -148,7 +148,7 @@ def self_affine(
 
 
 def _grains(grains: Grains, rng: np.random.Generator) -> Profile:
-    sites = int(SIZE * SPACING / grains.spacing)
+    sites = int(SIZE * HEIGHT_SPACING / grains.spacing)
     filled = rng.random(sites) < grains.filling
     place = (np.arange(sites) + rng.uniform(-0.45, 0.45, sites))[filled] * grains.spacing
     height = grains.height * np.exp(grains.spread * rng.standard_normal(place.size))
@@ -157,21 +157,21 @@ def _grains(grains: Grains, rng: np.random.Generator) -> Profile:
 
 
 def _pits(pits: Pits, rng: np.random.Generator) -> Profile:
-    count = int(SIZE * SPACING / pits.spacing)
-    place = rng.random(count) * SIZE * SPACING
+    count = int(SIZE * HEIGHT_SPACING / pits.spacing)
+    place = rng.random(count) * SIZE * HEIGHT_SPACING
     depth = pits.depth * np.exp(0.5 * rng.standard_normal(count))
     return _caps(place, depth, pits.width * rng.uniform(0.3, 1.0, count))
 
 
 def _ridges(ridges: Ridges) -> Profile:
     # A whole number of ridges, so that the profile joins its own beginning.
-    count = max(1, round(SIZE * SPACING / ridges.period))
+    count = max(1, round(SIZE * HEIGHT_SPACING / ridges.period))
     return np.asarray(ridges.height * np.abs(np.sin(np.pi * count * np.arange(SIZE) / SIZE)))
 
 
 def _caps(place: Profile, height: Profile, radius: Profile) -> Profile:
     out = np.zeros(SIZE)
-    _raise_caps(out, place / SPACING, height, radius / SPACING)
+    _raise_caps(out, place / HEIGHT_SPACING, height, radius / HEIGHT_SPACING)
     return out
 
 
@@ -259,7 +259,7 @@ def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: 
 def mechanics_of(height: Profile, material: Material, tip_radius: float, tip_modulus: float) -> ContactMechanics:
     """Compute the contact of a tip with a profile: waves longer than ten patches are form, which it follows."""
     patch = hertz_patch(tip_radius, reduced_modulus(tip_modulus, material.modulus))
-    spectrum = np.fft.rfft(height) * (np.fft.rfftfreq(height.size, SPACING) > 1 / (10 * patch))
+    spectrum = np.fft.rfft(height) * (np.fft.rfftfreq(height.size, HEIGHT_SPACING) > 1 / (10 * patch))
     # Parseval: a one-sided spectrum holds half of the power, the constant and Nyquist terms aside.
     rq = float(np.sqrt(2 * np.sum(np.abs(spectrum) ** 2)) / height.size)
     return tip_on_body(tip_radius, tip_modulus, material.modulus, rq=rq)
@@ -267,7 +267,7 @@ def mechanics_of(height: Profile, material: Material, tip_radius: float, tip_mod
 
 def envelope(height: Profile, tip_radius: float) -> Profile:
     """Follow a tip's centre: ``max over u of h(s + u) - u^2 / 2R``, periodic."""
-    return np.asarray(_dilate(height, SPACING, tip_radius))
+    return np.asarray(_dilate(height, HEIGHT_SPACING, tip_radius))
 
 
 def patch_filter(height: Profile, radius: float) -> Profile:
@@ -278,7 +278,7 @@ def patch_filter(height: Profile, radius: float) -> Profile:
 def _averaged(spectrum: NDArray[np.complex128], radius: float) -> Profile:
     """Average the profile of this spectrum, of an even number of samples, over a contact patch."""
     size = 2 * (spectrum.size - 1)
-    wavenumber = 2 * np.pi * np.fft.rfftfreq(size, SPACING)
+    wavenumber = 2 * np.pi * np.fft.rfftfreq(size, HEIGHT_SPACING)
     passed = (wavenumber < 2 * np.pi / FINEST_TEXTURE) / np.sqrt(1 + np.pi / 4 * (wavenumber * radius) ** 3)
     return np.fft.irfft(spectrum * passed, size)
 
@@ -290,7 +290,7 @@ def _friction(
 
     ``spectrum`` is that of the traced profile.
     """
-    slope = np.gradient(_averaged(spectrum, mechanics.patch(1.0)), SPACING)
+    slope = np.gradient(_averaged(spectrum, mechanics.patch(1.0)), HEIGHT_SPACING)
     patchiness = mechanics.adhesion * material.kinetic * material.patchiness
     patches = self_affine(patchiness, PATCH, hurst=0.5, rng=rng)
     uneven = patch_filter(patches + _snags(material, rng), mechanics.patch(LIGHT))
@@ -300,12 +300,12 @@ def _friction(
 def _snags(material: Material, rng: np.random.Generator) -> Profile:
     """Ramps that end abruptly: the tip is held, then released."""
     out = np.zeros(SIZE)
-    count = rng.poisson(SIZE * SPACING / material.snag_spacing)
+    count = rng.poisson(SIZE * HEIGHT_SPACING / material.snag_spacing)
     strength = np.minimum(material.snag_strength * np.exp(0.6 * rng.standard_normal(count)), 1.2)
     for place, peak, width in zip(
         rng.integers(SIZE, size=count), strength, rng.uniform(0.15e-3, 0.5e-3, count), strict=True
     ):
-        ramp = int(width / SPACING)
+        ramp = int(width / HEIGHT_SPACING)
         out[(place + np.arange(ramp)) % SIZE] += np.linspace(0, peak, ramp)
     return out - out.mean()
 

@@ -18,7 +18,7 @@ from tactophone.lab.training.linear import build_texture
 from tactophone.lab.training.recipes import CUES
 from tactophone.lab.training.sets import TrainingSet
 
-RULES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")
+RULE_FEATURES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")
 """Cues that vote; the median frequency is a recipe of its own."""
 
 VOTE_STEEPNESS = 8.0
@@ -28,7 +28,7 @@ VOTE_STEEPNESS = 8.0
 def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
     """Let each cue vote for the class whose median is nearer; the majority wins."""
     examples = training_set.examples
-    columns = [CUES.index(name) for name in RULES if np.isfinite(examples.features[:, CUES.index(name)]).all()]
+    columns = [CUES.index(name) for name in RULE_FEATURES if np.isfinite(examples.features[:, CUES.index(name)]).all()]
     smooth, rough = (np.median(examples.features[examples.rough == label], axis=0) for label in (False, True))
     gap = np.where(np.abs(rough - smooth) < 1e-3, 1e-3, rough - smooth)
     slopes = np.zeros(len(CUES))

@@ -56,7 +56,7 @@ OPSET, IR_VERSION = 17, 9
 UNTESTED = "none in training; untested, unless a score below names a real set"
 """What a card says about real sound if the training sound was simulated."""
 
-BINS = 257
+SPECTRUM_BINS = 257
 """Magnitudes a channel that the paper's network takes: the real FFT of 512 samples."""
 
 RESIDUALS = 10
@@ -115,7 +115,7 @@ def magnitudes(channels: int) -> onnx.ModelProto:
     tensors = {
         "rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]),
         "length": np.array(NETWORK_WINDOW_SIZE),
-        "flat": np.array([1, channels * BINS]),
+        "flat": np.array([1, channels * SPECTRUM_BINS]),
     }
     nodes = [
         helper.make_node("Reshape", [SOUND, "rows"], ["signals"]),
@@ -124,7 +124,9 @@ def magnitudes(channels: int) -> onnx.ModelProto:
         helper.make_node("Reshape", ["magnitudes", "flat"], [FEATURES]),
     ]
     stored = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
-    return _checked(nodes, stored, (SOUND, (1, channels, NETWORK_WINDOW_SIZE)), (FEATURES, (1, channels * BINS)))
+    return _checked(
+        nodes, stored, (SOUND, (1, channels, NETWORK_WINDOW_SIZE)), (FEATURES, (1, channels * SPECTRUM_BINS))
+    )
 
 
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
@@ -311,13 +313,13 @@ def _checked(
 def build_graph(weights: Weights, *, storage: Storage = "int8") -> onnx.ModelProto:
     """Build the paper's network, from ``(1, 257 * channels)`` magnitudes to ``(1, 3)`` log-probabilities."""
     tensors = (tensor for name, array in weights.items() for tensor in _tensors(name, array, storage))
-    ends = (FEATURES, (1, BINS * channels_of(weights))), (LOG_PROBABILITIES, (1, len(Touch)))
+    ends = (FEATURES, (1, SPECTRUM_BINS * channels_of(weights))), (LOG_PROBABILITIES, (1, len(Touch)))
     return _checked(_layers(weights, storage), tensors, *ends, opset=(_MICROSOFT, 1))
 
 
 def channels_of(weights: Weights) -> int:
     """Return the number of microphones that parameters were trained on."""
-    return int(weights["layer1.weight"].shape[1]) // BINS
+    return int(weights["layer1.weight"].shape[1]) // SPECTRUM_BINS
 
 
 def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:

@@ -44,10 +44,10 @@ from tactophone.signal.perception.model_file import CONTACT_INPUT, FEATURES, SOU
 LOWEST, HIGHEST = 40.0, 7600.0
 """Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own noise floor."""
 
-FLOOR = 1e-9
+POWER_FLOOR = 1e-9
 """Power added to each band, -90 dBFS: what is under it is the converter's noise."""
 
-FAINT = 1e-12
+FAINTEST_POWER = 1e-12
 """The same for a waveform's moments, which cover all bands together."""
 
 TREBLE_FROM = 2000.0
@@ -154,7 +154,9 @@ class Texture(_Module):
         to_values[BAND_VALUES:] /= 2
         super().__init__(
             scales=np.array([1] * BAND_COUNT + [1 / newest, 1 / (newest - 1), 1 / (newest - 1), 1]),
-            floors=np.array([FLOOR] * BAND_COUNT + [FAINT, FAINT, FAINT**2, FAINT**0.5]),
+            floors=np.array(
+                [POWER_FLOOR] * BAND_COUNT + [FAINTEST_POWER, FAINTEST_POWER, FAINTEST_POWER**2, FAINTEST_POWER**0.5]
+            ),
             to_values=to_values / math.log(10),
             high_pass=_design_high_pass(sample_rate)[None, None].astype(np.float32),
         )
@@ -196,7 +198,7 @@ NEWEST = 3.0
 BEFORE = 5
 """Windows by which the running mean precedes the newest mean that it is compared with, or an edge would be in both."""
 
-SETTLED = 6
+STATISTICS_SETTLED = 6
 """Windows that the running mean holds at least before a change can be detected."""
 
 
@@ -272,7 +274,7 @@ class Statistics(_Module):
         count = count + 1
         shift = newest[:, 1 : 1 + one] - before / evidence
         distance = shift.reshape(-1, self.channels, 1, self.values) @ change_metric
-        changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (count >= BEFORE + SETTLED)
+        changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (count >= BEFORE + STATISTICS_SETTLED)
         # Another surface: the newest moments replace the running ones, as if only their windows had been in the touch.
         # The prior counts again as it would after so few, or the first guess would be too certain.
         running = torch.where(changed, NEWEST / (NEWEST + PRIOR_WINDOWS) * newest, running)

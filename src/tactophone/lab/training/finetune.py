@@ -25,7 +25,7 @@ from tactophone.signal.perception.model_file import Gate, read_model
 
 Strategy = Literal["blend", "fine-tuned"]
 
-SHARES = (0.5, 0.25)
+FINETUNE_SHARES = (0.5, 0.25)
 """Shares of the trained network in the mixture, tried in this order. Three quarters gained 2 points more on new
 objects, and lost 3 on others."""
 
@@ -125,7 +125,7 @@ def mixtures(
 ) -> Iterator[tuple[float, dict[str, FloatArray]]]:
     """Yield the networks to choose from, with the share of the trained one in each."""
     before = read_weights(start)
-    for share in SHARES if strategy == "blend" else (1.0,):
+    for share in FINETUNE_SHARES if strategy == "blend" else (1.0,):
         yield share, {name: (share * trained[name] + (1 - share) * before[name]).astype(np.float32) for name in trained}
 
 

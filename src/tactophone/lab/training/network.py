@@ -20,7 +20,7 @@ from torch import nn
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FloatArray, Touch
-from tactophone.lab.training.export import BINS, RESIDUALS, Weights, channels_of
+from tactophone.lab.training.export import RESIDUALS, SPECTRUM_BINS, Weights, channels_of
 from tactophone.lab.training.recipes import NETWORK_WINDOW_SIZE as SIZE
 from tactophone.lab.training.recipes import Labelling
 from tactophone.signal.perception.levels import LoudnessRule
@@ -43,7 +43,9 @@ class PaperNetwork(nn.Module):
     torch.Size([4, 3])
     """
 
-    def __init__(self, channels: int = 2, *, bins: int = BINS, residual: bool = True, normalised: bool = False) -> None:
+    def __init__(
+        self, channels: int = 2, *, bins: int = SPECTRUM_BINS, residual: bool = True, normalised: bool = False
+    ) -> None:
         super().__init__()
         self._channels, self._residual, self._normalised = channels, residual, normalised
         self.layer1 = nn.Linear(bins * channels, 1024)

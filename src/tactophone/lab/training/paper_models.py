@@ -21,7 +21,7 @@ import torch
 
 from tactophone.core.errors import ModelError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
-from tactophone.lab.training.export import BINS, make_card, write_model
+from tactophone.lab.training.export import SPECTRUM_BINS, make_card, write_model
 from tactophone.lab.training.network import PaperNetwork, weights_of
 from tactophone.lab.training.recipes import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
 from tactophone.signal.perception.model_file import MAX_BYTES, Gate
@@ -110,7 +110,7 @@ def _read(path: Path) -> Mapping[str, Any]:
 def _require_structure(path: Path, found: Mapping[str, FloatArray]) -> None:
     """Raise a ModelError unless parameters are those of the paper's network, for one or two microphones."""
     shapes = {name: value.shape for name, value in found.items()}
-    expected = weights_of(PaperNetwork(1 if shapes.get("layer1.weight", ())[-1:] == (BINS,) else 2))
+    expected = weights_of(PaperNetwork(1 if shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,) else 2))
     names = sorted(shapes.keys() | expected.keys())
     wrong = [name for name in names if shapes.get(name) != getattr(expected.get(name), "shape", None)]
     if wrong:

@@ -34,7 +34,7 @@ SCORES = {"impulses": (2.0, 0.0), "both": (1.0, 1.0), "model": (0.0, 2.0)}
 SOFT_TIP = "rubber"
 """Under it rough surfaces average and smooth ones stick and slip: impulses are no sign of roughness there."""
 
-LARGEST = 4.0
+LARGEST_SHIFT = 4.0
 """Standard deviations at which features are cut off: a knock must not decide."""
 
 LOGIT_LIMIT = 6.0
@@ -43,23 +43,23 @@ LOGIT_LIMIT = 6.0
 MOST_UNKNOWN = 0.05
 """Share of a finger's own sound that may be unknown to the shipped model before its abstention is switched off."""
 
-MARGIN = 0.1
+BOUNDARY_MARGIN = 0.1
 """By which the share that is right on objects left out must be larger for another score than the tip's own."""
 
-ERROR = 0.02
+BOUNDARY_ERROR = 0.02
 """Probability, at most, that a set-up changes a boundary that is right for half of each object's pieces or more."""
 
 MOST_WRONG = 0.75
 """Share of pieces that must be wrong besides: with more seconds less is proven, but a boundary that is wrong for little
 more than half of an object is seldom wrong for others (docs/research/set-up.md)."""
 
-PIECE = 50
+FIT_PIECE = 50
 """Windows that are one piece of evidence: half a second, twice the memory of the running statistics."""
 
-SHIPPED = "shipped"
+SHIPPED_BOUNDARY = "shipped"
 """Score of a set-up that keeps the shipped boundary."""
 
-TAIL = 0.1
+FIT_TAIL = 0.1
 """Share of an object's windows that lies beyond the quantile that faces the other class."""
 
 MIN_SCALE, MIN_LOGIT_SCALE = 1e-3, 0.5
@@ -93,7 +93,7 @@ class Correction:
 
     def logit(self, sound: ObjectSound) -> Floats:
         """Return the logit of each window."""
-        standard = np.nan_to_num(np.clip((sound.features - self.centre) / self.scale, -LARGEST, LARGEST))
+        standard = np.nan_to_num(np.clip((sound.features - self.centre) / self.scale, -LARGEST_SHIFT, LARGEST_SHIFT))
         return np.asarray(self.slope * _bounded(sound.logit) + standard @ self.weights + self.bias)
 
 
@@ -127,7 +127,7 @@ class SetUpFit:
     @property
     def keeps(self) -> bool:
         """Whether the shipped boundary stays."""
-        return self.score == SHIPPED
+        return self.score == SHIPPED_BOUNDARY
 
     @property
     def balanced_accuracy(self) -> float:
@@ -180,20 +180,22 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
     unknown = float(np.mean([sound.unknown for sound in sounds]))
-    wrong = {sound.name: proves_wrong(sound, error=ERROR / len(sounds)) for sound in sounds}
+    wrong = {sound.name: proves_wrong(sound, error=BOUNDARY_ERROR / len(sounds)) for sound in sounds}
     by_class = [np.mean([wrong[sound.name] for sound in sounds if sound.rough is rough]) for rough in (False, True)]
     if max(by_class) <= 0.5:
         shares = [(sound, _share(sound.logit, sound.rough)) for sound in sounds]
         kept = tuple(LeftOut(sound.name, sound.rough, share, share) for sound, share in shares)
         count = sounds[0].features.shape[1]
         unchanged = Correction(np.zeros(count), np.ones(count), np.zeros(count), 1.0, 0.0)
-        return SetUpFit(unchanged, SHIPPED, kept, unknown)
+        return SetUpFit(unchanged, SHIPPED_BOUNDARY, kept, unknown)
     own = "impulses" if tip in HARD_TIPS else "model"
     names = [own] if tip == SOFT_TIP else [own, *(name for name in SCORES if name != own)]
     left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
     right = {name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)] for name in names}
     # The first of those that are equal: with nothing to choose by, the tip's own.
-    score = max(names, key=lambda name: (np.mean(right[name]) if right[name] else 0.0) + MARGIN * (name == own))
+    score = max(
+        names, key=lambda name: (np.mean(right[name]) if right[name] else 0.0) + BOUNDARY_MARGIN * (name == own)
+    )
     return SetUpFit(fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown)
 
 
@@ -203,7 +205,7 @@ def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
     A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
     `MOST_WRONG` of them must be besides.
     """
-    pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // PIECE))
+    pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // FIT_PIECE))
     wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
     chance = sum(math.comb(count, more) for more in range(wrong, count + 1)) / 2.0**count
     return bool(chance <= error and wrong >= MOST_WRONG * count)
@@ -227,7 +229,7 @@ def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) ->
     unbiased = Correction(centre, scale, weights, model / max(spread, MIN_LOGIT_SCALE), 0.0)
     smooth, rough = (
         np.mean([np.quantile(unbiased.logit(sound), tail) for sound in sounds if sound.rough is label])
-        for label, tail in ((False, 1 - TAIL), (True, TAIL))
+        for label, tail in ((False, 1 - FIT_TAIL), (True, FIT_TAIL))
     )
     return replace(unbiased, bias=float(-(smooth + rough) / 2))
 
@@ -280,7 +282,7 @@ def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
     tensors = {
         "own:centre": correction.centre, "own:scale": correction.scale, "own:weights": correction.weights[:, None],
         "own:slope": [correction.slope], "own:bias": [correction.bias],
-        "own:most": LARGEST, "own:least": -LARGEST, "own:high": LOGIT_LIMIT, "own:low": -LOGIT_LIMIT,
+        "own:most": LARGEST_SHIFT, "own:least": -LARGEST_SHIFT, "own:high": LOGIT_LIMIT, "own:low": -LOGIT_LIMIT,
     }  # fmt: skip
     nodes = [
         helper.make_node("Clip", ["logit", "own:low", "own:high"], ["own:bounded"]),

@@ -21,7 +21,7 @@ from tactophone.lab.dataset.values import Recording
 from tactophone.lab.training.augmentation import Augmentation
 from tactophone.lab.training.recipes import BAND_VALUES, MEMORY, NETWORK_RATE, FeatureKind, Microphone, silent
 from tactophone.net.link.codec import Codec, encode_and_decode
-from tactophone.signal.perception.levels import SILENCE_DBFS
+from tactophone.signal.perception.levels import ZERO_DBFS
 from tactophone.signal.perception.resample import Resampler
 
 FEATURE_RATE = 16_000
@@ -254,7 +254,7 @@ def banded_levels(windows: FloatArray) -> NDArray[np.float64]:
     spectra = (np.fft.rfft(part * taper)[:, size // 64 : size // 4] for part in _pieces(windows))
     powers = np.concatenate([np.square(np.abs(each)).sum(axis=1, dtype=np.float64) for each in spectra])
     levels = 10 * np.log10(2 * powers / (3 / 8 * size * size) + 1e-30)
-    return np.asarray(np.maximum(levels, SILENCE_DBFS))
+    return np.asarray(np.maximum(levels, ZERO_DBFS))
 
 
 def _pieces(windows: FloatArray) -> Iterator[FloatArray]:
@@ -288,12 +288,12 @@ def accumulate(
 
 def mean_shifts(tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading: float) -> list[NDArray[np.float32]]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
-    from tactophone.lab.training.features import BEFORE, SETTLED, shift_of
+    from tactophone.lab.training.features import BEFORE, STATISTICS_SETTLED, shift_of
 
     channels, values = tracks[0].description.shape[1:]
     shifts = []
     for loud, states in _run(tracks, threshold_dbfs, np.zeros((channels, values, values)), fading):
-        settled = loud & (states["count"][:, 0] >= BEFORE + SETTLED)
+        settled = loud & (states["count"][:, 0] >= BEFORE + STATISTICS_SETTLED)
         shift = shift_of({name: each[settled] for name, each in states.items()})
         shifts.append(shift.reshape(-1, channels, values).astype(np.float32))
     return shifts

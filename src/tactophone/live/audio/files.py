@@ -12,7 +12,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource
 
-LOWEST_RATE = 2000
+FILE_LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
 
 
@@ -92,9 +92,10 @@ class FileSource:
             raise DatasetError(
                 f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
             )
-        if self.sample_rate < LOWEST_RATE:
+        if self.sample_rate < FILE_LOWEST_RATE:
             raise DatasetError(
-                f"{self.path}: {self.sample_rate} Hz, but {LOWEST_RATE} Hz or more is needed; record at a higher rate"
+                f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or more is needed; "
+                "record at a higher rate"
             )
         if not self.size:
             raise DatasetError(f"{self.path}: no sound at all; record it again")

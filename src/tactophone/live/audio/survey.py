@@ -10,7 +10,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.live.audio.jack import JackClient, is_pipewire
 from tactophone.live.audio.portaudio import PortAudioDevice, devices
 
-TOO_SLOW = 0.02
+SURVEY_TOO_SLOW = 0.02
 """Delay of a device in s above which it is called slow: a third of what is noticed in texture."""
 
 DUALSENSE = re.compile(r"dual[ _-]?sense|wireless controller", re.IGNORECASE)
@@ -90,7 +90,7 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
     rate = round(device.sample_rate)
     latency = max(device.input_latency * bool(device.inputs), device.output_latency * bool(device.outputs))
     dualsense = bool(DUALSENSE.search(device.name)) and device.outputs > DUALSENSE_CHANNEL
-    slow = f"slow: adds {1000 * latency:.0f} ms" if latency > TOO_SLOW else f"adds {1000 * latency:.1f} ms"
+    slow = f"slow: adds {1000 * latency:.0f} ms" if latency > SURVEY_TOO_SLOW else f"adds {1000 * latency:.1f} ms"
     return SurveyedDevice(
         f"PortAudio, {device.system}",
         device.name,

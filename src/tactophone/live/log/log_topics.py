@@ -181,19 +181,19 @@ CONTROLS = Topic(
     _json_schema("tactophone.Controls", Controls),
     "what a person changed, in its order among the packets",
 )
-PREDICTION = Topic(
+PREDICTION_TOPIC = Topic(
     "/tactophone/prediction",
     _json_schema("tactophone.Prediction", msgspec.defstruct("Prediction", list(_PREDICTION.items()))),
     "a prediction, and its command as limited; null where there was none",
 )
-STATE = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
+STATE_TOPIC = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
 HEALTH = Topic("/tactophone/health", _json_schema("tactophone.Health", Totals), "counters and gauges, every 5 s")
 EVENTS = Topic("/tactophone/events", _json_schema("foxglove.Log", Event), "arming, muting, connections and faults")
 CONTACT_SOUND = Topic("/tactophone/sound/contact", COMPRESSED_AUDIO, "contact microphone, Opus as it came")
 AIR_SOUND = Topic("/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came")
 PCM_SOUND = Topic("/tactophone/sound", RAW_AUDIO, "both microphones, 16 bit")
 
-TOPICS = (RUN, PACKETS, CONTROLS, STATE, HEALTH, EVENTS, PREDICTION, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+TOPICS = (RUN, PACKETS, CONTROLS, STATE_TOPIC, HEALTH, EVENTS, PREDICTION_TOPIC, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 
 SOUND = (CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 """Topics that a log does not hold, as they follow from its packets (`tactophone.live.log.sound`)."""
@@ -203,7 +203,7 @@ SOUND = (CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 def of_finger(topic: Topic, finger: int, name: str) -> Topic:
     """Return the topic of a finger of a hand; without a name, the topic itself.
 
-    >>> of_finger(PREDICTION, 1, "index").name
+    >>> of_finger(PREDICTION_TOPIC, 1, "index").name
     '/tactophone/index/prediction'
     """
     place = topic.name.replace("/tactophone/", f"/tactophone/{name}/")
@@ -212,6 +212,6 @@ def of_finger(topic: Topic, finger: int, name: str) -> Topic:
 
 def topics_of(names: Sequence[str], *, sound: bool) -> tuple[Topic, ...]:
     """Return the topics of a run with fingers of these names; one empty name where there is no hand."""
-    each = (PREDICTION, *SOUND) if sound else (PREDICTION,)
-    common = [topic for topic in TOPICS if topic not in (PREDICTION, *SOUND)]
+    each = (PREDICTION_TOPIC, *SOUND) if sound else (PREDICTION_TOPIC,)
+    common = [topic for topic in TOPICS if topic not in (PREDICTION_TOPIC, *SOUND)]
     return (*common, *(of_finger(topic, place, name) for place, name in enumerate(names) for topic in each))

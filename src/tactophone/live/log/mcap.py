@@ -23,7 +23,7 @@ from tactophone.live.log.log_topics import Message, Topic, topics_of
 from tactophone.live.log.reader import RunReader
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
-READ_INTERVAL = 0.2
+LOG_READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps 10 s of packets and over a minute of predictions."""
 
 CHUNK_INTERVAL = 4
@@ -88,12 +88,14 @@ class LogFile(AbstractContextManager["LogFile", None]):
 
 
 class McapLog:
-    """Keeps a run in an MCAP file, which it overwrites; a context manager whose `read` is called every `READ_INTERVAL`.
+    """Keeps a run in an MCAP file, which it overwrites; a context manager.
+
+    Call `read` every `LOG_READ_INTERVAL`.
 
     Raises `ConfigError` when the file cannot be written.
     """
 
-    interval = READ_INTERVAL
+    interval = LOG_READ_INTERVAL
 
     def __init__(self, name: str, path: Path) -> None:
         self.path = path
@@ -175,7 +177,7 @@ def read_log(path: Path) -> Iterator[LogEntry]:
                 yield msgspec.json.decode(data, type=RunStart)
             elif topic.name == log_topics.CONTROLS.name:
                 yield msgspec.json.decode(data, type=Controls)
-            elif topic.kind == log_topics.PREDICTION.kind:
+            elif topic.kind == log_topics.PREDICTION_TOPIC.kind:
                 yield _prediction_of(msgspec.json.decode(data, type=dict[str, float | str | None]), topic.finger)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise DatasetError(

@@ -21,10 +21,10 @@ HEALTH_INTERVAL = 5.0
 SETTLED_DB = 1.0
 """Less than this is no change of a threshold's."""
 
-SILENCE = 0.1
+READER_SILENCE = 0.1
 """Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
 
-BACKLOG = 100
+READER_BACKLOG = 100
 """Predictions of a finger that may wait for their reader, about a second; older ones are of no use to a device."""
 
 FASTEST_DRIFT = 1e-4
@@ -108,7 +108,7 @@ class RunReader:
 
     def _predictions(self, now: float) -> Iterator[Message]:
         for finger, name in enumerate(self.names):
-            topic = of_finger(log_topics.PREDICTION, finger, name)
+            topic = of_finger(log_topics.PREDICTION_TOPIC, finger, name)
             rows, missed = self.watcher.new_predictions(finger=finger)
             if missed:
                 self.missed["predictions"] += missed
@@ -129,7 +129,7 @@ class RunReader:
             return
         self._settled = settled
         entries = {**msgspec.to_builtins(state), "armed": state.armed, "muted_because": state.muted_because}
-        yield Message(log_topics.STATE, now, msgspec.json.encode(entries))
+        yield Message(log_topics.STATE_TOPIC, now, msgspec.json.encode(entries))
         for name, *own in zip(self.names, before.fingers, settled.fingers, strict=True):
             of = f"{name}: " if name else ""
             for text in _changes(*own):
@@ -229,7 +229,7 @@ class PredictionReader:
     fingers
         Names of all fingers, in order.
     missed
-        Predictions that were passed on to nobody: the oldest, where more than `BACKLOG` were waiting.
+        Predictions that were passed on to nobody: the oldest, where more than `READER_BACKLOG` were waiting.
     """
 
     def __init__(self, name: str, *, finger: str = "index") -> None:
@@ -246,12 +246,12 @@ class PredictionReader:
     def read(self) -> list[Passed]:
         """Return the predictions since the last call, oldest first for each finger.
 
-        A finger without one for `SILENCE` is returned once more, without contact and with amplitude 0.
+        A finger without one for `READER_SILENCE` is returned once more, without contact and with amplitude 0.
         """
         now = time.monotonic()
         found = self._read()
         self._last |= {passed.finger: (now, passed) for passed in found}
-        return found + self.silenced(before=now - SILENCE)
+        return found + self.silenced(before=now - READER_SILENCE)
 
     def silenced(self, *, before: float = math.inf) -> list[Passed]:
         """Return each finger that touches or vibrates since its last prediction, read ``before`` a time, as silent."""
@@ -271,11 +271,11 @@ class PredictionReader:
 
     def _read_finger(self, place: int) -> Iterator[Passed]:
         rows, missed = self.watcher.new_predictions(finger=place)
-        self.missed += missed + max(0, len(rows) - BACKLOG)
+        self.missed += missed + max(0, len(rows) - READER_BACKLOG)
         if not len(rows):
             return
         after = self.watcher.gauge("latency_render") + self.watcher.gauge("latency_device")
-        for row in rows[-BACKLOG:]:
+        for row in rows[-READER_BACKLOG:]:
             prediction, command = prediction_of(row)
             if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
                 command = HapticCommand(0.0, 0.0, command.time)

@@ -32,17 +32,17 @@ from tactophone.net.link.stream import DecodedAudio
 from tactophone.net.link.udp import UdpSocket
 from tactophone.net.link.way import Keeper
 
-HOUSEKEEPING_INTERVAL = 0.02
+OPERATOR_HOUSEKEEPING = 0.02
 """Seconds between two checks of the mailbox."""
 
 COUNTING_INTERVAL = 0.1
 """Seconds between two updates of counters, gauges and state: no page is drawn more often."""
 
-LONGEST_RECEIVE = 0.007
+OPERATOR_RECEIVE = 0.007
 """Seconds that the network thread waits for a datagram: more than from one packet of 5 ms to the next, which is 5.3 ms
 where a period has 128 samples."""
 
-POLL_INTERVAL = 0.005
+OPERATOR_POLL = 0.005
 """Seconds that the network thread waits for a datagram before it gives up on a missing packet: a packet's length."""
 
 SESSION_INTERVAL = 0.025
@@ -80,7 +80,7 @@ class Operator(Side):
         To the process that finds the way to the robot of a call, instead of the port of the settings.
     """
 
-    interval = HOUSEKEEPING_INTERVAL
+    interval = OPERATOR_HOUSEKEEPING
 
     def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
         super().__init__(settings, info, role="operator")
@@ -267,7 +267,7 @@ class Operator(Side):
         checked_at = polled_at = 0.0
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
-            datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
+            datagrams = self._socket.receive(OPERATOR_POLL if self._session.waiting else OPERATOR_RECEIVE)
             received = round(time.monotonic(), ARRIVAL_DIGITS)
             for finger in self._fingers:
                 if finger.changed():

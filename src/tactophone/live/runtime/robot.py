@@ -32,10 +32,10 @@ from tactophone.net.link.events import Event
 from tactophone.net.link.udp import UdpSocket
 from tactophone.net.link.way import Keeper
 
-HOUSEKEEPING_INTERVAL = 0.05
+ROBOT_HOUSEKEEPING = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
 
-LONGEST_RECEIVE = 0.05
+ROBOT_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram before it polls the session."""
 
 MOST_AT_ONCE = 8
@@ -61,7 +61,7 @@ class Robot(Side):
         To the process that finds the way to the operator of a call, instead of the addresses of the settings.
     """
 
-    interval = HOUSEKEEPING_INTERVAL
+    interval = ROBOT_HOUSEKEEPING
 
     def __init__(
         self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device,
@@ -194,7 +194,7 @@ class Robot(Side):
 
     def _await_operator(self) -> None:
         """Hold a recording back until an operator is connected: unlike a microphone, it has a beginning."""
-        while not self.ended.wait(HOUSEKEEPING_INTERVAL):
+        while not self.ended.wait(ROBOT_HOUSEKEEPING):
             with self._lock:
                 if self._group.connected:
                     return
@@ -228,7 +228,7 @@ class Robot(Side):
         prioritize_thread(self._settings.process.priority)
         session, socket = self._group.members[operator].session, self._sockets[operator]
         while not self.ended.is_set():
-            datagrams = socket.receive(LONGEST_RECEIVE)
+            datagrams = socket.receive(ROBOT_RECEIVE)
             now = time.monotonic()
             # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
             for start in range(0, len(datagrams), MOST_AT_ONCE):

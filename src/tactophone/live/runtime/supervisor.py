@@ -35,7 +35,7 @@ RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 4.0
 SHORT_LIFE = 2.0
 """Seconds after its start within which a process most likely ends for a reason that ends the next one too."""
 
-START_TIMEOUT = 20.0
+SIDE_START_TIMEOUT = 20.0
 """Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
 
 LONGEST_START = 300.0
@@ -53,7 +53,7 @@ LAST_WORDS = 0.5
 NO_ANSWER = "the other end is silent; if it stays so, hang up and call again"
 """Advice where a call's other end does not answer."""
 
-END_TIMEOUT = 3.0
+SIDE_END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
 
 
@@ -170,8 +170,8 @@ class Supervisor:
                 return
             if (ticks := _processor_time(child.pid)) != used:
                 used, progressed = ticks, now
-            if now - progressed > START_TIMEOUT:
-                failure = f"no progress within {START_TIMEOUT:g} s"
+            if now - progressed > SIDE_START_TIMEOUT:
+                failure = f"no progress within {SIDE_START_TIMEOUT:g} s"
                 break
             if now - began > LONGEST_START:
                 failure = f"not done within {LONGEST_START:g} s"
@@ -243,7 +243,7 @@ class Supervisor:
             if math.isinf(self._started) and not self._watcher():
                 self._child.kill()  # while it starts it heeds nothing, and has nothing to lose
             self._child.terminate()
-            self._child.end(END_TIMEOUT)
+            self._child.end(SIDE_END_TIMEOUT)
             remove_memory(self.name)
 
 

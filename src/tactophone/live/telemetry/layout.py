@@ -195,7 +195,7 @@ STATE_SIZE = 1 << 14
 
 STEP_FIELDS = tuple(field for field in PREDICTION_FIELDS if field.step)
 
-STEP = np.dtype(
+STEP_RECORD = np.dtype(
     [
         ("time", "f8"),
         ("sound_end", "u8"),
@@ -211,7 +211,7 @@ STEP = np.dtype(
 command (`PREDICTION_FIELDS`; NaN before the first prediction). ``event`` is the newest touch event of this step alone.
 ``truth`` is the known `Touch`, or -1."""
 
-PREDICTION = np.dtype([*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")], align=True)
+PREDICTION_RECORD = np.dtype([*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")], align=True)
 """One prediction and the command computed from it, and when, on the system-wide monotonic clock, in seconds."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
@@ -244,8 +244,8 @@ def layout_of(fingers: int) -> np.dtype[np.void]:
             ("gauges", "f8", len(GAUGES)),
             ("requests", _REQUEST, (len(ACTIONS), 1 + fingers)),
             ("states", _TEXT, 2),
-            ("steps", STEP, (fingers, STEP_CAPACITY)),
-            ("predictions", PREDICTION, (fingers, PREDICTION_CAPACITY)),
+            ("steps", STEP_RECORD, (fingers, STEP_CAPACITY)),
+            ("predictions", PREDICTION_RECORD, (fingers, PREDICTION_CAPACITY)),
             ("sound", "f4", (fingers, SOUND_CAPACITY, len(MICROPHONES))),
             ("vibration", "f4", (fingers, SOUND_CAPACITY)),
             ("log", "u1", LOG_CAPACITY),

@@ -11,12 +11,12 @@ from tactophone.core.prediction_fields import prediction_of
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Watcher
 
-READ_INTERVAL = 0.2
+CSV_READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps the newest 2.7 s of vibration, and far more steps and predictions."""
 
 
 class RunFollower:
-    """Calls `read` every `READ_INTERVAL` and once at the end; a context manager within which the run goes on."""
+    """Calls `read` every `CSV_READ_INTERVAL` and once at the end; a context manager within which the run goes on."""
 
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)
@@ -36,14 +36,14 @@ class RunFollower:
         raise NotImplementedError
 
     def _run(self) -> None:
-        while not self._ended.wait(READ_INTERVAL):
+        while not self._ended.wait(CSV_READ_INTERVAL):
             self.read()
 
 
 class PredictionLog(RunFollower):
     """Writes each prediction of a live run to a CSV file, from outside the run's process; a context manager.
 
-    Lines are flushed at each read (`READ_INTERVAL`), so a kill of either process loses less than 1 s. A
+    Lines are flushed at each read (`CSV_READ_INTERVAL`), so a kill of either process loses less than 1 s. A
     process that the watchdog has replaced is followed on; its times begin at 0 again, those of a new session go on.
     Where there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and
     ``amplitude`` are ``nan``.

@@ -14,7 +14,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
-COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
+TIMELINE_COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
 """Columns of the CSV file, and keys of each entry of the JSON file; without a touch event the last two are empty."""
 
 _SPECIAL = ("touch", "unknown", "event", "event_time")
@@ -26,7 +26,7 @@ _DIGITS = 6
 
 
 def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Return the entries of one line, by `COLUMNS`; times in s, rounded to microseconds.
+    """Return the entries of one line, by `TIMELINE_COLUMNS`; times in s, rounded to microseconds.
 
     >>> from tactophone.core.types import TouchEvent
     >>> tap = TouchEvent("tap", 0.23)
@@ -35,7 +35,9 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
     entries = entries_of(prediction, command) | ({} if prediction.events else {"event_time": ""})
-    return {key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in COLUMNS}
+    return {
+        key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in TIMELINE_COLUMNS
+    }
 
 
 class TimelineWriter:
@@ -52,7 +54,7 @@ class TimelineWriter:
     def __enter__(self) -> Self:
         self._path.touch(0o600)  # of this user alone, as a log
         self._file = self._resources.enter_context(self._path.open("w", newline=""))
-        self._csv = csv.DictWriter(self._file, (FINGER, *COLUMNS) if self.fingers else COLUMNS)
+        self._csv = csv.DictWriter(self._file, (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS)
         self._csv.writeheader()
         self._json = self._resources.enter_context(self._json_path.open("w")) if self._json_path else None
         return self
@@ -88,7 +90,9 @@ def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
-        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name not in _SPECIAL}
+        columns = {
+            name: np.array([float(line[name]) for line in lines]) for name in TIMELINE_COLUMNS if name not in _SPECIAL
+        }
         return columns | {
             "touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8),
             "unknown": np.array([float(line.get("unknown") or "nan") for line in lines]),

@@ -17,7 +17,7 @@ from tactophone.live.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, A
 from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.live.telemetry.records import RunStart, read_records
 
-STALE_AFTER = 1.0
+TELEMETRY_STALE_AFTER = 1.0
 """Seconds without a heartbeat after which a run counts as stalled; a live run updates it at least every 0.1 s."""
 
 _LARGEST_COUNT = 1 << 62
@@ -51,7 +51,7 @@ class Snapshot:
     age: float
     """Seconds since the run's last heartbeat."""
     alive: bool
-    """Whether the run's process exists and its last heartbeat is newer than `STALE_AFTER`."""
+    """Whether the run's process exists and its last heartbeat is newer than `TELEMETRY_STALE_AFTER`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ class Watcher:
     @property
     def alive(self) -> bool:
         """Whether the process exists and has shown a sign of life lately."""
-        return self._age < STALE_AFTER and is_alive(self.pid)
+        return self._age < TELEMETRY_STALE_AFTER and is_alive(self.pid)
 
     @property
     def _age(self) -> float:

@@ -24,7 +24,7 @@ def _packer(row: np.dtype[np.void]) -> struct.Struct:
     return struct.Struct("@" + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers) + "0d")
 
 
-_STEP, _PREDICTION, _MARK = map(_packer, (layout.STEP, layout.PREDICTION, layout.MARK))
+_STEP, _PREDICTION, _MARK = map(_packer, (layout.STEP_RECORD, layout.PREDICTION_RECORD, layout.MARK))
 
 _NOTHING = Prediction((math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan)
 _SILENCE = HapticCommand(0.0, 0.0, math.nan)

@@ -12,10 +12,10 @@ from tactophone.net.call.ice import Finder, Server, mapped_addresses, servers_of
 from tactophone.net.call.messages import Nat
 from tactophone.net.link.packet import Address
 
-PROBE_TIMEOUT = 1.5
+STUN_TIMEOUT = 1.5
 """Seconds to wait for the STUN servers: an answer takes a tenth of that from most places."""
 
-CONNECT_TIMEOUT = 3.0
+CHECK_TIMEOUT = 3.0
 """Seconds to wait for the mailbox."""
 
 WORDS: dict[Nat, str] = {
@@ -70,7 +70,7 @@ class Findings:
 async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
     """Return what router is here, under which address servers see this machine, and which servers answer."""
     found = dict.fromkeys(filter(None, await asyncio.gather(*(server.resolve() for server in stun))))
-    answers = await mapped_addresses(list(found), PROBE_TIMEOUT) if found else {}
+    answers = await mapped_addresses(list(found), STUN_TIMEOUT) if found else {}
     seen, answered = list(answers.values()), list(answers)
     if not seen:
         return "blocked", "", []
@@ -101,7 +101,7 @@ def why_no_way(here: Nat, there: Nat, *, relay: bool) -> str:
 async def _answers(mailbox: str) -> bool:
     url = urlsplit(mailbox)
     with contextlib.suppress(OSError, ValueError, TimeoutError):
-        async with asyncio.timeout(CONNECT_TIMEOUT):
+        async with asyncio.timeout(CHECK_TIMEOUT):
             port = url.port or (443 if url.scheme == "wss" else 80)
             _, writer = await asyncio.open_connection(url.hostname, port)
             writer.close()

@@ -25,7 +25,7 @@ from tactophone.net.link.way import READING, SILENT, WANTED, Way, read_kept
 GATHER_TIMEOUT = 1.5
 """Seconds for which a server that does not answer is waited for."""
 
-CONNECT_TIMEOUT = 6.0
+ICE_TIMEOUT = 6.0
 """Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
 
 CHANNEL_REFRESH = 240
@@ -129,7 +129,7 @@ class Finder:
         ice.remote_username, ice.remote_password = offer.user, offer.password
         # Known to the two ends alone, as it came through the mailbox under their key.
         self._word = _CHOSEN + (ice.local_password if self._controls else offer.password).encode()
-        async with asyncio.timeout(CONNECT_TIMEOUT):
+        async with asyncio.timeout(ICE_TIMEOUT):
             await self._check(offer, 0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY)
         protocol, peer = await self._agree()
         bound, channel = self._hand_over(protocol, peer)

@@ -70,7 +70,7 @@ class Refused(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True)
 
 Message: TypeAlias = Hello | Accepted | Offer | Refused
 
-LARGEST = 20_000
+LARGEST_MESSAGE = 20_000
 """Bytes of a message: what a mailbox passes on without complaint."""
 
 
@@ -80,8 +80,8 @@ def read_message(data: bytes) -> Message:
     Raises `PacketError` if it is none.
     """
     try:
-        if len(data) > LARGEST:
-            raise ValueError(f"{len(data)} bytes, but at most {LARGEST}")
+        if len(data) > LARGEST_MESSAGE:
+            raise ValueError(f"{len(data)} bytes, but at most {LARGEST_MESSAGE}")
         message: Message = msgspec.json.decode(data, type=Message)
     except (ValueError, RecursionError) as error:
         raise PacketError(f"the other end sent something else than a call's message: {error}") from None

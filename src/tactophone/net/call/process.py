@@ -33,7 +33,7 @@ ANSWER_TIMEOUT = 30.0
 ACCEPT_TIMEOUT = 180.0
 """Seconds that a caller waits for a person to accept."""
 
-POLL_INTERVAL = 0.1
+CALL_POLL = 0.1
 
 OTHER: dict[str, Role] = {"robot": "operator", "operator": "robot"}
 
@@ -115,7 +115,7 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         Raises `DeviceError` with the reason when the process ends, but not where that was asked for.
         """
         while not self._ending:
-            if select.select([self._pair], [], [], POLL_INTERVAL)[0] and (message := self._pair.recv(1 << 16)):
+            if select.select([self._pair], [], [], CALL_POLL)[0] and (message := self._pair.recv(1 << 16)):
                 step, content = json.loads(message)
                 yield step, Found(**content) if step == "found" else content
                 continue

@@ -388,7 +388,7 @@ KNOWN_RATE, STRANGER_RATE = 200.0, 50.0
 """ClientHellos answered in a second. A caller sends 2 for each handshake, and at most 10 a second; one costs about
 0.1 ms before its cookie and 1 ms after, so that strangers get at most some 5 % of a processor."""
 
-BURST = 0.5
+HELLO_BURST = 0.5
 """Seconds of the rate that may come at once."""
 
 Pending: TypeAlias = Mapping[tuple[Address, bytes], Handshake]
@@ -423,7 +423,8 @@ class Admission:
 
     def __init__(self) -> None:
         self._limits = {
-            known: RateLimit(rate, burst=rate * BURST) for known, rate in ((True, KNOWN_RATE), (False, STRANGER_RATE))
+            known: RateLimit(rate, burst=rate * HELLO_BURST)
+            for known, rate in ((True, KNOWN_RATE), (False, STRANGER_RATE))
         }
 
     def admits(self, pending: Pending, *, known: bool, now: float) -> bool:

@@ -12,8 +12,8 @@ into a speed. A loop on the buffer level or on arrival times, the usual design, 
 holds the clock ratio to a few ppm (both measured).
 
 The margin is one packet, the block to render, and an allowance for jitter: the lateness that 1 packet in 1000 exceeds,
-learned during `WARM_UP` before anything is played. It grows as soon as 1 packet in 250 is too late, and shrinks when
-half of it was enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`: a ninth of the
+learned during `PLAYOUT_WARM_UP` before anything is played. It grows as soon as 1 packet in 250 is too late, and shrinks
+when half of it was enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`, a ninth of the
 smallest change of frequency that a finger notices (Pongrac 2008). Only an error above `JUMP` sets the position anew.
 """
 
@@ -51,7 +51,7 @@ MIN_ALLOWANCE, MAX_ALLOWANCE = 0.002, 0.04
 """Seconds allowed for jitter; a packet later than the maximum is a stall, which playout does not wait for. With a
 packet and a period of 512 samples, the margin stays under the 60 ms from which sound counts as stale."""
 
-WARM_UP = 0.25
+PLAYOUT_WARM_UP = 0.25
 """Seconds of measuring before the first sound."""
 
 _TARGET_LATE, _MAX_LATE = 1 / 1000, 1 / 250
@@ -145,7 +145,7 @@ class PlayoutController:
         if not math.isnan(self.position):
             return True
         self._first = min(self._first, now if math.isfinite(self._min_transit) else math.inf)
-        if now - self._first < WARM_UP:
+        if now - self._first < PLAYOUT_WARM_UP:
             return False
         self._allowance.update()
         return True
@@ -210,13 +210,13 @@ class _Second:
 MAX_EXTRAPOLATION = 0.02
 """Seconds of missing sound that are extrapolated in a row; after them there is silence."""
 
-FADE = 120
+CONCEALMENT_FADE = 120
 """Samples of a fade: 2.5 ms, a twelfth of the shortest burst felt as vibration (Sci. Rep. 15:5057, 2025)."""
 
 _QUEUE_SIZE = 400
 """Packets kept while nothing is pulled: a second of 2.5 ms each."""
 
-_FADE_ANGLES = np.linspace(0, np.pi / 2, FADE, dtype=np.float32)[:, np.newaxis]
+_FADE_ANGLES = np.linspace(0, np.pi / 2, CONCEALMENT_FADE, dtype=np.float32)[:, np.newaxis]
 _MAX_EXTRAPOLATED = round(MAX_EXTRAPOLATION * CLOCK_RATE)
 
 
@@ -252,7 +252,7 @@ class Playout:
         self._resampler = _open_resampler(channels)
         self._position: int | None = None
         self._decoded = self._ready = np.zeros((0, channels), np.float32)
-        self._last = np.zeros((FADE, channels), np.float32)
+        self._last = np.zeros((CONCEALMENT_FADE, channels), np.float32)
         self._fading = self._last[:0]
         self._extrapolated = 0
         self._discontinuous = True
@@ -369,15 +369,15 @@ class Playout:
         self._discontinuous = False
         if fade:
             # The sound before is continued by its mirror image, which starts where it ended.
-            self._fading = mirror(self._last[::-1], FADE)
+            self._fading = mirror(self._last[::-1], CONCEALMENT_FADE)
         length = min(len(self._fading), len(samples))
         if length:
             # A fade may span several calls: the angles go on where the last call stopped.
             old, self._fading = self._fading[:length], self._fading[length:]
             new, rest = samples[:length], samples[length:]
-            angle = _FADE_ANGLES[FADE - len(self._fading) - length :][:length]
+            angle = _FADE_ANGLES[CONCEALMENT_FADE - len(self._fading) - length :][:length]
             samples = np.concatenate([np.cos(angle) * old + np.sin(angle) * new, rest])
-        self._last = np.concatenate([self._last, samples])[-FADE:]
+        self._last = np.concatenate([self._last, samples])[-CONCEALMENT_FADE:]
         return samples
 
     def _decoder_for(self, payload: Payload) -> Decoder:

@@ -46,7 +46,7 @@ MAX_KEY_AGE = 12 * 3600.0
 RENEW_PACKETS = 1 << 30
 """Packets after which the caller renews the keys: half of the lower limit, 2**31 of SRTCP (RFC 3711, 9.2)."""
 
-OVERLAP = 2.0
+KEY_OVERLAP = 2.0
 """Seconds for which packets under the keys before are still accepted: above any delay of the path."""
 
 CONFIRM_TIMEOUT = 10.0
@@ -177,7 +177,7 @@ class KeyRing:
             return False
         # The two change places: packets under the keys before may still be on their way.
         self.use(connection, before)
-        connection.until, before.until = connection.begun + MAX_KEY_AGE, now + OVERLAP
+        connection.until, before.until = connection.begun + MAX_KEY_AGE, now + KEY_OVERLAP
         return True
 
 

@@ -143,7 +143,7 @@ class Reception:
         self._transit = transit
 
 
-WINDOW = 0.14
+TRANSIT_WINDOW = 0.14
 """Seconds of a window; the newest two count. A longer path is followed after one to two windows, a shorter at once.
 Two windows stay under 0.3 s, the longest that sound may count as stale after a stall has ended. Half a second, as
 before, kept it stale for 0.5 to 0.9 s whenever a stall had made the way longer (measured with a stopped robot)."""
@@ -180,7 +180,9 @@ class MinDelayFilter:
     def push(self, transit: float, *, now: float) -> None:
         """Add the transit time of one packet, in s."""
         # The window that ends becomes the previous one, so that the minimum always covers one to two windows.
-        if now - self._window_start >= WINDOW and (self._count >= _MIN_PACKETS or math.isinf(self._window_start)):
+        if now - self._window_start >= TRANSIT_WINDOW and (
+            self._count >= _MIN_PACKETS or math.isinf(self._window_start)
+        ):
             self._previous, self._current = self._current, math.inf
             self._window_start, self._count = now, 0
         self._current = min(self._current, transit)

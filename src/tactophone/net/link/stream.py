@@ -5,7 +5,7 @@ them, with as much redundancy as the loss requires. `Depacketizer` is the other 
 the oscillator runs on the operator's own clock. A packet that follows a gap waits for at most one other packet, and no
 longer than one packet's duration. The gap is then filled from redundancy, else concealed and marked. Sound that arrives
 too late for a prediction, after a stall, is still returned, marked ``stale``: the detector needs it as history, so that
-the next fresh packet completes a full window. Of a longer backlog only the newest `HISTORY` is decoded.
+the next fresh packet completes a full window. Of a longer backlog only the newest `PACKET_HISTORY` is decoded.
 """
 
 import math
@@ -232,7 +232,7 @@ MAX_CONCEALED_GAP = 0.1
 STALENESS = 0.06
 """Seconds above the minimum delay from which sound is stale: the delay noticed in a texture (Okamoto 2009)."""
 
-HISTORY = 0.256 + STALENESS
+PACKET_HISTORY = 0.256 + STALENESS
 """Seconds of a backlog that are decoded, counted from its newest packet: a window of the detector, and what is fresh.
 What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
 
@@ -341,7 +341,7 @@ class Depacketizer:
 
     def _skip_old(self) -> None:
         """Drop what is too old to matter, when much more than a window has arrived at once after a stall."""
-        oldest = max(self._waiting, default=0) - round(HISTORY * CLOCK_RATE)
+        oldest = max(self._waiting, default=0) - round(PACKET_HISTORY * CLOCK_RATE)
         old = [position for position in self._waiting if position < oldest]
         if not old:
             return

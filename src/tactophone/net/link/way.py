@@ -28,9 +28,9 @@ PEER: Address = "100::1", 9
 
 WANTED, READING, SILENT = b"wanted", b"reading", b"silent"
 """What the live side says to the process that keeps the way: a successor needs it, its datagrams are read here from now
-on, and it has brought nothing for `SILENCE`."""
+on, and it has brought nothing for `WAY_SILENCE`."""
 
-SILENCE = 1.0
+WAY_SILENCE = 1.0
 """Seconds without a datagram of the peer, who sends several a second, until a new way is asked for, and again."""
 
 _READS = 16
@@ -102,8 +102,8 @@ class WaySocket(UdpSocket):
             self._silence = 0.0
         elif not datagrams:
             self._silence += timeout  # not before the first datagram: the other end may still be starting
-            if self._silence > SILENCE:
-                self._silence -= SILENCE
+            if self._silence > WAY_SILENCE:
+                self._silence -= WAY_SILENCE
                 self._say(SILENT)
         if not found or self._reads % _READS == 0:
             with contextlib.suppress(OSError, DeviceError):
@@ -128,7 +128,7 @@ class WaySocket(UdpSocket):
         self.close()
         self.way = way
         self._open()
-        self._silence = -SILENCE  # the other end runs already: without a word of it, this way has died too
+        self._silence = -WAY_SILENCE  # the other end runs already: without a word of it, this way has died too
         self.follow(followed)
 
     def _open(self) -> None:

@@ -6,8 +6,8 @@ constant, so everything has a closed form: ``n`` samples after a command that fo
 .. math:: a_n = a + (a_0 - a) r^n, \quad \varphi_n = \varphi_0 + (f n + (f_0 - f) \sum_{k=1}^n r^k) / f_s
 
 with :math:`r = e^{-1 / (\tau f_s)}`. A sample thus depends on the command and its distance from it, never on the
-device's block size: rendering in any pieces is bit-equal. After ``SETTLED`` time constants :math:`r^n` counts as zero,
-so that rest is exact silence.
+device's block size: rendering in any pieces is bit-equal. After `SETTLED_TIME_CONSTANTS`, :math:`r^n` counts as
+zero, so that rest is exact silence.
 """
 
 import math
@@ -26,14 +26,14 @@ RAMP = 0.004
 faster than ``1 / RAMP`` of full drive a second. That is far under the 30 ms of the shortest burst that a finger
 notices, and slow enough that nothing clicks. An amplitude falls to exact silence in 12 time constants, 48 ms."""
 
-STALE_AFTER = 0.035
+COMMAND_STALE_AFTER = 0.035
 """Longest time, in s, from a vibration's last command to the beginning of its fade: three missed hops of 10.67 ms. The
 fade begins within 40 ms, and ends within 35 + 48 < 100 ms."""
 
-SETTLED = 12
+SETTLED_TIME_CONSTANTS = 12
 """Time constants after which the target counts as reached."""
 
-NEGLIGIBLE = math.exp(-SETTLED)
+NEGLIGIBLE = math.exp(-SETTLED_TIME_CONSTANTS)
 """What is left of a full gap by then: 6e-6, 104 dB down."""
 
 MAX_PIECE = 1024
@@ -119,8 +119,8 @@ class Oscillator(Renderer):
     def __init__(self, limits: Limits | None = None, *, sample_rate: int = LIVE_SAMPLE_RATE) -> None:
         super().__init__(limits)
         self.sample_rate = sample_rate
-        self._timeout = round(STALE_AFTER * sample_rate)
-        self._settled = math.ceil(SETTLED * RAMP * sample_rate)
+        self._timeout = round(COMMAND_STALE_AFTER * sample_rate)
+        self._settled = math.ceil(SETTLED_TIME_CONSTANTS * RAMP * sample_rate)
         self._counts = np.arange(1.0, MAX_PIECE + 1)
         self._decay, self._decay_sum = _tables(RAMP * sample_rate, self._settled)
         self._envelope, self._phases = np.empty(MAX_PIECE), np.empty(MAX_PIECE)

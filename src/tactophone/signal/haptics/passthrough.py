@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand, Prediction, Touch
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.oscillator import MAX_PIECE, NEGLIGIBLE, RAMP, STALE_AFTER, Renderer
+from tactophone.signal.haptics.oscillator import COMMAND_STALE_AFTER, MAX_PIECE, NEGLIGIBLE, RAMP, Renderer
 
 STEP_SIZE = 12
 """Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
@@ -47,7 +47,7 @@ RATIO = 3.0
 SHARPNESS = 0.5
 """Exponent on fast over slow level; 0: transients unchanged."""
 
-GAIN_DB = 24.0
+PASSTHROUGH_GAIN_DB = 24.0
 """Overall gain; a soft limiter (tanh) holds the result under the ceiling."""
 
 
@@ -146,7 +146,11 @@ class _Chain:
         rate = LIVE_SAMPLE_RATE / STEP_SIZE
         self._low, self._high = _Pole(limits.lowest, rate), _Pole(min(limits.highest, 0.2 * rate), rate)
         self._fast, self._slow = _Pole(1 / (2 * math.pi * 2e-3), rate), _Pole(1 / (2 * math.pi * 40e-3), rate)
-        self._threshold, self._gain, self._ceiling = 10 ** (threshold_dbfs / 20), 10 ** (GAIN_DB / 20), limits.ceiling
+        self._threshold, self._gain, self._ceiling = (
+            10 ** (threshold_dbfs / 20),
+            10 ** (PASSTHROUGH_GAIN_DB / 20),
+            limits.ceiling,
+        )
 
     def step(self, value: float) -> float:
         band = self._high.step(value - self._low.step(value))
@@ -238,7 +242,7 @@ class PassthroughRenderer(Renderer):
         super().__init__(limits)
         self._passthrough, self._pull = passthrough, pull
         self.latency = passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
-        self._timeout = round(STALE_AFTER * LIVE_SAMPLE_RATE)
+        self._timeout = round(COMMAND_STALE_AFTER * LIVE_SAMPLE_RATE)
         self._decay = np.exp(-np.arange(1, MAX_PIECE + 1) / (RAMP * LIVE_SAMPLE_RATE)).astype(np.float32)
         self.reset()
 

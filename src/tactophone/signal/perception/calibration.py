@@ -33,8 +33,8 @@ from tactophone.signal.perception.health import (
     SignalStatistics,
 )
 from tactophone.signal.perception.levels import LoudnessRule
-from tactophone.signal.perception.noise_floor import HOLD, measure_floor
-from tactophone.signal.perception.noise_floor import WINDOW as LEVEL_WINDOW
+from tactophone.signal.perception.noise_floor import FLOOR_HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
@@ -107,16 +107,16 @@ class Calibration:
             raise ConfigError(f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}") from None
 
 
-WINDOW = 0.256
+CALIBRATION_WINDOW = 0.256
 """Seconds over which the paper's gate measures the level."""
 
-TAIL = 0.2
+LEVEL_TAIL = 0.2
 """Share of the levels of silence, the loudest, that the threshold is extrapolated from."""
 
-OVERLAP = 8
+SPECTRUM_OVERLAP = 8
 """Levels measured within the duration of one, to use the few seconds fully."""
 
-DRIFT_DB = 0.5
+CALIBRATION_DRIFT_DB = 0.5
 """Noise floors change by as much from one minute to the next."""
 
 CLEARANCE_DB = 3.0
@@ -128,7 +128,7 @@ HEADROOM_DB = 6.0
 FAINT_DBFS = -30.0
 """A peak under this wastes more than four of the converter's bits and lets its noise in."""
 
-CLIPPED_SHARE = 2e-3
+CALIBRATION_CLIPPED_SHARE = 2e-3
 """Of the samples of a half second: single peaks may touch full scale."""
 
 RESTLESS_DB = 6.0
@@ -202,7 +202,7 @@ def measure_calibration(
         sample_rate=sounds.sample_rate,
         false_alarms_per_minute=false_alarms_per_minute,
         threshold_dbfs=gate_threshold(sounds, false_alarms_per_minute),
-        window_dbfs=level_threshold(sounds, WINDOW, false_alarms_per_minute),
+        window_dbfs=level_threshold(sounds, CALIBRATION_WINDOW, false_alarms_per_minute),
         floor_dbfs=_median(statistics.level_dbfs for statistics in silence),
         hum_dbfs=_median(statistics.hum_dbfs for statistics in silence),
         stroke_dbfs=_median(statistics.level_dbfs for statistics in touching),
@@ -225,18 +225,18 @@ def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) ->
 
 def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float) -> float:
     """Return the level in dBFS, measured over ``duration`` s, that silence reaches this often a minute."""
-    powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=OVERLAP)
-    loud = np.quantile(powers, 1 - TAIL)
+    powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=SPECTRUM_OVERLAP)
+    loud = np.quantile(powers, 1 - LEVEL_TAIL)
     excess = float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0
     # The mean of so few excesses is uncertain: one standard error, that of exponential values, is added.
-    excess *= 1 + 1 / math.sqrt(TAIL * len(sounds.silence) / (duration * sounds.sample_rate))
-    chance = min(TAIL, false_alarms_per_minute * duration / 60)
-    return round(_dbfs(float(loud) + excess * math.log(TAIL / chance)) + DRIFT_DB, 2)
+    excess *= 1 + 1 / math.sqrt(LEVEL_TAIL * len(sounds.silence) / (duration * sounds.sample_rate))
+    chance = min(LEVEL_TAIL, false_alarms_per_minute * duration / 60)
+    return round(_dbfs(float(loud) + excess * math.log(LEVEL_TAIL / chance)) + CALIBRATION_DRIFT_DB, 2)
 
 
 def _banded_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
     """Return the gate's threshold by the rule ``banded``; infinite where the silence was not steady."""
-    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + HOLD) / 60)
+    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + FLOOR_HOLD) / 60)
     block = AudioBlock(sounds.silence, sounds.sample_rate)
     floor = measure_floor([block], sample_rate=sounds.sample_rate, rule="banded", false_alarms=share)
     return round(floor.threshold_dbfs, 2) if floor.known else math.inf
@@ -272,7 +272,7 @@ def _gain_db(stroke: FloatArray, channel: int) -> int:
 
 def _faults(sounds: CalibrationSounds, calibration: Calibration, gain_db: Sequence[int]) -> Iterator[Finding]:
     """Yield the faults that the run-time detector finds in the three sounds, by a stricter limit for clipping."""
-    reference = Reference(calibration.window_dbfs, calibration.floor_dbfs, clipped=CLIPPED_SHARE)
+    reference = Reference(calibration.window_dbfs, calibration.floor_dbfs, clipped=CALIBRATION_CLIPPED_SHARE)
     detector = FaultDetector(sounds.sample_rate, reference)
     found = _faults_over_time(detector, np.concatenate([sounds.silence, sounds.stroke]))
     # Taps may be as hard as the user likes: that they clip is no fault.
@@ -299,7 +299,9 @@ def _weaknesses(
     sounds: CalibrationSounds, calibration: Calibration, silence: Sequence[ChannelStatistics], gain_db: Sequence[int]
 ) -> Iterator[Finding]:
     """Yield what is wrong with the recordings, and what could be better in the set-up."""
-    levels = 10 * np.log10(np.maximum(_powers(sounds.silence[:, CONTACT], round(WINDOW * sounds.sample_rate)), 1e-12))
+    levels = 10 * np.log10(
+        np.maximum(_powers(sounds.silence[:, CONTACT], round(CALIBRATION_WINDOW * sounds.sample_rate)), 1e-12)
+    )
     if levels.max() > np.median(levels) + RESTLESS_DB:
         yield Finding(
             "restless", "the silence was not silent: keep the finger and the table still, and calibrate again"

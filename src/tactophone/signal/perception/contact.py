@@ -19,9 +19,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
 from tactophone.signal.perception.levels import LoudnessRule, StepLevels
-from tactophone.signal.perception.noise_floor import RATE, WINDOW, NoiseFloor
+from tactophone.signal.perception.noise_floor import FLOOR_WINDOW, RATE, NoiseFloor
 
-FAST, SLOW = 0.004, WINDOW
+FAST, SLOW = 0.004, FLOOR_WINDOW
 """Seconds that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
 
 CLEAR_DB = 5.0
@@ -31,10 +31,10 @@ RELEASE_DB = 0.5
 """Margin under a fixed threshold at which the slow level closes the gate. One measured in silence is 1.9 dB over noise
 that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a touch open."""
 
-SHORTEST = 0.03
+SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
 
-HEARTBEAT = 1 / RATE
+GATE_HEARTBEAT = 1 / RATE
 """Seconds between two reports while nothing changes: downstream, no report means that something has stopped."""
 
 MOST_STEPS = 64
@@ -107,8 +107,8 @@ class ContactGate:
         self._levels = StepLevels(rule, sample_rate=sample_rate)
         self._sample_rate = sample_rate
         count = self._levels.count
-        self._fast, self._slow, self._heartbeat = count(FAST), count(SLOW), count(HEARTBEAT)
-        self._shortest, self._hold = count(SHORTEST), count(hold)
+        self._fast, self._slow, self._heartbeat = count(FAST), count(SLOW), count(GATE_HEARTBEAT)
+        self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         # Powers of the steps that the slow level covers, then of those that wait and of new ones.
         self._powers = np.zeros(self._slow + self._heartbeat + MOST_STEPS)
         self._windows = sliding_window_view(self._powers[1:], self._slow)
@@ -137,7 +137,7 @@ class ContactGate:
             self._move(self.floor)
 
     def push(self, block: AudioBlock) -> list[Contact]:
-        """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT`` s."""
+        """Take sound; return each change of contact, and a heartbeat every ``GATE_HEARTBEAT`` s."""
         threshold = self.threshold
         if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
             # Another was assigned. The steps that wait are from before, and change nothing by the threshold in force.
@@ -220,7 +220,7 @@ class ContactGate:
         # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
         loud = slow >= self._open_from or fast >= self._clear_from
         if not loud and touching and not held:
-            # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST` at least.
+            # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST_GATED_TOUCH` at least.
             loud = slow >= self._close_under or (self._lasted < self._shortest and fast >= 0)
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.

@@ -28,7 +28,7 @@ from tactophone.signal.perception.health import InvalidSampleFilter
 from tactophone.signal.perception.levels import LOUDNESS
 from tactophone.signal.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
 from tactophone.signal.perception.noise_floor import NoiseFloor
-from tactophone.signal.perception.resample import LOWEST_RATE, Resampler, Windower
+from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler, Windower
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
 """A detector and the windows that it waits for, oldest first: the sample after the last, and the sound."""
@@ -134,9 +134,10 @@ class WindowDetector:
     """
 
     def __init__(self, model: Model, *, sample_rate: int) -> None:
-        if sample_rate < LOWEST_RATE:
+        if sample_rate < RESAMPLER_LOWEST_RATE:
             raise ModelError(
-                f"sound at {sample_rate} Hz, but models need {LOWEST_RATE} Hz or more; record at a higher rate"
+                f"sound at {sample_rate} Hz, but models need {RESAMPLER_LOWEST_RATE} Hz or more; "
+                "record at a higher rate"
             )
         card = self.card = model.card
         if card.kind not in KINDS:

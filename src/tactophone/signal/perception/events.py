@@ -31,7 +31,7 @@ STEPS_PER_SECOND = 400
 BANDS, LOWEST, HIGHEST = 24, 200.0, 12_000.0
 """Logarithmic bands, in Hz; a window of two steps resolves 200 Hz."""
 
-FLOOR = 1e-12
+EVENT_POWER_FLOOR = 1e-12
 """Power a band counts at least as, -120 dB: digital silence has no finite level."""
 
 RISE, FALL = 5.0, 15.0
@@ -41,10 +41,10 @@ quieter, and rises by 10 dB in a stroke of 2 s."""
 FLOOR_BIAS_DB = 2.0
 """A band's excess counts from so far over its floor: half way to the median of noise in a band of one bin."""
 
-SETTLED = 40
+EVENT_SETTLED = 40
 """Steps, 0.1 s, from which the floor is first taken: its quarter that is quietest."""
 
-HISTORY = 200
+EVENT_HISTORY = 200
 """Steps, half a second, of the adaptive threshold."""
 
 DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
@@ -130,8 +130,8 @@ class EventDetector:
         self._floor: Floats = np.zeros((self._band_count, self._channels))
         # Of each step: excess of its bands in contact, and the mean over the bands of each channel.
         self._bands: deque[Floats] = deque(maxlen=2)
-        self._means: deque[float] = deque(maxlen=HISTORY)
-        self._fluxes: deque[float] = deque(maxlen=HISTORY)
+        self._means: deque[float] = deque(maxlen=EVENT_HISTORY)
+        self._fluxes: deque[float] = deque(maxlen=EVENT_HISTORY)
         self._excess: deque[float] = deque([0.0] * SLIDING, SLIDING)
         # Of the newest rise, and of the newest that came out of rest.
         self._onset = self._landed = -CLASSIFIED_AFTER - 1
@@ -168,12 +168,12 @@ class EventDetector:
         """Return the level of each band and channel over a window, of which the last half is new."""
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
         bands = np.add.reduceat(spectrum, self._edges, axis=0)[: self._band_count] / np.square(len(sound))
-        return np.asarray(10 * np.log10(bands + FLOOR))
+        return np.asarray(10 * np.log10(bands + EVENT_POWER_FLOOR))
 
     def _find_onset(self, level: Floats) -> list[TouchEvent]:
-        if self._count < SETTLED:
+        if self._count < EVENT_SETTLED:
             self._first_levels.append(level)
-            if len(self._first_levels) == SETTLED:
+            if len(self._first_levels) == EVENT_SETTLED:
                 self._floor = np.quantile(self._first_levels, 0.25, axis=0)
             return []
         self._floor += np.where(level > self._floor, RISE, -FALL) / STEPS_PER_SECOND
@@ -255,7 +255,7 @@ class EventDetector:
             self._background = self._background + rate * (level - self._background)
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._landed > CLASSIFIED_AFTER
-        if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > HISTORY // 2:
+        if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > EVENT_HISTORY // 2:
             self._sliding, self._still = True, 0
             kind = "stroke" if self._touched_down else "slip"
             self._touched_down = False

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 EDGES = np.geomspace(100, 7000, 13)
 """Bounds of the bands in Hz; the resampler's own low-pass begins over the highest."""
 
-SPACING = 3
+FIT_SPACING = 3
 """Every third window is taken, one in 30 ms: they hardly overlap."""
 
 LEAST, EVERY, LONG = 15, 8, 60
@@ -60,7 +60,7 @@ RANGE_DB = 40.0
 """So far under a channel's loudest band, levels are not told apart."""
 
 SOFT, HARD = ("rubber", "pad"), ("plastic", "stylus")
-TIPS = SOFT + HARD
+FIT_TIPS = SOFT + HARD
 """Kinds of tip. Within a kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing
 under a pad sounds like a hard one under rubber."""
 
@@ -128,7 +128,7 @@ class FitCheck:
     def push(self, sound: FloatArray, *, touching: bool) -> None:
         """Take the next window, ``(channels, samples)``."""
         self._number += 1
-        if self._number % SPACING:
+        if self._number % FIT_SPACING:
             return
         level = self._band_levels(sound)
         if level.max() < SILENT_DB:
@@ -204,7 +204,7 @@ class FitCheck:
     def _cut_off(self) -> float:
         """Return the frequency over which each channel lacks what touch has under this tip; 0 if there is none."""
         levels = self._levels()
-        means = _tips()[f"{self._microphones()}-means"][TIPS.index(self._tip)]
+        means = _tips()[f"{self._microphones()}-means"][FIT_TIPS.index(self._tip)]
         off = levels - means[: levels.size].reshape(levels.shape)
         for band in range(LEAST_BANDS, off.shape[1]):
             if (off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB).all():
@@ -218,7 +218,7 @@ class FitCheck:
         likelihoods = -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1) / 2
         soft = np.arange(len(means)) < len(SOFT)
         others = soft != (self._tip in SOFT)
-        others[TIPS.index("pad")] |= self._tip == "rubber" and microphones == "both"
+        others[FIT_TIPS.index("pad")] |= self._tip == "rubber" and microphones == "both"
         likeliest, (least, farthest) = likelihoods[others].max(), ANOTHER[microphones]
         ratio = likeliest - likelihoods[~others].max()
         self._against = self._against + 1 if ratio > least and likeliest > -farthest else 0

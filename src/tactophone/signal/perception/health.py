@@ -77,7 +77,7 @@ class InvalidSampleFilter:
         return bool(len(self._found)) and bool(self._found[0] < end)
 
 
-CELL = 0.125
+HEALTH_CELL = 0.125
 """Seconds between two measures."""
 
 CELLS = 4
@@ -86,18 +86,18 @@ CELLS = 4
 MAINS = (50, 60)
 """Hz."""
 
-LOWEST_DBFS = -150.0
+FAINTEST_DBFS = -150.0
 """Level of digital silence: under the last bit of any converter, and still finite."""
 
 _BASS_RATE = 1000
 _TREBLE_STEPS = 8
-LOWEST_RATE = _BASS_RATE * _TREBLE_STEPS
+TREBLE_LOWEST_RATE = _BASS_RATE * _TREBLE_STEPS
 """Hz, of sound that can be measured."""
 _HARMONICS = 7
 FULL_SCALE = 0.999
 """From here a sample is at full scale; the page's lamps have the same figure (``faces/web/static/meter.js``)."""
 
-CLIPPED_SHARE = 5e-3
+FAULT_CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
 
 _LOUD = 0.1
@@ -144,8 +144,8 @@ class SignalStatistics:
 
     def __init__(self, sample_rate: int) -> None:
         self._rate = sample_rate
-        self._decimation = max(1, sample_rate // LOWEST_RATE)
-        self.cell_size = round(CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
+        self._decimation = max(1, sample_rate // TREBLE_LOWEST_RATE)
+        self.cell_size = round(HEALTH_CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
         self.reset()
 
     def push(self, block: AudioBlock) -> list[ChannelStatistics]:
@@ -244,7 +244,7 @@ def _correlation(treble: NDArray[np.float64]) -> float:
 
 
 def _dbfs(power: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple((10 * np.log10(np.maximum(power, 10 ** (LOWEST_DBFS / 10)))).tolist())
+    return tuple((10 * np.log10(np.maximum(power, 10 ** (FAINTEST_DBFS / 10)))).tolist())
 
 
 RAISE_AFTER = 3
@@ -334,13 +334,13 @@ class Reference:
 
 UNCALIBRATED = Reference()
 
-SILENCE_DBFS = -90.0
+DEAD_DBFS = -90.0
 """No microphone and preamplifier is so quiet, but three steps of a 16-bit converter are."""
 
 DEAD_DROP_DB = 20.0
 """Under the calibrated floor: a room may fall silent, but a microphone's own noise does not."""
 
-OFFSET = 0.05
+FAULT_OFFSET = 0.05
 """Of full scale: -26 dBFS, the level of the paper's contact threshold."""
 
 HUM_RISE_DB = 8.0
@@ -420,16 +420,18 @@ class FaultDetector:
 def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[SensorFault, bool | None]:
     """Return whether the sign of each fault is present; ``None`` where it is hidden by the sound or another fault."""
     channels = range(len(statistics.level_dbfs))
-    if max(statistics.level_dbfs) < SILENCE_DBFS and reference == UNCALIBRATED:
+    if max(statistics.level_dbfs) < DEAD_DBFS and reference == UNCALIBRATED:
         # Files and paused sources are digital silence too; only a calibration gives the level of silence here.
         return dict.fromkeys(FAULTS)
     found: dict[SensorFault, bool | None] = {}
     for channel in channels:
-        dead = statistics.level_dbfs[channel] < SILENCE_DBFS
+        dead = statistics.level_dbfs[channel] < DEAD_DBFS
         clipped = statistics.clipped[channel] > reference.clipped
         found[SensorFault(FaultKind.DEAD, channel)] = dead
         found[SensorFault(FaultKind.CLIPPED, channel)] = None if dead else clipped
-        found[SensorFault(FaultKind.OFFSET, channel)] = None if clipped else abs(statistics.offset[channel]) > OFFSET
+        found[SensorFault(FaultKind.OFFSET, channel)] = (
+            None if clipped else abs(statistics.offset[channel]) > FAULT_OFFSET
+        )
     paired = len(channels) > 1 and not any(found.values())
     alike = paired and abs(statistics.correlation) > MAX_CORRELATION
     swapped = paired and not alike and _swapped(statistics, reference)
@@ -437,7 +439,7 @@ def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[Sens
         hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
         found[SensorFault(FaultKind.HUM, channel)] = None if hidden else _shows_hum(statistics, reference, channel)
         if not hidden:
-            alive_from = max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
+            alive_from = max(DEAD_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
             found[SensorFault(FaultKind.DEAD, channel)] = statistics.level_dbfs[channel] < alive_from
     if len(channels) > 1:
         hidden = alike or swapped or any(found.values())

@@ -22,7 +22,7 @@ from tactophone.signal.perception.health import find_invalid
 
 LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
 
-SILENCE_DBFS = -200.0
+ZERO_DBFS = -200.0
 """Replaces minus infinity, so that levels stay finite: below the least step of 24 bit sound (-138 dBFS)."""
 
 
@@ -73,7 +73,7 @@ def _taper(size: int) -> NDArray[np.float64]:
 
 def _dbfs(amplitude: float) -> float:
     # Rounded to an inaudible 1e-6 dB, so that levels compare equal whatever the order of summation.
-    return max(SILENCE_DBFS, round(20 * math.log10(amplitude), 6)) if amplitude > 0 else SILENCE_DBFS
+    return max(ZERO_DBFS, round(20 * math.log10(amplitude), 6)) if amplitude > 0 else ZERO_DBFS
 
 
 LARGEST_PIECE = 512

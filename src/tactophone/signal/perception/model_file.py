@@ -262,13 +262,13 @@ MAX_FEATURES = 100_000
 MAX_DURATION = 10.0
 """Seconds of a window or a hop."""
 
-PROBE_TIMEOUT = 5.0
+MODEL_PROBE_TIMEOUT = 5.0
 """Seconds for all inferences at reading."""
 
 SLOWEST = 0.25
 """Seconds of processor time for one inference; the live system has a hundredth of a second."""
 
-TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
+MODEL_TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
@@ -359,7 +359,7 @@ def printable(value: Any) -> Any:
 
 
 def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> None:
-    """Raise `ValueError` unless the network maps the card's windows to one row of classes, within `PROBE_TIMEOUT`."""
+    """Raise `ValueError` unless the network maps a window to one row of classes, within `MODEL_PROBE_TIMEOUT`."""
     inputs = {each.name: each for each in session.get_inputs()}
     outputs = {each.name: each.type for each in session.get_outputs()}
     stateful = len(inputs) > 1
@@ -404,16 +404,16 @@ def _probe(session: "onnxruntime.InferenceSession", names: Sequence[str], zeros:
                 begun = time.thread_time()
                 results.append(session.run(names, zeros | {SOUND: noise} | touch, options))
                 if (taken := time.thread_time() - begun) > SLOWEST:
-                    failures.append(TOO_SLOW.format(taken))
+                    failures.append(MODEL_TOO_SLOW.format(taken))
         except Exception as error:  # ONNX Runtime raises a dozen types of its own
             failures.append(str(error).strip().partition("\n")[0][:160])
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    thread.join(PROBE_TIMEOUT)
+    thread.join(MODEL_PROBE_TIMEOUT)
     options.terminate = True
     if thread.is_alive():
-        raise ValueError(f"one inference takes over {PROBE_TIMEOUT:g} s")
+        raise ValueError(f"one inference takes over {MODEL_PROBE_TIMEOUT:g} s")
     if failures:
         raise ValueError(f"its network cannot run ({failures[0]})")
     if len({tuple(np.shape(each) for each in result) for result in results}) > 1:
@@ -466,7 +466,7 @@ class Engine:
         begun = time.thread_time()  # which stands still while this thread has to wait
         self._session.run_with_iobinding(binding)
         if (taken := (time.thread_time() - begun) / len(sound)) > SLOWEST:
-            raise ModelError(f"{TOO_SLOW.format(taken)}; choose another with --model")
+            raise ModelError(f"{MODEL_TOO_SLOW.format(taken)}; choose another with --model")
         if STATE in arrays:
             for row, state in zip(arrays[STATE_OUT], states, strict=True):
                 state[:] = row

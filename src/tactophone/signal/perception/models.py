@@ -12,7 +12,7 @@ from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
-from tactophone.signal.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
+from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 
 TIP_MODELS: Mapping[str, str] = MappingProxyType(
     {"rubber": "rubber", "pad": "texture", "plastic": "plastic", "stylus": "stylus"}
@@ -128,5 +128,5 @@ def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool 
         spread_db = SPREAD_DB[contact.rule]
         floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
         detector.floor = NoiseFloor(contact.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
-    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=HOLD)
+    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=FLOOR_HOLD)
     return TouchDetector(detector, gate, window=detector.card.duration)

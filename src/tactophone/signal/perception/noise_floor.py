@@ -36,7 +36,7 @@ RATE = 100
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
-HOLD = 0.1
+FLOOR_HOLD = 0.1
 """Seconds that a touch is held over silence within it, and that a false alarm therefore lasts at least."""
 
 RELEASE_SHARE = 0.2
@@ -45,7 +45,7 @@ RELEASE_SHARE = 0.2
 START_RELEASE_DB = 3.0
 """The same in dB until the floor is known."""
 
-CELL = 20
+FLOOR_CELL = 20
 """Levels, 0.2 s, that are evaluated together."""
 
 STEADY_CELLS = 5
@@ -86,16 +86,16 @@ LEAST_DB, MOST_DB = 0.3, 2.5
 HEAVY_TAIL = 10.0
 """How many times as often as gamma noise real noise with hum, motors and a room exceeds a level."""
 
-DRIFT_DB = 0.5
+FLOOR_DRIFT_DB = 0.5
 """Noise floors change by as much from one minute to the next."""
 
 LOWEST_DBFS, HIGHEST_DBFS = -90.0, -12.0
 """Bounds of the threshold: under the noise of good converters, and where no touch could be louder than noise."""
 
-SILENT_DBFS = -120.0
+FLOOR_SILENT_DBFS = -120.0
 """Level under which there is no microphone: the last bit of 16 is at -98 dBFS."""
 
-WINDOW = 0.032
+FLOOR_WINDOW = 0.032
 """Seconds that one level covers."""
 
 
@@ -142,13 +142,13 @@ class NoiseFloor:
 
     def push(self, level_dbfs: float, *, touching: bool) -> None:
         """Take the next level; NaN stands for sound that is not to be used."""
-        if not level_dbfs > SILENT_DBFS:  # also where it is NaN
+        if not level_dbfs > FLOOR_SILENT_DBFS:  # also where it is NaN
             self._cell, self._touched = [], False
             self._recent.clear()
             return
         self._cell.append(level_dbfs)
         self._touched |= touching
-        if len(self._cell) < CELL:
+        if len(self._cell) < FLOOR_CELL:
             return
         mean, spread = statistics.fmean(self._cell), statistics.pstdev(self._cell)
         touched, cell = self._touched, self._cell
@@ -162,7 +162,7 @@ class NoiseFloor:
 
     def _learn_from_steady(self, mean: float) -> None:
         """Take a steady level as the floor: at the start, or where contact has lasted for too long to be one."""
-        waited = self._contact_cells * CELL / RATE
+        waited = self._contact_cells * FLOOR_CELL / RATE
         enough = KNOWN_AGAIN if mean < self._highest + SAME_DB else LONGEST_TOUCH
         least = STEADY_CELLS if self.known else START_CELLS
         if is_steady(self._recent, spread_db=self._spread_db, least=least) and (not self.known or waited >= enough):
@@ -194,17 +194,18 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     """Return how far over its mean, in dB, noise is contact for a share of the time.
 
     The power of noise is gamma distributed, with a shape that follows from the standard deviation of its level; its
-    quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts `HOLD` at least.
+    quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts
+    at least `FLOOR_HOLD`.
 
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
     (2.12, 4.78)
     """
     spread_db = max(spread_db, LEAST_DB)
     shape = (10 / math.log(10) / spread_db) ** 2
-    chance = false_alarms * WINDOW / (WINDOW + HOLD) / HEAVY_TAIL
+    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + FLOOR_HOLD) / HEAVY_TAIL
     z = statistics.NormalDist().inv_cdf(1 - chance)
     ninth = 1 / (9 * shape)
-    return DRIFT_DB + 30 * math.log10(1 - ninth + z * math.sqrt(ninth))
+    return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + z * math.sqrt(ninth))
 
 
 def is_steady(cells: Sequence[tuple[float, float]], *, spread_db: float, least: int = STEADY_CELLS) -> bool:
@@ -229,7 +230,7 @@ UNDER_DB, MOST_UNDER = 3.0, 0.02
 """Nothing is quieter than silence: the share of levels that may lie so far under the floor. Of steady simulated noise
 none does; a stroke that was steady for a moment has quieter ones before and after."""
 
-FADE = 10
+FLOOR_FADE = 10
 """Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter than silence."""
 
 
@@ -257,7 +258,7 @@ def measure_floor(
     ``false_alarms`` is the wanted share of the time without contact that counts as contact.
     """
     levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
-    parts = (levels[at : at + CELL] for at in range(0, len(levels) - CELL + 1, CELL // 2))
+    parts = (levels[at : at + FLOOR_CELL] for at in range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2))
     cells = [(statistics.fmean(part), statistics.pstdev(part)) for part in parts]
     loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
@@ -265,7 +266,7 @@ def measure_floor(
     if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, _ in cells) + SAME_FLOOR_DB:
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     floor = statistics.fmean(mean for mean, _ in same)
-    inner = levels[FADE:-FADE]
+    inner = levels[FLOOR_FADE:-FLOOR_FADE]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread in same))
@@ -277,8 +278,8 @@ def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRul
     """Return the level over 32 ms in dBFS a hundred times a second, without digital silence."""
     steps = StepLevels(rule, sample_rate=sample_rate)
     powers = np.concatenate([np.zeros(0), *(steps.push(block) for block in blocks)])
-    if len(powers) < steps.count(WINDOW):
+    if len(powers) < steps.count(FLOOR_WINDOW):
         return []
-    totals = sliding_window_view(powers, steps.count(WINDOW))[:: steps.count(1 / RATE)].mean(axis=1).tolist()
+    totals = sliding_window_view(powers, steps.count(FLOOR_WINDOW))[:: steps.count(1 / RATE)].mean(axis=1).tolist()
     levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
-    return [level for level in levels if level > SILENT_DBFS]
+    return [level for level in levels if level > FLOOR_SILENT_DBFS]

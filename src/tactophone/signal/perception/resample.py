@@ -23,7 +23,7 @@ from tactophone.core.types import FloatArray
 
 ZERO_CROSSINGS = 6
 ROLL_OFF = 0.99
-LOWEST_RATE = 2000
+RESAMPLER_LOWEST_RATE = 2000
 
 
 class Resampler:
@@ -118,8 +118,8 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     >>> design_kernels(2000, 2000).tolist()
     [[1.0]]
     """
-    if min(input_rate, output_rate) < LOWEST_RATE:
-        raise ValueError(f"{input_rate} to {output_rate} Hz: both rates must be {LOWEST_RATE} Hz or more")
+    if min(input_rate, output_rate) < RESAMPLER_LOWEST_RATE:
+        raise ValueError(f"{input_rate} to {output_rate} Hz: both rates must be {RESAMPLER_LOWEST_RATE} Hz or more")
     if input_rate == output_rate:
         return np.ones((1, 1), np.float32)
     up = output_rate // math.gcd(input_rate, output_rate)

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone.faces.web.game import LIFTED, PITCH, WIDTH, Point, Round, RoundResult, read_results, within_reach
+from tactophone.faces.web.game import (
+    LIFTED_PRESSURE,
+    PITCH,
+    WIDTH,
+    Point,
+    Round,
+    RoundResult,
+    read_results,
+    within_reach,
+)
 
 SMOOTH, ROUGH = Touch.SMOOTH, Touch.ROUGH
 ORDER = (SMOOTH, ROUGH, SMOOTH, ROUGH, SMOOTH)
@@ -36,7 +45,7 @@ def test_back_and_forth_is_two_strokes_and_a_tap_is_none() -> None:
 
 def test_no_stroke_is_counted_in_the_air_or_across_a_gap() -> None:
     game = Round(ORDER, seed=0)
-    stroke(game, np.linspace(0.02, 0.5, 100), force=LIFTED)
+    stroke(game, np.linspace(0.02, 0.5, 100), force=LIFTED_PRESSURE)
     stroke(game, np.linspace(0.08, 0.113, 10))
     assert game.strokes == [0] * 5
 
@@ -46,14 +55,14 @@ def test_a_choice_of_two_is_scored(choices: list[int], correct: int) -> None:
     game = Round(ORDER, seed=3)
     stroke(game, np.linspace(0.02, 0.06, 20))
     game.round_trips += [0.05, 0.07, 0.3]
-    result = game.finish(choices, Point(12.5, 0, 0, LIFTED), finished="now")
+    result = game.finish(choices, Point(12.5, 0, 0, LIFTED_PRESSURE), finished="now")
     assert (result.correct, result.duration, result.seed, result.round_trip) == (correct, 12.5, 3, 0.07)
 
 
 @pytest.mark.parametrize("choices", [[], [1], [1, 1], [0, 1, 2], [1, 5], [-1, 2]])
 def test_anything_but_two_stones_is_refused(choices: list[int]) -> None:
     with pytest.raises(ValueError, match="two of the stones"):
-        Round(ORDER, seed=0).finish(choices, Point(1, 0, 0, LIFTED), finished="now")
+        Round(ORDER, seed=0).finish(choices, Point(1, 0, 0, LIFTED_PRESSURE), finished="now")
 
 
 def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(tmp_path: Path) -> None:
@@ -69,7 +78,7 @@ def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(tmp_pat
 
 @pytest.mark.parametrize("force", [0.0, -3.0, float("nan")])
 def test_no_pressure_lifts_the_finger(force: float) -> None:
-    assert within_reach(0.1, 0.1, force, now=0).force == LIFTED
+    assert within_reach(0.1, 0.1, force, now=0).force == LIFTED_PRESSURE
 
 
 def test_requests_are_clipped_to_the_box_and_to_a_hands_force() -> None:
@@ -80,8 +89,11 @@ def test_requests_are_clipped_to_the_box_and_to_a_hands_force() -> None:
 def test_the_track_has_the_truth_under_the_finger() -> None:
     game = Round(ORDER, seed=0)
     game.touch(Point(5.0, PITCH + 0.02, 0.03, 2.0))
-    game.touch(Point(5.1, PITCH + 0.02, 0.03, LIFTED))
-    assert game.track(4.0).tolist() == [[1.0, PITCH + 0.02, 0.03, 2.0, ROUGH], [5.1 - 4, PITCH + 0.02, 0.03, LIFTED, 0]]
+    game.touch(Point(5.1, PITCH + 0.02, 0.03, LIFTED_PRESSURE))
+    assert game.track(4.0).tolist() == [
+        [1.0, PITCH + 0.02, 0.03, 2.0, ROUGH],
+        [5.1 - 4, PITCH + 0.02, 0.03, LIFTED_PRESSURE, 0],
+    ]
 
 
 def test_lines_that_are_not_text_are_passed_over(tmp_path: Path) -> None:
