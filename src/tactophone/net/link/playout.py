@@ -13,7 +13,7 @@ holds the clock ratio to a few ppm (both measured).
 
 The margin is one packet, the block to render, and an allowance for jitter: the lateness that 1 packet in 1000 exceeds,
 learned during `PLAYOUT_WARM_UP` before anything is played. It grows as soon as 1 packet in 250 is too late, and shrinks
-when half of it was enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`, a ninth of the
+when half was enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`, a ninth of the
 smallest change of frequency that a finger notices (Pongrac 2008). Only an error above `JUMP` sets the position anew.
 """
 
