@@ -41,12 +41,11 @@ OBJECTS = ("smooth competition stone", "20", "whiteboard", "lava stone")
 @dataclass(frozen=True)
 class Row:
     quantity: str
-    goal: str
     measured: str
     other_systems: str = ""
 
     def __str__(self) -> str:
-        return f"| {self.quantity} | {self.goal} | {self.measured} | {self.other_systems} |"
+        return f"| {self.quantity} | {self.measured} | {self.other_systems} |"
 
 
 def noise(duration: float) -> FloatArray:
@@ -72,13 +71,11 @@ def delay_after_loss() -> Iterator[Row]:
         predicted += [(step * 0.005, now + 0.002 - start_time - event.block.end / RATE) for event in decoded]
         playout.pull(now=now + 0.002)
         played.append((step * 0.005, delay_of(playout.controller, now)))
-    goals = "+ <= 1 ms", "+ <= 10 ms, back within 5 s"
-    for name, delays, goal in zip(("predictions", "playout"), (predicted, played), goals, strict=True):
+    for name, delays in (("predictions", predicted), ("playout", played)):
         before, during, after = (median(delays, span) for span in ((5, 10), (65, 70), (74, 75)))
         worst = float(np.quantile([delay for when, delay in delays if 60 <= when < 70], 0.99))
         yield Row(
             f"change of delay after 60 s at 5 % loss, {name}",
-            goal,
             f"{1e3 * (during - before):+.2f} ms (p99 {1e3 * (worst - before):+.1f}), "
             f"{1e3 * (after - before):+.2f} ms 5 s later",
             "aiortc +200 ms, permanent",
@@ -126,7 +123,6 @@ def received_but_not_used() -> Iterator[Row]:
     share = stats.packets_late / stats.packets_received
     yield Row(
         "received but not used, 5 % loss, 0-30 ms jitter, playout",
-        "<= 0.5 %",
         f"{share:.2%} at {1e3 * delay_of(playout.controller, now):.0f} ms of delay",
         "aiortc 21 %",
     )
@@ -154,7 +150,6 @@ def skewed_clocks() -> Iterator[Row]:
         settled = np.array(delays[len(delays) // 100 :])
         yield Row(
             f"clock skew {ppm:+d} ppm over 8 h, 2 ms jitter",
-            "no under- or overrun, delay within 2 ms",
             f"delay within {1e3 * np.ptp(settled):.2f} ms; {late} of {count} packets late ({late / count:.3%})",
             "zita-style loop: unstable",
         )
@@ -200,18 +195,15 @@ def decisions(steps: list[tuple[float, PipelineStep]], duration: float) -> np.nd
 def equal_decisions(sound: FloatArray, model: str) -> Iterator[Row]:
     duration = len(sound) / RATE
     clean = decisions(run_link(sound, NetworkProfile(), model)[0], duration)
-    lines = [(f"{loss:.0%} random loss", NetworkProfile(loss=loss), goal) for loss, goal in LOSSES.items()]
-    lines.append(("bursts (Gilbert-Elliott, mean 5 packets, 5 %)", NetworkProfile(loss=0.05, burst=5), 95.0))
-    for name, profile, goal in lines:
+    lines = [(f"{loss:.0%} random loss", NetworkProfile(loss=loss)) for loss in (0.01, 0.05, 0.1, 0.2)]
+    lines.append(("bursts (Gilbert-Elliott, mean 5 packets, 5 %)", NetworkProfile(loss=0.05, burst=5)))
+    for name, profile in lines:
         steps, operator = run_link(sound, profile, model)
         same = float((decisions(steps, duration) == clean).mean())
         counters = operator.counters
         recovered = counters["packets_recovered"] / max(1, counters["packets_lost"])
         measured = f"{same:.1%} ({recovered:.0%} of the lost packets recovered)"
-        yield Row(f"equal decisions, {name}", f">= {goal:g} %", measured)
-
-
-LOSSES = {0.01: 99.5, 0.05: 98.0, 0.1: 95.0, 0.2: 90.0}
+        yield Row(f"equal decisions, {name}", measured)
 
 
 def stall(sound: FloatArray, model: str) -> Iterator[Row]:
@@ -239,7 +231,6 @@ def stall(sound: FloatArray, model: str) -> Iterator[Row]:
         last = float(out[-1])
     yield Row(
         "stall of 200 ms",
-        "normal in <= 150 ms, no step > 0.02",
         f"normal in {1e3 * max(waits):.0f} ms at worst ({len(waits)} stalls), largest step {steepest:.4f}",
     )
 
@@ -249,7 +240,7 @@ def processor_time(sound: FloatArray, model: str) -> Iterator[Row]:
     start_time = time.process_time()
     run_link(sound, NetworkProfile(), model)
     share = (time.process_time() - start_time) / duration
-    yield Row("processor time, both ends together, 5 ms packets, without pauses", "<= 25 % of one core", f"{share:.1%}")
+    yield Row("processor time, both ends together, 5 ms packets, without pauses", f"{share:.1%} of one core")
 
 
 # -- attack ------------------------------------------------------------------------------------------------------------
@@ -274,7 +265,6 @@ def hostile(count: int) -> Iterator[Row]:
     lives = any(isinstance(event, DecodedAudio) for event in link.carry(now))
     yield Row(
         f"{count:,} hostile datagrams",
-        "none accepted, no crash, no change of state",
         f"{accepted} accepted, state {'unchanged' if unchanged else 'CHANGED'}, "
         f"session {'lives on' if lives else 'DEAD'}; {1e6 * spent / count:.1f} us each",
         "JackTrip: one ends the session",
@@ -319,7 +309,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=40.0, help="seconds of sound for the decisions")
     parser.add_argument("--datagrams", type=int, default=1_000_000, help="number of hostile datagrams")
     args = parser.parse_args()
-    print("| quantity | goal | measured | other systems |\n|---|---|---|---|")
+    print("| quantity | measured | other systems |\n|---|---|---|")
     for rows in (delay_after_loss(), received_but_not_used(), decided(args), skewed_clocks(), hostile(args.datagrams)):
         for row in rows:
             print(row, flush=True)
@@ -331,7 +321,7 @@ def decided(args: argparse.Namespace) -> Iterator[Row]:
         for rows in (equal_decisions, stall, processor_time):
             yield from rows(sound, args.model)
     except ModelError as error:
-        yield Row("decisions", "", f"not measured: {error}")
+        yield Row("decisions", f"not measured: {error}")
 
 
 if __name__ == "__main__":

@@ -30,8 +30,6 @@ UPDATES = 2_000
 RUNS = 7
 FEEL_DURATION = 120
 IMPORTS = 9
-MEDIAN_GOALS = {("texture", 1): "<= 0.45 ms", ("texture", 10): "<= 0.8 ms", ("paper", 1): "<= 0.75 ms"}
-"""Goals for the median of an update, by model and number of fingers."""
 CLOCKS = "wall", "processor"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
@@ -53,13 +51,13 @@ def main() -> None:
 def print_table(model: str, fingers: int) -> None:
     updates = [child("--child", "paced", "--model", model, "--fingers", str(fingers)) for _ in range(RUNS)]
     imports = [child("--child", "import") for _ in range(IMPORTS)]
-    speed, goal = feel_speed(model), MEDIAN_GOALS.get((model, fingers), "")
+    speed = feel_speed(model)
     rows = [
-        ("update, p50", goal, *(over_runs(updates, clock, 50) for clock in CLOCKS)),
-        ("update, p99", "<= 1.2 ms" * (fingers == 1), *(over_runs(updates, clock, 99) for clock in CLOCKS)),
-        ("`feel`, two channels at 48 kHz", ">= 20 x", f"{speed['wall']:.0f} x", f"{speed['processor']:.0f} x"),
-        ("memory, live side", "<= 120 MB", f"{max(update['memory_mb'] for update in updates):.0f} MB", ""),
-        ("`import tactophone`", "<= 0.3 s", f"{statistics.median(once['wall'] for once in imports):.3f} s",
+        ("update, p50", *(over_runs(updates, clock, 50) for clock in CLOCKS)),
+        ("update, p99", *(over_runs(updates, clock, 99) for clock in CLOCKS)),
+        ("`feel`, two channels at 48 kHz", f"{speed['wall']:.0f} x", f"{speed['processor']:.0f} x"),
+        ("memory, live side", f"{max(update['memory_mb'] for update in updates):.0f} MB", ""),
+        ("`import tactophone`", f"{statistics.median(once['wall'] for once in imports):.3f} s",
          f"{statistics.median(once['processor'] for once in imports):.3f} s"),
     ]  # fmt: skip
     hop_ms = 1000 * HOP_SIZE / RATE
@@ -67,7 +65,7 @@ def print_table(model: str, fingers: int) -> None:
         f"Model `{model}` on ONNX Runtime, fingers: {fingers}, {RUNS} x {UPDATES} updates at a hop of {hop_ms:.2f} ms, "
         "torch loaded: no.\n"
     )
-    print("| quantity | goal | wall | processor |\n|---|---|--:|--:|")
+    print("| quantity | wall | processor |\n|---|--:|--:|")
     for row in rows:
         print(f"| {' | '.join(row)} |")
 

@@ -165,12 +165,12 @@ def feel(browser: webdriver.Chrome, url: str) -> None:
     time.sleep(1)
 
 
-def row(name: str, seconds: list[float], goal: str) -> None:
+def row(name: str, seconds: list[float]) -> None:
     found = 1000 * np.array(seconds)
     missing = int(np.isnan(found).sum())
     found = found[np.isfinite(found)]
     p50, p95 = np.percentile(found, [50, 95]) if len(found) else (np.nan, np.nan)
-    print(f"| {name} | {len(found)} ({missing} missing) | {p50:.1f} | {p95:.1f} | {goal} |", flush=True)
+    print(f"| {name} | {len(found)} ({missing} missing) | {p50:.1f} | {p95:.1f} |", flush=True)
 
 
 def delays() -> None:
@@ -185,7 +185,7 @@ def delays() -> None:
                 touch, moment = changes.get(timeout=5)  # type: ignore[attr-defined]
                 if touch == Touch.ROUGH:
                     found.append(noted(browser, "play", moment) - moment)
-        row(f"command to {name}", found, "p50 25, p95 60")
+        row(f"command to {name}", found)
 
 
 def deadman() -> None:
@@ -203,7 +203,7 @@ def deadman() -> None:
                 killed = time.time()
                 found.append(noted(browser, "reset", killed) - killed)
                 browser.get("about:blank")
-    row("killed run to silent motors", found, f"200, {sum(f <= 0.2 for f in found)} of {len(found)} within")
+    row("killed run to silent motors", found)
 
 
 @contextlib.contextmanager
@@ -243,7 +243,7 @@ def microphone() -> None:
     played = played / 1000
     # Of each burst, the first call of the motor after it began.
     found = [float(played[played >= moment].min(initial=np.inf)) - moment for moment in loud[1:]]
-    row("microphone to another page's motor", [f if f < 0.5 else float("nan") for f in found], "p50 120")
+    row("microphone to another page's motor", [f if f < 0.5 else float("nan") for f in found])
 
 
 LOUD = """
@@ -311,7 +311,7 @@ def viewers() -> None:
             if count:
                 process.join()
     for count, totals in found.items():
-        row(f"latency of the run, {count} viewers", totals, "unchanged")
+        row(f"latency of the run, {count} viewers", totals)
 
 
 def game() -> None:
@@ -339,7 +339,7 @@ def game() -> None:
                 words = browser.find_element(By.ID, "delay").text
                 if words:
                     found.append(float(words.split(":")[1].split("ms")[0].strip().replace("\\u202f", "")) / 1000)
-    row("press to sound in the stone box", found, "p50 90")
+    row("press to sound in the stone box", found)
 
 
 def alone() -> None:
@@ -389,7 +389,7 @@ PARTS = {
 
 
 def main() -> None:
-    print("| from, to | count | p50 ms | p95 ms | goal ms |\n|---|---:|---:|---:|---|")
+    print("| from, to | count | p50 ms | p95 ms |\n|---|---:|---:|---:|")
     for name in sys.argv[1:] or PARTS:
         PARTS[name]()
 

@@ -4,7 +4,7 @@
     python benchmarks/scale.py --operators 1,2,4     # what each further operator of one robot costs the robot
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is that of both processes together,
-in percent of one core, the median of one-second stretches, with packets of 5 ms, for which its goals were set, and with
+in percent of one core, the median of one-second stretches, with packets of 5 ms and with
 those of the row; latency is from an impulse at all microphones to the vibration of the last finger. The operator's
 memory is what is resident (RSS) without the memory of the JACK server, which maps and locks it whole in every client;
 in brackets with it, and the proportional share (PSS). `ROWS` holds further settings: add to it what is to be measured
@@ -40,14 +40,6 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     from tactophone.net.link.udp import UdpSocket
     from tactophone.signal.pipeline import Hand, open_pipeline
 
-GOALS = {
-    1: ("25 %", "5.3 / 8", "110 MB", "0.1-0.6"),
-    2: ("", "", "", ""),
-    5: ("50 %", "5.8 / 9", "130 MB", "x 5"),
-    10: ("80 %", "6.5 / 11", "150 MB", "x 10"),
-}
-"""For 128-opus: of processor time with packets of 5 ms, latency p50 / p99 in ms, the operator's memory, and Mbit/s."""
-
 OPUS = ("link.codec=opus", "link.packet_duration=0.0025")
 LONG_PACKETS = ("link.codec=opus", "link.packet_duration=0.005")
 
@@ -76,10 +68,10 @@ def main() -> None:
                 print(robot_row(name, operators, each[operators], seconds=args.seconds), flush=True)
         return
     print(
-        "| fingers | settings | processor time, both ends, 5 ms packets | goal | as settings | p50 / p99 | goal "
-        "| missed | operator | goal | Mbit/s | goal | decisions |"
+        "| fingers | settings | processor time, both ends, 5 ms packets | as settings | p50 / p99 "
+        "| missed | operator | Mbit/s | decisions |"
     )
-    print("|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
+    print("|--:|---|--:|--:|--:|--:|--:|--:|---|")
     for name in args.rows.split(","):
         for fingers in map(int, args.fingers.split(",")):
             print(row(name, fingers, impulses=args.impulses, seconds=args.seconds), flush=True)
@@ -92,10 +84,9 @@ def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
         with_long_packets = running_cost(settings_of(fingers, LONG_PACKETS), server.name, seconds)
         cost = running_cost(settings, server.name, seconds)
         measured = measure(settings, Graph(server.name), impulses=impulses)
-    goals = GOALS.get(fingers, ("",) * 4) if name == "128-opus" else ("",) * 4
     cells = [
-        str(fingers), name, with_long_packets.shares, goals[0], cost.shares, latency(measured), goals[1],
-        str(measured.missed), cost.memory, goals[2], f"{cost.bitrate:.2f}", goals[3],
+        str(fingers), name, with_long_packets.shares, cost.shares, latency(measured),
+        str(measured.missed), cost.memory, f"{cost.bitrate:.2f}",
         "equal" if decisions_equal(fingers) else "DIFFERENT",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"

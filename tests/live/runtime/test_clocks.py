@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from benchmarks.kills import DAY, WallClock, left_by, running_link
+
+from tests.support.kills import DAY, WallClock, left_by, running_link
 
 pytestmark = pytest.mark.realtime
 

@@ -4,7 +4,8 @@ import random
 from pathlib import Path
 
 import pytest
-from benchmarks.kills import demonstration, kill, loopback
+
+from tests.support.kills import demonstration, kill, loopback
 
 pytestmark = pytest.mark.realtime
 

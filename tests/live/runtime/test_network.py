@@ -10,7 +10,6 @@ from typing import Self
 
 import pytest
 from benchmarks.failsafe import SILENT
-from benchmarks.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
 from tactophone.live.runtime.robot import Robot
 from tactophone.live.runtime.supervisor import ProcessInfo
@@ -18,6 +17,7 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.udp import UdpSocket
 from tests.models import write_tiny_model
+from tests.support.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
 from .live_system import LiveSystem, Strokes, eventually, housekept
 

@@ -212,7 +212,7 @@ class NetworkSettings:
 
 FAST_CHANGES: Mapping[str, int] = MappingProxyType({"batch_size": 1000, "least_steps": 500})
 """What the recipe ``paper-fast`` changes: smaller batches reach an equal score for a fifth of the processor time
-(`python benchmarks/training.py`), and five epochs of a few minutes of sound are too few to converge."""
+(`git show 7e771cb:benchmarks/training.py`), and five epochs of a few minutes of sound are too few to converge."""
 
 
 def network_settings(variant: Variant, *, reference_code: bool = False) -> NetworkSettings:

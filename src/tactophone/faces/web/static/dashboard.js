@@ -16,7 +16,7 @@ const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; feed.py sends 4 kHz
 const REWOUND = 0.5; // s; a jump back by more means another recording or run
 const CALM = 250; // ms between frames when the system asks for reduced motion
-const GOAL = 0.025; // s: the latency that a hand does not notice
+const IMMEDIATE = 0.025; // s: a hand does not notice less
 const VIEW = "tactophone-view";
 const STAGES = ["capture", "encode", "network", "playout", "decode", "detect", "render", "device"];
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
@@ -182,10 +182,10 @@ function showHealth(node, { link, output }, counters, gauges) {
   const loss = gauges.loss_ratio ?? ratio(counters.packets_lost, total);
   const word = loss > 0.05 ? "bad" : loss > 0.01 ? "fair" : "good";
   const jitter = gauges.jitter === null ? "" : `, ${milliseconds(gauges.jitter)} jitter`;
-  const late = gauges.latency_total > GOAL;
+  const late = gauges.latency_total > IMMEDIATE;
   const sentences = [
     [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, word],
-    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration, goal ${milliseconds(GOAL, 0)}.`, late ? "fair" : "good"],
+    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, late ? "fair" : "good"],
     [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
     [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
   ];

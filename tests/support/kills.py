@@ -138,9 +138,6 @@ def both_ends(folder: Path, name: str) -> KilledRun:
     return KilledRun(name, commands, logs)
 
 
-KINDS: Sequence[Callable[[Path, str], KilledRun]] = (demonstration, loopback, both_ends)
-
-
 def _noise(folder: Path, duration: float) -> Path:
     noise = np.random.default_rng(0).normal(0, 0.05, (round(48_000 * duration), 2))
     soundfile.write(folder / "noise.wav", noise, 48_000)

@@ -1,4 +1,4 @@
-"""Callers that mean harm, as values: for the tests of sessions, for fuzzing and for `benchmarks/attack.py`.
+"""Callers that mean harm, as values: for the tests of sessions and for fuzzing.
 
 They repeat what once ended the operator's process. Nothing here opens a socket.
 """
