@@ -1,6 +1,7 @@
 """What `tactophone feel --tip stylus` renders of real kinds that its model was not trained on.
 
     python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted [GROUP ...]] [--takes N]
+    ... [--save FILE] [--against FILE]
 
 (needs TACTOPHONE_RECORDINGS)
 
@@ -13,12 +14,19 @@ calibrated, beside what perfect calibration would measure on as few surfaces.
 With ``--distorted`` the kept takes pass besides through channels of `distortions`, which nothing is trained on: the
 ten, or those of each GROUP (``ten``, ``development``, ``kept``).
 ``--takes`` scores the first N of each surface alone; all are trained on.
+
+**The rule for a change.** ``--save`` writes the shares of each surface and channel. After a change of head, feature or
+penalty, ``--against`` compares with such a file, by a paired bootstrap over *surfaces*: windows and takes of a surface
+are right or wrong together. The change is kept only if the whole 90 % interval of its gain lies over 0; else the older
+design stays.
 """
 
 import argparse
+import json
 import os
 import tempfile
 from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,17 +72,33 @@ def rendered(model: Model, recording: Recording, take: TakePredictions) -> NDArr
     return np.asarray(decided_touches(take, model.card.decision)[newest])
 
 
+def left_out(
+    real: Dataset, simulated: Sequence[Recording], group: Callable[[Recording], str], folder: Path
+) -> Iterator[tuple[Model, list[Recording]]]:
+    """Yield for each group a model that is trained on the others, and the recordings of the group."""
+    for name in sorted({group(take) for take in real.recordings}):
+        kept = [take for take in real.recordings if group(take) != name]
+        yield train([*kept, *simulated], real, folder), [take for take in real.recordings if group(take) == name]
+
+
+def read_real() -> Dataset:
+    """Read the labelled surfaces of `lmt`, core and extended, with their kin."""
+    real = with_kin(
+        open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")), Path(__file__).with_name("lmt_kin.csv")
+    )
+    return real.where(lambda take: take.tier in ("core", "extended")).labelled()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("simulated", type=Path, nargs="*")
     parser.add_argument("--by", choices=("kin", "surface"), default="kin")
     parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
     parser.add_argument("--takes", type=int, default=1000)
+    parser.add_argument("--save", type=Path, metavar="FILE")
+    parser.add_argument("--against", type=Path, metavar="FILE")
     args = parser.parse_args()
-    real = with_kin(
-        open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")), Path(__file__).with_name("lmt_kin.csv")
-    )
-    real = real.where(lambda take: take.tier in ("core", "extended")).labelled()
+    real = read_real()
     simulated = [take for folder in args.simulated for take in open_dataset(folder).recordings]
     group = kin_of if args.by == "kin" else (lambda take: take.surface)
     groups = ["ten"] if args.distorted == [] else args.distorted or []
@@ -82,12 +106,10 @@ def main() -> None:
     counts: dict[str, Counts] = {name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels}
     plain: list[TakePredictions] = []
     with tempfile.TemporaryDirectory() as folder:
-        for left_out in sorted({group(take) for take in real.recordings}):
-            kept = [take for take in real.recordings if group(take) != left_out]
-            model = train(kept + simulated, real, Path(folder))
+        for model, takes in left_out(real, simulated, group, Path(folder)):
             predict = model_predictor(model, own_floor=True)
-            for take in real.recordings:
-                if group(take) == left_out and int(take.take or 0) <= args.takes:
+            for take in takes:
+                if int(take.take or 0) <= args.takes:
                     for name in channels:
                         heard = take if name == AS_IT_IS else distorted(take, name, Path(folder))
                         found = predict(heard)
@@ -95,6 +117,51 @@ def main() -> None:
                         counts[name][take.surface] += np.bincount(rendered(model, take, found), minlength=3)
     print_surfaces(real, counts[AS_IT_IS])
     print_channels(real, counts, groups)
+    print_calibration(plain)
+    shares = right_shares(real, counts)
+    if args.save:
+        args.save.write_text(json.dumps(shares))
+    if args.against:
+        print_gain(real, shares, json.loads(args.against.read_text()))
+
+
+Shares = Mapping[str, Mapping[str, float]]
+"""By channel and surface: how much of the time is rendered as the surface's label."""
+
+
+def right_shares(real: Dataset, counts: Mapping[str, Counts]) -> Shares:
+    label = {take.surface: take.label or 0 for take in real.recordings}
+    return {
+        channel: {name: float(count[label[name]] / count.sum()) for name, count in of_surface.items()}
+        for channel, of_surface in counts.items()
+    }
+
+
+def paired_gain(
+    rough: NDArray[np.bool_], gains: NDArray[np.float64], draws: int = 10_000
+) -> tuple[float, float, float]:
+    """Return the gain in balanced share and its 90 % interval, over surfaces drawn anew in either class."""
+    rng = np.random.default_rng(0)
+    classes = [gains[rough], gains[~rough]]
+    drawn = np.mean([each[rng.integers(len(each), size=(draws, len(each)))].mean(axis=1) for each in classes], axis=0)
+    return float(np.mean([each.mean() for each in classes])), *np.percentile(drawn, [5, 95]).tolist()
+
+
+def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
+    """Print by how much these shares are over older ones, as it is and in the mean of all channels, and the verdict."""
+    first = {take.surface: take for take in reversed(real.recordings)}
+    print("\n| against the older design | gain | 90 % over surfaces | kept |\n|---|--:|--:|---|")
+    for words, channels in ((AS_IT_IS, [AS_IT_IS]), ("mean of all channels", list(shares))):
+        for tiers in (("core",), ("core", "extended")):
+            names = sorted(name for name in shares[AS_IT_IS] if first[name].tier in tiers)
+            rough = np.array([first[name].label is Touch.ROUGH for name in names])
+            gains = [np.mean([shares[each][name] - older[each][name] for each in channels]) for name in names]
+            gain, low, high = paired_gain(rough, np.array(gains))
+            verdict = "yes" if low > 0 else "no"
+            print(f"| {words}, {' and '.join(tiers)} | {gain:+.3f} | {low:+.3f} to {high:+.3f} | {verdict} |")
+
+
+def print_calibration(plain: Sequence[TakePredictions]) -> None:
     for tiers in (("core",), ("core", "extended")):
         takes = [each for each in plain if each.recording.tier in tiers]
         shares, errors = unknown_shares(takes), (calibration_error(takes), *perfect_errors(takes))

@@ -106,19 +106,16 @@ def test_surfaces_of_little_importance_hardly_move_the_head() -> None:
     assert mixed == pytest.approx(alone, abs=0.15)
 
 
-@pytest.mark.parametrize("tip", IMPULSES)
-def test_impulses_are_all_of_the_stylus_and_half_of_plastic(tip: str) -> None:
+def test_half_of_the_head_of_a_hard_tip_rests_on_crest_and_clicks() -> None:
     rng = np.random.default_rng(0)
     surface = np.repeat(np.arange(10), 100)
     rough = surface % 2 == 1
     values = BAND_VALUES + 1
     features = rng.standard_normal((1000, 2 * values)) + 2 * rough[:, None]
     examples = Examples(features.astype(np.float32), rough, surface)
-    plain, hard = (fit_classifier(examples, channels=1, tip=each).weights[0] for each in ("", tip))
-    share, chosen = IMPULSES[tip]
-    impulses = np.isin(np.arange(2 * values) % values, chosen)
-    assert share == (1 if tip == "stylus" else 0.5)
-    assert hard[~impulses] == pytest.approx((1 - share) * plain[~impulses])
+    plain, hard = (fit_classifier(examples, channels=1, hard_tip=hard).weights[0] for hard in (False, True))
+    impulses = np.isin(np.arange(2 * values) % values, IMPULSES)
+    assert hard[~impulses] == pytest.approx(plain[~impulses] / 2)
     assert (hard[impulses] > plain[impulses]).all()
 
 

@@ -15,18 +15,15 @@ from numpy.typing import NDArray
 
 from tactophone.core.types import FloatArray
 from tactophone.lab.training.export import Floats, build_classifier_graph
-from tactophone.lab.training.recipes import BAND_VALUES, CREST_INDEX
-from tactophone.lab.training.sets import Examples, TrainingSet, inner_folds
+from tactophone.lab.training.recipes import CREST_INDEX
+from tactophone.lab.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 
 STRENGTH = 0.005
 """Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
 
-IMPULSES = {
-    "plastic": (0.5, (CREST_INDEX, CREST_INDEX + 1)),
-    "stylus": (1.0, (CREST_INDEX, CREST_INDEX + 1, BAND_VALUES)),
-}
-"""Share of the regression on impulses alone in that of a hard tip, and which values they are: crest, clicks and, under
-a stylus, unevenness. Spectra learnt from seventeen real surfaces mislead on others (docs/research/detector.md)."""
+IMPULSES = (CREST_INDEX, CREST_INDEX + 1)
+"""Under a hard tip each regression is the mean of one on all features and one on crest and clicks, which grow with
+roughness by geometry (docs/research/detector.md)."""
 
 KNOWN_SHARE = 0.995
 """Share of held-out windows that count as known sound."""
@@ -51,7 +48,7 @@ class LinearClassifier:
 
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
     channels = training_set.spec.channels
-    classifier = fit_classifier(training_set.examples, channels=channels, tip=training_set.tip)
+    classifier = fit_classifier(training_set.examples, channels=channels, hard_tip=training_set.tip in HARD_TIPS)
     return build_classifier_graph(classifier, channels=channels)
 
 
@@ -65,18 +62,18 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
     return [every, *combinations(every, 1)] if channels > 1 else [every]
 
 
-def fit_classifier(examples: Examples, *, channels: int, tip: str = "") -> LinearClassifier:
+def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False) -> LinearClassifier:
     """Fit the regressions and the limit of known sound on windows of several surfaces of both classes."""
     thinned = examples.thinned()
     centre, scale = thinned.moments()
     standard = replace(thinned, features=np.asarray(thinned.standardised(centre, scale), np.float32))
-    share, values = IMPULSES.get(tip, (0.0, ()))
+    share = 0.5 if hard_tip else 0.0
     each = len(centre) // channels // 2
     fitted = np.zeros((0, len(centre) + 1))
     for working in channel_sets(channels):
         columns = _columns(working, channels, len(centre))
         # Means and deviations alike.
-        parts = [(1 - share, columns), (share, columns[np.isin(columns % each, values)])]
+        parts = [(1 - share, columns), (share, columns[np.isin(columns % each, IMPULSES)])]
         regressions = [part * _fit_regression(standard, chosen) for part, chosen in parts if part]
         fitted = np.vstack((fitted, np.sum(regressions, axis=0)))
     whitening = _whitening(standard.features, channels)

@@ -317,7 +317,7 @@ _LISTED = (
     Recipe("paper-fast", "the same network, in smaller batches and at least 500 of them", "magnitudes", version=1),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        response=_CONFIRMED, pad_response=_OF_PAD, version=9, augmentation=Augmentation(),
+        response=_CONFIRMED, pad_response=_OF_PAD, version=10, augmentation=Augmentation(),
         shipped=True,
     ),
     Recipe("level", "loudness against a threshold", "cues"),
