@@ -38,6 +38,33 @@ def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(tmp_p
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
+HOSTILE = """
+import os, sys
+from pathlib import Path
+from tactophone.core.processes import Child, open_pool
+
+def work(parent):
+    parent.tell(("progress", os.environ["PYTHONSAFEPATH"]))
+
+if __name__ == "__main__":
+    child = Child(work, name="test")
+    print(next(child.messages(None))[1], child.how_ended())
+    with open_pool(1) as pool:
+        print(pool.submit(abs, -2).result(), "PYTHONSAFEPATH" in os.environ)
+"""
+
+
+def test_no_process_runs_the_modules_of_the_current_folder(tmp_path: Path) -> None:
+    script, folder = tmp_path / "script.py", tmp_path / "downloaded"
+    script.write_text(HOSTILE)
+    for name in ("multiprocessing", "os", "signal", "tactophone"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "__init__.py").write_text("open('executed', 'w')\n1 / 0\n")
+    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("1 \n2 False\n", "")
+    assert not (folder / "executed").exists()
+
+
 DEAF = """
 import os, signal, sys
 from pathlib import Path

@@ -26,7 +26,40 @@ ORPHAN_TIMEOUT = 2.5
 """Seconds after the end of its parent in which a child may end in order; a log is complete by then."""
 
 
-class _ChildProcess(SpawnProcess):
+_starting = threading.RLock()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Start Python without the current folder on its path: a folder of data must not be a folder of code.
+
+    Multiprocessing starts ``python -c``, which would look for modules in the current folder first.
+    """
+    with _starting:  # what this process starts otherwise keeps its environment
+        before = os.environ.get("PYTHONSAFEPATH")
+        os.environ["PYTHONSAFEPATH"] = "1"
+        try:
+            if os.name == "posix":  # elsewhere there is no tracker
+                from multiprocessing import resource_tracker
+
+                resource_tracker.ensure_running()
+            yield
+        finally:
+            if before is None:
+                del os.environ["PYTHONSAFEPATH"]
+            else:
+                os.environ["PYTHONSAFEPATH"] = before
+
+
+class _SafeProcess(SpawnProcess):
+    """A process that runs no code of the current folder."""
+
+    def start(self) -> None:
+        with _safe_path():
+            super().start()
+
+
+class _ChildProcess(_SafeProcess):
     """A process that never sees Ctrl-C, not even while it imports its modules; its parent ends it.
 
     A terminal sends Ctrl-C to every process in it. Here the new process inherits that it is blocked, so that it shows
@@ -37,20 +70,22 @@ class _ChildProcess(SpawnProcess):
     """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
 
     def start(self) -> None:
-        from multiprocessing import resource_tracker  # Unix alone has it; `feel` and `train` run elsewhere too
-
-        resource_tracker.ensure_running()  # which unblocks SIGINT when it begins
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            super().start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with _safe_path():  # the resource tracker unblocks SIGINT when it begins, so it begins here
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                super().start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _ChildContext(SpawnContext):
     """Spawns processes rather than forking: a fork would carry audio threads' locks and files along."""
 
     Process = _ChildProcess
+
+
+class _PoolContext(SpawnContext):
+    Process = _SafeProcess
 
 
 class _Later:
@@ -193,8 +228,8 @@ def open_pool(workers: int, *, prepare: Callable[[], None] | None = None) -> Pro
     They are spawned, not forked: torch and BLAS do not survive a fork once their threads run. They end with the process
     that started them, however that ends.
     """
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(prepare,))
+    with _safe_path():  # its locks start the resource tracker
+        return ProcessPoolExecutor(workers, mp_context=_PoolContext(), initializer=_begin_worker, initargs=(prepare,))
 
 
 def _begin_worker(prepare: Callable[[], None] | None) -> None:
