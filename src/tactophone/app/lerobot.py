@@ -150,9 +150,9 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
             continue
         entries = msgspec.json.decode(message.data, type=dict[str, Any])
         entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
-        entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries["level_dbfs"] or LEROBOT_LOWEST_DBFS)
+        entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS))
         name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
-        row = [float(entries[key] or 0.0) for key in LEROBOT_COLUMNS]
+        row = [float(entries.get(key, 0.0)) for key in LEROBOT_COLUMNS]
         found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")

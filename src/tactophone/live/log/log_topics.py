@@ -184,7 +184,7 @@ CONTROLS = Topic(
 PREDICTION_TOPIC = Topic(
     "/tactophone/prediction",
     _json_schema("tactophone.Prediction", msgspec.defstruct("Prediction", list(_PREDICTION.items()))),
-    "a prediction, and its command as limited; null where there was none",
+    "a prediction, and its command as limited; a number that has no value is left out",
 )
 STATE_TOPIC = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
 HEALTH = Topic("/tactophone/health", _json_schema("tactophone.Health", Totals), "counters and gauges, every 5 s")

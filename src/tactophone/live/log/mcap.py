@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Self, TypeAlias
 import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
-from tactophone.core.prediction_fields import prediction_of
+from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
 from tactophone.core.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, Topic, topics_of
@@ -290,9 +290,7 @@ def _check_profile(path: Path, profile: str) -> None:
 
 
 def _prediction_of(entries: dict[str, Any], finger: int) -> LoggedPrediction:
-    """Return a prediction and its command again; ``null`` stands for NaN, and as a level for silence."""
-    row = {name: math.nan if value is None else value for name, value in entries.items()}
-    row["touch"] = Touch[entries["touch"].upper()]
-    row["level_dbfs"] = -math.inf if entries["level_dbfs"] is None else entries["level_dbfs"]
-    row["event"] = ("", *EVENT_KINDS).index(entries["event"])
+    """Return a prediction and its command again; a number left out is NaN, a level left out silence."""
+    row = dict.fromkeys((field.name for field in PREDICTION_FIELDS), math.nan) | {"level_dbfs": -math.inf} | entries
+    row |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
     return LoggedPrediction(*prediction_of(row), finger)

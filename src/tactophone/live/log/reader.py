@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import msgspec
 
@@ -34,8 +35,17 @@ _INFO, _WARNING = 2, 3
 
 
 def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
-    """Return a prediction and its command as JSON, exactly; NaN and infinity, which JSON does not have, are null."""
-    return msgspec.json.encode(entries_of(prediction, command))
+    """Return a prediction and its command as JSON, exactly; what is NaN or infinite is left out."""
+    return _fitting(entries_of(prediction, command))
+
+
+def _fitting(entries: dict[str, Any]) -> bytes:
+    """Encode what fits the schema of a topic, which knows no null: JSON has neither NaN nor infinity."""
+    return msgspec.json.encode({name: value for name, value in entries.items() if _is_known(value)})
+
+
+def _is_known(value: Any) -> bool:
+    return value is not None and not (isinstance(value, float) and not math.isfinite(value))
 
 
 class RunReader:
@@ -98,7 +108,7 @@ class RunReader:
             if isinstance(record, RunStart):
                 self._epoch = record.epoch
             topic = log_topics.RUN if isinstance(record, RunStart) else log_topics.CONTROLS
-            yield Message(topic, self._now(), msgspec.json.encode(record))
+            yield Message(topic, self._now(), _fitting(msgspec.to_builtins(record)))
         yield from self._packets(arrivals)
 
     def _packets(self, arrivals: list[EventBatch]) -> Iterator[Message]:
@@ -129,7 +139,8 @@ class RunReader:
             return
         self._settled = settled
         entries = {**msgspec.to_builtins(state), "armed": state.armed, "muted_because": state.muted_because}
-        yield Message(log_topics.STATE_TOPIC, now, msgspec.json.encode(entries))
+        entries["fingers"] = [{k: v for k, v in finger.items() if _is_known(v)} for finger in entries["fingers"]]
+        yield Message(log_topics.STATE_TOPIC, now, _fitting(entries))
         for name, *own in zip(self.names, before.fingers, settled.fingers, strict=True):
             of = f"{name}: " if name else ""
             for text in _changes(*own):

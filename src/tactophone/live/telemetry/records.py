@@ -84,7 +84,7 @@ class Controls:
     output_level: Share
     """`armed`, `ceiling` and `output_level`: of the output gate."""
     profile: str
-    threshold_dbfs: Annotated[float, msgspec.Meta(ge=-1000, le=0)] | None
+    threshold_dbfs: Annotated[float, msgspec.Meta(ge=-1000, le=0)] | None = None
     """Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself."""
     step: int = 0
     """0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
