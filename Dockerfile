@@ -9,7 +9,7 @@ FROM python:3.11-slim
 WORKDIR /tactophone
 COPY scripts/system-packages scripts/system-packages
 # The demo needs the codec and JACK; the browser is for the tests alone.
-RUN PACKAGES="jackd2 libopus0 libportaudio2" scripts/system-packages && rm -rf /var/lib/apt/lists/*
+RUN scripts/system-packages jackd2 libopus0 libportaudio2 && rm -rf /var/lib/apt/lists/*
 
 COPY requirements/lock.txt requirements/lock.txt
 COPY pyproject.toml README.md LICENSE ./

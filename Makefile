@@ -2,36 +2,51 @@
 VENV   ?= .venv
 PYTHON ?= python3
 BIN     = $(VENV)/bin
+# Stamps: what the demo needs is installed, and what everything else needs, which includes it.
+DEMO    = $(VENV)/.demo
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples hardware scripts/docs_hooks.py scripts/moving_picture.py
-LOCK    = requirements/lock.txt
-# Two workers on two cores: libraries that start a thread per core would only compete with each other.
+CODE    = src tests benchmarks examples hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py
+# One worker a core: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+CORES  := $(shell nproc)
 # Bytecode is kept even where the environment says otherwise: the tests start hundreds of processes, each of which would
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo check test lint types imports fast unit package realtime fuzz coverage docs docs-figures audit lock clean
+.PHONY: demo check room test lint types imports fast unit beside package realtime timed fuzz coverage docs docs-figures audit lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
-demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
-	$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
+demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
+	@$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
 
-check: lint types fast  ## lint, types and the fast tests
+$(DEMO): pyproject.toml requirements/demo.txt scripts/install scripts/system-packages
+	@scripts/install demo $(VENV) $(PYTHON)
 
-# What needs one processor runs two at once; the tests share both.
-test: $(READY)  ## everything that CI checks
-	$(MAKE) --jobs 2 --output-sync=target package types lint imports
-	$(MAKE) unit realtime
+$(READY): pyproject.toml requirements/lock.txt scripts/install scripts/system-packages
+	@scripts/install test $(VENV) $(PYTHON)
 
-$(READY): pyproject.toml $(LOCK) scripts/system-packages
-	scripts/system-packages
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet torch==2.13.0  # not in the lock: its build, and so its hash, differs by machine
-	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(LOCK)
-	$(BIN)/python -m pip install --quiet --no-deps --editable .
-	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --fetch-retries 0 --fetch-timeout 20000 --prefix tests/node  # axe-core, Foxglove's client
-	touch $@
+check: $(READY)  ## lint, types and the fast tests
+	@$(MAKE) --jobs $(CORES) --output-sync=target lint types
+	@$(MAKE) fast
+
+# A room is a folder of tests and of src, on any floor: link, perception, lab.
+room: $(READY)  ## lint, types and tests of one room: make room ROOM=link
+	@$(if $(ROOM),,$(error name a room: make room ROOM=link))
+	@rooms=$$(find src/tactophone tests -type d -name '$(ROOM)' -not -path '*/node_modules/*'); \
+	  test -n "$$rooms" || { echo "no room is named $(ROOM)" >&2; exit 1; }; set -ex; \
+	  $(BIN)/ruff check $$rooms; $(BIN)/ruff format --check $$rooms; $(BIN)/mypy; \
+	  $(PYTEST) -n $(CORES) -m 'not package' $(RERUNS) $$rooms
+
+# The unit tests are nice and fill what the realtime ones leave of the processors; the timed ones have all of them. RERUN
+# lists what had to be repeated, so that all sessions together fail at the third (tests/conftest.py). CHANGED=1 leaves out
+# the floors of tests that nothing changed since origin/main can break.
+TESTS := $(if $(CHANGED),$(shell python3 scripts/changed_tests.py),tests src)
+test: export TACTOPHONE_RERUN_LIST = $(abspath $(VENV))/.rerun
+test: $(READY)  ## everything that CI checks; CHANGED=1: what the changes since origin/main can break
+	@rm -f $(VENV)/.rerun
+	$(MAKE) --jobs $(CORES) --output-sync=target package types lint imports
+	$(MAKE) --jobs 2 --output-sync=target beside realtime
+	$(MAKE) timed
 
 lint: $(READY)
 	$(BIN)/ruff check $(CODE)
@@ -44,32 +59,37 @@ imports: $(READY)
 	$(BIN)/lint-imports
 
 fast: $(READY)
-	$(PYTEST) -n 2 -m 'not realtime and not slow and not package' tests
+	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package' tests
 
 unit: $(READY)
-	$(PYTEST) -n 2 --dist worksteal -m 'not realtime and not package'
+	$(PYTEST) -n $(CORES) --dist worksteal -m 'not realtime and not package' $(TESTS)
+
+beside: $(READY)
+	nice -n 19 $(MAKE) unit
 
 # Installs the wheel without extras in a fresh environment, and runs every verb there.
 package: $(READY)
 	$(PYTEST) -m package tests/test_package.py
 
-# Real servers and processes, three at once (four are no faster on two cores), by file name, so that no file of few long
-# tests is last; those that measure the time of sound one after another. A shared machine may stall in the middle of a
-# test, so each may be repeated; the summary shows why.
+# Real servers and processes, one more at once than there are cores, by file name, so that no file of few long tests is
+# last; those that measure the time of sound one after another. A shared machine may stall in the middle of a test, so
+# each may be repeated; the summary shows why.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 TIMED  = tests/live/runtime/test_safety.py tests/live/runtime/test_stalls.py tests/app/measurement/test_latency.py tests/cli/test_try.py
-REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' tests)))
+REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' $(filter tests%,$(TESTS)))))
 realtime: $(READY)
-	$(PYTEST) -n 3 --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)
+	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)
+
+timed: $(READY)
 	$(BIN)/python -m pytest -m realtime $(RERUNS) $(TIMED)
 
-# Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
+# Guided by coverage where atheris is installed; `make test` has 5 s of random inputs (tests/fuzz/test_fuzz.py), and the
 # same examples of the property tests in every run.
 FUZZ_SECONDS ?= 600
 fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the property tests with new examples
 	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
-	HYPOTHESIS_PROFILE=random $(PYTEST) -n 2 -m hypothesis
+	HYPOTHESIS_PROFILE=random $(PYTEST) -n $(CORES) -m hypothesis
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered
@@ -82,7 +102,7 @@ FIGURES = help_time live_compute simulation link demo_scores printed_pad touch_e
 docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
 	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
 
-# Without a network it says so, and succeeds.
+# Without a network, or without an answer in two minutes, it says so, and succeeds.
 audit:  ## check the locked packages against the known vulnerabilities
 	scripts/audit
 

@@ -26,6 +26,37 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
+MOST_RERUNS = 2
+"""Of all sessions of one `make test`: one more, and it fails, as a flake that is repeated each time hides a fault."""
+
+_rerun: list[str] = []
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note what had to be repeated; with several workers, where their reports come together."""
+    if report.outcome == "rerun" and "PYTEST_XDIST_WORKER" not in os.environ:
+        _rerun.append(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail at the third test that had to be repeated, over all sessions that write into one list."""
+    if not (path := os.environ.get("TACTOPHONE_RERUN_LIST")) or "PYTEST_XDIST_WORKER" in os.environ:
+        return
+    with Path(path).open("a+", encoding="utf-8") as file:
+        file.writelines(f"{name}\n" for name in _rerun)
+        file.seek(0)
+        if len(file.readlines()) > MOST_RERUNS and _rerun and not session.exitstatus:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many reruns were needed."""
+    if _rerun:
+        terminalreporter.write_line(f"{len(_rerun)} reruns were needed; `make test` fails at {MOST_RERUNS + 1} in all:")
+        for name in _rerun:
+            terminalreporter.write_line(f"  {name}")
+
+
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """The folder of real recordings; a test that needs it is skipped where there is none."""

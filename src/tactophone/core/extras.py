@@ -1,6 +1,7 @@
 """Which optional dependency a missing module belongs to, and the command that installs it."""
 
 import importlib.util
+import sys
 
 from tactophone.core.errors import ConfigError
 
@@ -24,6 +25,9 @@ _MODULES = {
 
 EXTRA_OF_MODULE = {module: extra for extra, modules in _MODULES.items() for module in modules}
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
+
+WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
+"""Modules with no wheel from that Python on: their extra leaves them out there."""
 
 
 def require_extras(*extras: str) -> None:
@@ -58,6 +62,10 @@ def explain(error: ModuleNotFoundError) -> str:
 
 
 def _advice(modules: list[str]) -> str:
+    for module in modules:
+        if sys.version_info >= WITHOUT_WHEEL.get(module, (4,)):
+            found = ".".join(map(str, sys.version_info[:2]))
+            return f"{module} has no wheel for Python {found}: use Python 3.11 to 3.13"
     extras = sorted({EXTRA_OF_MODULE[module] for module in modules})
     verb = "is" if len(modules) == 1 else "are"
     return f"{', '.join(modules)} {verb} not installed: pip install 'tactophone[{','.join(extras)}]'"
