@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.app.lerobot import LEROBOT_VALUES
 from tactophone.cli import main
 from tactophone.live.log.mcap import LogEnd, read_messages
 from tests.app.robot_data import FPS, FRAMES, robot_data
@@ -15,6 +16,7 @@ from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")
+FEATURE = "observation.tactile.index"
 parquet = pytest.importorskip("pyarrow.parquet")
 pandas = pytest.importorskip("pandas")
 
@@ -39,8 +41,15 @@ def read_episode(root: Path, episode: int) -> "pandas.DataFrame":
     return parquet.read_table(root / path, filters=[("episode_index", "=", episode)]).to_pandas()
 
 
+def columns(table: "pandas.DataFrame") -> dict[str, "np.ndarray"]:
+    """Return the columns of a finger's feature, each ``(frames, predictions)``."""
+    values = np.array(table[FEATURE].map(np.stack).to_list())
+    return {name: values[..., place] for place, name in enumerate(LEROBOT_VALUES)}
+
+
 def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dataset: Path, tmp_path: Path) -> None:
     original = (dataset / "data/chunk-000/file-000.parquet").read_bytes()
+    film = dataset / "videos/observation.images.front/chunk-000/file-000.mp4"
     out = tmp_path / "felt"
     assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(out), "--episode", "1"]) == 0
     logged = [
@@ -49,20 +58,21 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dat
         if not isinstance(message, LogEnd) and message.topic.name == "/tactophone/prediction"
     ]
     info = json.loads((out / "meta/info.json").read_text())
-    base = "observation.tactile.index"
-    (size,) = info["features"][f"{base}.roughness"]["shape"]
+    size, width = info["features"][FEATURE]["shape"]
     assert 3 <= size <= 12
-    felt, other = read_episode(out, 1), read_episode(out, 0)
-    assert len(felt) == len(other) == FRAMES
-    assert np.array_equal(felt["observation.state"], np.sin(np.arange(FRAMES, 2 * FRAMES) / 10).astype(np.float32))
-    assert not np.any(np.stack(other[f"{base}.valid"]))
+    assert width == len(info["features"][FEATURE]["names"])
+    table, other = read_episode(out, 1), read_episode(out, 0)
+    felt = columns(table)
+    assert len(table) == len(other) == FRAMES
+    assert np.array_equal(np.stack(table["observation.state"]), np.stack(read_episode(dataset, 1)["observation.state"]))
+    assert not np.any(columns(other)["valid"])
     lead = min(time - entry["window_end"] for time, entry in logged)
     begin = lead + logged[0][1]["window_end"]
-    times = begin + felt["timestamp"].to_numpy(float)[:, None] - np.stack(felt[f"{base}.age"]).astype(float)
-    assert np.all(np.stack(felt[f"{base}.age"]) >= 0)  # nothing of a frame's future
+    times = begin + table["timestamp"].to_numpy(float)[:, None] - felt["age"].astype(float)
+    assert np.all(felt["age"] >= 0)  # nothing of a frame's future
     found = {
         (round(float(time), 3), round(float(rough), 4))
-        for time, rough in zip(times.ravel(), np.stack(felt[f"{base}.rough"]).ravel(), strict=True)
+        for time, rough in zip(times.ravel(), felt["rough"].ravel(), strict=True)
     }
     until = begin + (FRAMES - 1) / FPS
     expected = {
@@ -74,14 +84,42 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dat
     assert len(expected) > 100
     assert not expected - near
     stats = json.loads((out / "meta/stats.json").read_text())
-    assert set(stats[f"{base}.roughness"]) == {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
-    (sound,) = (out / "raw_audio").rglob("*.wav")
-    assert sound.relative_to(out).as_posix() == "raw_audio/observation.audio.index/episode_000001.wav"
-    assert soundfile.info(sound).subtype == "FLOAT"
-    assert info["tactophone"]["audio"][sound.relative_to(out).as_posix()]["sample_rate"] == 48_000
+    assert set(stats[FEATURE]) == set(stats["action"])
+    assert len(stats[FEATURE]["mean"]) == width
     assert (dataset / "data/chunk-000/file-000.parquet").read_bytes() == original
     assert "tactophone" not in json.loads((dataset / "meta/info.json").read_text())
-    assert (out / "videos/front/chunk-000/file-000.mp4").read_bytes() == b"a film"
+    assert (out / film.relative_to(dataset)).read_bytes() == film.read_bytes()
+
+
+def test_the_sound_of_an_episode_is_found_by_the_path_of_the_data_set(log: Path, dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "felt"
+    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(out), "--episode", "1"]) == 0
+    episodes = pandas.concat(map(pandas.read_parquet, (out / "meta/episodes").rglob("*.parquet")))
+    row = episodes[episodes["episode_index"] == 1].iloc[0]
+    key = "audio/observation.audio.index"
+    place = {name: int(row[f"{key}/{name}"]) for name in ("chunk_index", "file_index")}
+    path = json.loads((out / "meta/info.json").read_text())["audio_path"]
+    sound = soundfile.info(out / path.format(audio_key="observation.audio.index", **place))
+    assert (sound.subtype, sound.samplerate) == ("FLOAT", 48_000)
+    assert 0 <= row[f"{key}/from_timestamp"] < row[f"{key}/to_timestamp"] <= sound.duration + 1
+    assert np.isnan(episodes[episodes["episode_index"] == 0].iloc[0][f"{key}/from_timestamp"])
+
+
+def test_the_newest_values_join_the_state_with_names_and_statistics(log: Path, dataset: Path, tmp_path: Path) -> None:
+    out = tmp_path / "felt"
+    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out", str(out), "--episode", "1"]
+    assert main([*command, "--into-state", "roughness,contact"]) == 0
+    feature = json.loads((out / "meta/info.json").read_text())["features"]["observation.state"]
+    assert feature["names"][2:] == ["tactile.index.roughness", "tactile.index.contact"]
+    assert feature["shape"] == [4]
+    table = read_episode(out, 1)
+    state, felt = np.stack(table["observation.state"]), columns(table)
+    assert np.array_equal(state[:, :2], np.stack(read_episode(dataset, 1)["observation.state"]))
+    assert np.array_equal(state[:, 2], felt["roughness"][:, -1])
+    assert np.array_equal(state[:, 3], felt["contact"][:, -1])
+    episodes = pandas.read_parquet(out / "meta/episodes/chunk-000/file-000.parquet")
+    mean = episodes[episodes["episode_index"] == 1].iloc[0]["stats/observation.state/mean"]
+    np.testing.assert_allclose(mean, state.mean(0), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -90,6 +128,7 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dat
         (["--start", "5"], "covers no frame of episode 0"),
         (["--with", "nowhere"], "no LeRobot data set"),
         (["--out", "."], "exists already"),
+        (["--into-state", "weight"], "no value of a prediction"),
     ],
 )
 def test_what_does_not_fit_is_one_line(
@@ -100,11 +139,13 @@ def test_what_does_not_fit_is_one_line(
     assert message in capsys.readouterr().err
 
 
-def test_lerobot_itself_opens_it(log: Path, dataset: Path, tmp_path: Path) -> None:
+def test_lerobot_itself_opens_it_with_touch_in_the_state(log: Path, dataset: Path, tmp_path: Path) -> None:
     pytest.importorskip("lerobot")
     os.environ["HF_HUB_OFFLINE"] = "1"
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "felt")]) == 0
-    opened = LeRobotDataset("local/felt", root=tmp_path / "felt")
-    assert opened[10]["observation.tactile.index.roughness"].ndim == 1
+    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "felt")]
+    assert main([*command, "--into-state", "roughness,contact"]) == 0
+    frame = LeRobotDataset("local/felt", root=tmp_path / "felt", video_backend="pyav")[10]
+    assert frame[FEATURE].ndim == 2
+    assert frame["observation.state"].shape == (4,)

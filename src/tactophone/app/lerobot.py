@@ -9,6 +9,7 @@ import json
 import math
 import os
 import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from tactophone.app.replay import write_sound
 from tactophone.core.errors import ConfigError, DatasetError
-from tactophone.core.types import EVENT_KINDS, LIVE_SAMPLE_RATE, Touch
+from tactophone.core.types import EVENT_KINDS, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
 
@@ -36,6 +37,15 @@ LEROBOT_COLUMNS = (
     "event",
 )
 """Numbers of a prediction, as in `tactophone.core.prediction_fields.PREDICTION_FIELDS`."""
+
+LEROBOT_VALUES = ("valid", "age", *LEROBOT_COLUMNS)
+"""Columns of a finger's feature: 1 where a prediction is known, its age in s at the frame, and its numbers."""
+
+STATE = "observation.state"
+"""The feature that LeRobot's policies take as the robot's state; they leave out all others that are no pictures."""
+
+AUDIO_PATH = "audio/{audio_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.wav"
+"""WAV, as AAC in the proposal's ``.m4a`` cuts what a contact microphone hears above 16 kHz and delays it."""
 
 LEROBOT_LOWEST_DBFS = -200.0
 """Stands for the level of digital silence, because a mean over -inf is useless."""
@@ -71,19 +81,24 @@ class Exported:
     sound: list[Path]
 
 
-def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: float | None = None) -> Exported:
+def export(
+    log: Path, dataset: Path, out: Path, *, episode: int = 0, start: float | None = None, into_state: Sequence[str] = ()
+) -> Exported:
     """Copy a data set to a new folder, with what was felt in one of its episodes.
 
-    The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. Raises
-    `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, or the log covers no frame
-    of the episode.
+    The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. A
+    feature ``observation.tactile.FINGER`` of shape ``(predictions, len(LEROBOT_VALUES))`` holds all; the newest values
+    of the columns named in ``into_state`` are also appended to ``observation.state``, which policies read.
+
+    Raises `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, the log covers no
+    frame of the episode, or a name of ``into_state`` is unknown.
     """
-    import pyarrow
     from pyarrow import parquet
 
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; name a new folder")
     info = _read_info(dataset)
+    _check_state(into_state, info, dataset)
     fingers, lead = _read_fingers(log)
     begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
     tables = {path: parquet.read_table(path) for path in sorted((dataset / "data").rglob("*.parquet"))}
@@ -95,39 +110,22 @@ def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: floa
             f"{log} covers no frame of episode {episode} of {dataset}: give the time of its first frame, in s since "
             f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to {fingers[0].times[-1]:.1f}"
         )
-    # As many as fall between any two frames, so that each stands in a frame; a single one would be a number, no array.
+    # As many as fall between any two frames, so that each stands in a frame.
     most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
     _copy(dataset, out)
-    stats = json.loads((dataset / "meta/stats.json").read_text()) if (dataset / "meta/stats.json").exists() else {}
-    collected: dict[str, list[Rows]] = {}
-    for path, table in tables.items():
-        columns = dict(zip(table.column_names, table.columns, strict=True))
-        features = _features(fingers, _moments(table, episode, begin), most)
-        for name, values in features.items():
-            flat = values.astype(np.float32).ravel()
-            kind = pyarrow.list_(pyarrow.float32(), values.shape[1])
-            columns[name] = pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(flat), type=kind)
-            collected.setdefault(name, []).append(values)
-        target = out / path.relative_to(dataset)
-        target.unlink()  # it may be a link to the original
-        parquet.write_table(pyarrow.table(columns), target)
-    for name, parts in collected.items():
-        info["features"][name] = {"dtype": "float32", "shape": [most], "names": None}
-        stats[name] = _stats(np.concatenate(parts))
-    sounds = _write_sound(log, out, episode)
-    info["tactophone"] = {
-        "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in Hz; the others 0 to 1",
-        "touch": [touch.name.lower() for touch in Touch],
-        "event": ["", *EVENT_KINDS],
-        "audio": {
-            str(path.relative_to(out)): {"start_time_s": lead - begin, "sample_rate": LIVE_SAMPLE_RATE}
-            for path in sounds
-        },
-    }
-    for name, content in (("info.json", info), ("stats.json", stats)):
-        (out / "meta" / name).unlink(missing_ok=True)
-        (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")
-    return Exported(out, len(moments), felt, most, list(collected), sounds)
+    written = _write_frames(tables, dataset, out, lambda table: _features(fingers, table, episode, begin, most))
+    for finger in fingers:
+        shape = {"shape": [most, len(LEROBOT_VALUES)], "names": list(LEROBOT_VALUES)}
+        info["features"][_feature_of(finger)] = {"dtype": "float32", **shape}
+    if into_state:
+        written |= _write_state(out, info, [_feature_of(finger) for finger in fingers], into_state)
+    sounds = _write_sound(log, out)
+    if sounds:
+        info.setdefault("audio_path", AUDIO_PATH)
+    first = begin - lead  # of the episode, in its sound
+    spans = dict.fromkeys((path.parts[-3] for path in sounds), (first, first + float(inside[-1] - inside[0])))
+    _write_meta(dataset, out, info, written, spans, episode)
+    return Exported(out, len(moments), felt, most, [_feature_of(finger) for finger in fingers], sounds)
 
 
 def _read_info(dataset: Path) -> dict[str, Any]:
@@ -181,25 +179,118 @@ def _moments(table: Any, episode: int, begin: float) -> Rows:
     return np.where(table["episode_index"].to_numpy().ravel() == episode, moments, np.nan)
 
 
-def _features(fingers: list[Finger], moments: Rows, most: int) -> dict[str, Rows]:
+def _feature_of(finger: Finger) -> str:
+    return f"observation.tactile.{finger.name}"
+
+
+def _features(fingers: list[Finger], table: Any, episode: int, begin: float, most: int) -> dict[str, Rows]:
+    """Return the feature of each finger, of shape ``(frames, most, len(LEROBOT_VALUES))``."""
+    moments = _moments(table, episode, begin)
     features: dict[str, Rows] = {}
     for finger in fingers:
-        base = f"observation.tactile.{finger.name}"
         newest = np.searchsorted(finger.times, moments, side="right") - 1
         known = np.isfinite(moments) & (newest >= 0) & (moments <= finger.times[-1] + 1)
         places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
-        features[f"{base}.valid"] = np.repeat(known[:, None], most, axis=1).astype(float)
-        features[f"{base}.age"] = np.where(known[:, None], moments[:, None] - finger.times[places], 0.0)
-        for number, column in enumerate(LEROBOT_COLUMNS):
-            features[f"{base}.{column}"] = np.where(known[:, None], finger.rows[places, number], 0.0)
+        ages = (moments[:, None] - finger.times[places])[..., None]
+        values = np.concatenate([np.ones_like(ages), ages, finger.rows[places]], axis=2)
+        features[_feature_of(finger)] = np.where(known[:, None, None], values, 0.0)
     return features
 
 
+def _write_frames(
+    tables: dict[Path, Any], dataset: Path, out: Path, features: Callable[[Any], dict[str, Rows]]
+) -> dict[str, Rows]:
+    """Write each file of frames with its new features; return the features of all frames."""
+    import pyarrow
+    from pyarrow import parquet
+
+    collected: dict[str, list[Rows]] = {}
+    for path, table in tables.items():
+        columns = dict(zip(table.column_names, table.columns, strict=True))
+        for name, values in features(table).items():
+            kind = pyarrow.float32()
+            for _ in values.shape[1:]:
+                kind = pyarrow.list_(kind)
+            columns[name] = pyarrow.array(values.astype(np.float32).tolist(), type=kind)
+            collected.setdefault(name, []).append(values)
+        target = out / path.relative_to(dataset)
+        target.unlink()  # it may be a link to the original
+        parquet.write_table(pyarrow.table(columns), target)
+    return {name: np.concatenate(parts) for name, parts in collected.items()}
+
+
+def _check_state(into_state: Sequence[str], info: dict[str, Any], dataset: Path) -> None:
+    for name in into_state:
+        if name not in LEROBOT_VALUES:
+            raise ConfigError(f"--into-state {name}: no value of a prediction; there are {', '.join(LEROBOT_VALUES)}")
+    if into_state and STATE not in info["features"]:
+        raise ConfigError(f"{dataset}: has no {STATE} to append to; leave --into-state out")
+
+
+def _write_state(out: Path, info: dict[str, Any], fingers: list[str], names: Sequence[str]) -> dict[str, Rows]:
+    """Append the newest values to the state that policies read, with their names."""
+    from pyarrow import parquet
+
+    tables = {path: parquet.read_table(path) for path in sorted((out / "data").rglob("*.parquet"))}
+    places = [LEROBOT_VALUES.index(name) for name in names]
+
+    def extended(table: Any) -> dict[str, Rows]:
+        own = np.array(table[STATE].to_pylist(), float).reshape(len(table), -1)
+        newest = [np.array(table[finger].to_pylist(), float)[:, -1, places] for finger in fingers]
+        return {STATE: np.concatenate([own, *newest], axis=1)}
+
+    written = _write_frames(tables, out, out, extended)
+    feature, appended = info["features"][STATE], [f"{finger[12:]}.{name}" for finger in fingers for name in names]
+    own: Any = feature["names"] or [f"state.{place}" for place in range(feature["shape"][0])]
+    grouped = isinstance(own, dict)  # {"motors": [...]}
+    feature["names"] = {**own, "tactile": appended} if grouped else [*own, *appended]
+    feature["shape"] = [written[STATE].shape[1]]
+    return written
+
+
 def _stats(values: Rows) -> dict[str, list[float]]:
-    rows = values.astype(np.float32)
+    """Return statistics as LeRobot has them: over all but the last axis, their count that of the frames."""
+    rows = values.astype(np.float32).reshape(-1, values.shape[-1])
     found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
     found |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
-    return {name: list(map(float, each)) for name, each in found.items()} | {"count": [len(rows)]}
+    return {name: list(map(float, each)) for name, each in found.items()} | {"count": [len(values)]}
+
+
+def _write_meta(
+    dataset: Path, out: Path, info: dict[str, Any], written: dict[str, Rows], sounds: dict[str, tuple[float, float]],
+    episode: int,
+) -> None:  # fmt: skip
+    """Write ``info.json``, and the statistics of new features for all frames and for each episode."""
+    import pyarrow
+    from pyarrow import parquet
+
+    frames = [parquet.read_table(path, columns=["episode_index"]) for path in sorted((out / "data").rglob("*.parquet"))]
+    of_frame = np.concatenate([table["episode_index"].to_numpy().ravel() for table in frames])
+    for path in sorted((out / "meta/episodes").rglob("*.parquet")):
+        table = parquet.read_table(path)
+        numbers = table["episode_index"].to_pylist()
+        columns = dict(zip(table.column_names, table.columns, strict=True))
+        for name, values in written.items():
+            rows = [_stats(values[of_frame == number]) for number in numbers]
+            columns |= {f"stats/{name}/{key}": pyarrow.array([row[key] for row in rows]) for key in rows[0]}
+        for key, span in sounds.items():
+            placed = {"chunk_index": 0, "file_index": 0, "from_timestamp": span[0], "to_timestamp": span[1]}
+            columns |= {
+                f"audio/{key}/{name}": pyarrow.array([value if number == episode else None for number in numbers])
+                for name, value in placed.items()
+            }
+        path.unlink()
+        parquet.write_table(pyarrow.table(columns), path)
+    info["tactophone"] = {
+        "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in Hz; the others 0 to 1",
+        "touch": [touch.name.lower() for touch in Touch],
+        "event": ["", *EVENT_KINDS],
+    }
+    stats = json.loads((dataset / "meta/stats.json").read_text()) if (dataset / "meta/stats.json").exists() else {}
+    stats |= {name: _stats(values) for name, values in written.items()}
+    for name, content in (("info.json", info), ("stats.json", stats)):
+        (out / "meta" / name).unlink(missing_ok=True)
+        (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")
 
 
 def _copy(dataset: Path, out: Path) -> None:
@@ -216,9 +307,9 @@ def _copy(dataset: Path, out: Path) -> None:
         raise ConfigError(f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder") from None
 
 
-def _write_sound(log: Path, out: Path, episode: int) -> list[Path]:
-    """Write the sound where the open proposal (huggingface/lerobot, pull request 2824) has raw sound."""
-    folder = out / "raw_audio/unsorted"
+def _write_sound(log: Path, out: Path) -> list[Path]:
+    """Write the sound where the open proposal for sound (huggingface/lerobot, pull request 2824) has it."""
+    folder = out / "audio/unsorted"
     folder.mkdir(parents=True, exist_ok=True)
     try:
         sounds = write_sound(log, folder)
@@ -226,9 +317,9 @@ def _write_sound(log: Path, out: Path, episode: int) -> list[Path]:
         sounds = []  # a run that carried predictions alone
     placed = []
     for sound in sounds:
-        part = f"-{sound.session}" if sound.session > 1 else ""
-        key = out / f"raw_audio/observation.audio.{sound.finger or 'index'}"
-        key.mkdir(parents=True, exist_ok=True)
-        placed.append(sound.path.rename(key / f"episode_{episode:06d}{part}.wav"))
+        key = f"observation.audio.{sound.finger or 'index'}"
+        path = out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=sound.session - 1)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        placed.append(sound.path.rename(path))
     folder.rmdir()
     return placed

@@ -8,6 +8,7 @@ from tactophone.cli import options, output
 EXAMPLES = (
     "tactophone export lerobot run.mcap --with robot-data --out felt-data",
     "tactophone export lerobot run.mcap --with robot-data --out felt-data --episode 3 --start 1767225600.25",
+    "tactophone export lerobot run.mcap --with robot-data --out felt-data --into-state roughness,contact",
 )
 
 
@@ -23,13 +24,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="episode that the log belongs to, %(type)s")  # fmt: skip
     add("--start", type=options.Within(float, 0, unit="s since 1970"), metavar="S",
         help="time of the episode's first frame, %(type)s; by default that of the log's first prediction")  # fmt: skip
+    add("--into-state", type=lambda words: tuple(words.split(",")), default=(), metavar="NAMES",
+        help="also append the newest values of these columns to observation.state, the one feature that policies read: "
+        "roughness,contact,amplitude")  # fmt: skip
     options.add_json(parser, "print the summary as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     from tactophone.app.lerobot import export
 
-    found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start)
+    found = export(
+        args.log,
+        args.dataset,
+        args.out,
+        episode=args.episode,
+        start=args.start,
+        into_state=args.into_state,
+    )
     words = (
         f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
         f"{found.frames} frames; {len(found.sound)} files of sound"
