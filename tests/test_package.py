@@ -48,7 +48,7 @@ WORDS = {
     "set-threshold": ["paper", "--data", "set", "--false-bumps", "1"],
     "evaluate": ["paper", "--data", "set"],
     "benchmark": ["--data", "set"],
-    "roughness": ["heights.csv", "--pixel", "1e-5"],
+    "roughness": ["heights.npy", "--pixel", "1e-5"],
     "dataset": ["check", "set"],
     "export": ["lerobot", "run.mcap", "--with", "set", "--out", "felt"],
 }
@@ -76,7 +76,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work")
     audiofolder(folder / "set")
     soundfile.write(folder / "finger.wav", np.random.default_rng(0).normal(scale=0.1, size=(24_000, 2)), 48_000)
-    np.savetxt(folder / "heights.csv", np.random.default_rng(0).normal(scale=1e-6, size=1000))
+    np.save(folder / "heights.npy", np.random.default_rng(0).normal(scale=1e-6, size=1000))
     return folder
 
 

@@ -1,4 +1,4 @@
-"""``tactophone roughness``: Ra, Rq, Rz, RSm, Rdq, Sa, Sq and Sz of a measured profile or height map."""
+"""``tactophone roughness``: Ra, Rq, Rz, RSm and Rdq of a measured profile or height map."""
 
 import argparse
 import math
@@ -13,20 +13,18 @@ from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactophone.lab.dataset.heights import HeightReport
+    from tactophone.lab.dataset.roughness import HeightReport
 
 EXAMPLES = (
-    "tactophone roughness profile.csv --unit um",
+    "tactophone roughness profile.npz --unit um",
     "tactophone roughness slate.npy --pixel 29.4e-6 --resolution 5",
     "tactophone roughness slate.npz --write-metadata recordings --surface slate",
 )
 
 
 def _listing(report: "HeightReport") -> Table:
-    found, area = report.profile, report.area
-    rows = [("Ra", found.ra), ("Rq", found.rq), ("Rz", found.rz)]
-    rows += [("Sa", area.sa), ("Sq", area.sq), ("Sz", area.sz)] if area else []
-    shown = [(name, f"{1e6 * value:.4g} um") for name, value in rows]
+    found = report.profile
+    shown = [(name, f"{1e6 * value:.4g} um") for name, value in (("Ra", found.ra), ("Rq", found.rq), ("Rz", found.rz))]
     shown.append(("RSm", "-" if math.isnan(found.rsm) else f"{1e3 * found.rsm:.4g} mm"))
     shown.append(("Rdq", f"{found.rdq:.4g}"))
     lines, columns = report.shape
@@ -38,7 +36,7 @@ def _listing(report: "HeightReport") -> Table:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("file", type=Path, metavar="FILE",
-        help="profile or height map: .npy, .npz (heights, step), .csv (a column, or a map)")  # fmt: skip
+        help="profile or height map: .npy, .npz (heights, step) or .png (grey)")  # fmt: skip
     add("--pixel", type=Within(float, 0, over=True, unit="m"), metavar="M",
         help="distance between heights, %(type)s, such as 29.4e-6; where FILE lacks it")  # fmt: skip
     add("--unit", choices=("m", "mm", "um", "nm"), default="m", help="of the heights (and of places) in FILE")
@@ -52,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.lab.dataset.heights import measure_heights, read_heights
+    from tactophone.lab.dataset.roughness import measure_heights, read_heights
 
     if bool(args.write_metadata) != bool(args.surface):
         raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")

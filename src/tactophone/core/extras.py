@@ -6,7 +6,7 @@ import sys
 from tactophone.core.errors import ConfigError
 
 _MODULES = {
-    "plot": ("matplotlib",),
+    "plot": ("matplotlib", "PIL"),
     "sim": ("numba", "scipy"),
     "link": ("pylibsrtp", "OpenSSL", "opuslib_next", "samplerate"),
     "call": ("aioice", "wormhole"),

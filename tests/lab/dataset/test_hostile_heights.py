@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import DatasetError
-from tactophone.lab.dataset.heights import read_heights
+from tactophone.lab.dataset.roughness import read_heights
 
 
 def _npy(shape: object, kind: str = "<f8", data: bytes = b"") -> bytes:
@@ -32,7 +32,8 @@ FILES = {
     "below.npy": _npy((-1, 4)),
     "objects.npy": _npy((1,), "|O", b"x"),
     "texts.npy": _npy((4,), "<U1000000000", bytes(64)),
-    "zeros.csv": b"1,2\n" + bytes(100),
+    "no.png": b"\x89PNG\r\n\x1a\n" + bytes(100),
+    "20 GB.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">IIBBBBB", 50_000, 50_000, 16, 0, 0, 0, 0) + bytes(50),
     "empty.npz": b"PK\x05\x06" + bytes(18),
     "none.npz": b"nothing",
 }

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from tactophone.lab.dataset.heights import COARSE_CUTOFF, CUTOFF, measure_profile, roughness_profile
+from tactophone.lab.dataset.roughness import COARSE_CUTOFF, CUTOFF, measure_profile, roughness_profile
 
 STEP = 1e-6
 PLACE = np.arange(0, 12e-3, STEP)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tactophone.core.errors import DatasetError, did_you_mean
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.heights import COARSE_CUTOFF, Roughness, measure_profile
+from tactophone.lab.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.lab.simulation.modes import Body, Mounting
 from tactophone.lab.simulation.surface import HEIGHT_SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
 
