@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.events import decided_touches
 from tactophone.lab.evaluation.metrics import false_positives_at_recall, measure
-from tactophone.lab.evaluation.predict import in_true_contact, model_predictor, scores_of, true_contact
+from tactophone.lab.evaluation.predict import in_true_contact, scores_of, true_contact
 from tactophone.lab.training.tracks import FeatureSpec, extract_features
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
@@ -33,7 +34,7 @@ def main() -> None:
     recordings = open_dataset(parser.parse_args().dataset).labelled().recordings
     scores = {}
     for name in (REFERENCE, "texture"):
-        predict = model_predictor(read_model(model_path(name)), own_floor=True)
+        predict = recording_predictor(name)
         scores[name] = scores_of([in_true_contact(predict(take)) for take in recordings], "two-class")
     recall = measure(scores[REFERENCE])["rough_accuracy"]
     print(f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own threshold | linoleum |")
@@ -49,7 +50,7 @@ def main() -> None:
 def print_rendered(recordings: Sequence[Recording]) -> None:
     """Print how much rough is rendered as rough, in all of true contact and where it is audible."""
     model = read_model(model_path("texture"))
-    predict, rough = model_predictor(model, own_floor=True), np.zeros((2, 2), int)
+    predict, rough = recording_predictor(model), np.zeros((2, 2), int)
     for recording in (each for each in recordings if each.rough):
         take, sound = predict(recording), recording.read(channels=1)
         floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")

@@ -14,9 +14,9 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import DEFAULT_TIP
 from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.evaluation.predict import model_predictor
 from tactophone.lab.evaluation.report import make_report
 from tactophone.lab.simulation import finger
 from tactophone.lab.simulation.catalogue import catalogue
@@ -57,7 +57,7 @@ def printed(radius: float, modulus: float | None) -> finger.Tip:
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     model = read_model(model_path("texture"))
-    predict, takes = model_predictor(model, own_floor=True), [take for take in TAKES if take.name in QUIET]
+    predict, takes = recording_predictor(model), [take for take in TAKES if take.name in QUIET]
     jobs = plan_dataset(catalogue()[23:33], RenderOptions(duration=6.0, seed=31), takes=takes)
     print("| radius | bed | right | smooth as rough | gaps | AUC |\n|--:|---|--:|--:|--:|--:|")
     for radius, bed in FINGERS:

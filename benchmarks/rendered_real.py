@@ -34,13 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distortions import GROUPS, distorted
+from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import kin_of, with_kin
 from tactophone.lab.dataset.values import Dataset, Recording
 from tactophone.lab.evaluation.events import calibration_error, decided_touches
 from tactophone.lab.evaluation.metrics import rough_score
-from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone.lab.evaluation.predict import TakePredictions
 from tactophone.lab.evaluation.report import unknown_shares
 from tactophone.lab.training.recipes import RECIPES, TrainingOptions
 from tactophone.lab.training.tracks import FeatureSpec, extract_features
@@ -107,7 +108,7 @@ def main() -> None:
     plain: list[TakePredictions] = []
     with tempfile.TemporaryDirectory() as folder:
         for model, takes in left_out(real, simulated, group, Path(folder)):
-            predict = model_predictor(model, own_floor=True)
+            predict = recording_predictor(model)
             for take in takes:
                 if int(take.take or 0) <= args.takes:
                     for name in channels:

@@ -6,20 +6,20 @@ there is one) the air microphone.
 
 import sys
 
-from tactophone import FileSource, Touch, open_pipeline
+from tactophone import Touch, open_recording
 
 
 def main(path: str) -> None:
-    """Print the predictions that differ from the one before."""
-    previous = None
-    with FileSource(path) as source:
-        pipeline = open_pipeline(sample_rate=source.sample_rate, channels=source.channels)
-        for block in source:
-            for prediction in pipeline.push(block).predictions:
-                if prediction.touch != previous:
-                    name = Touch(prediction.touch).name.lower()
-                    print(f"{prediction.end:8.3f} s  {name:6}  roughness {prediction.roughness:.2f}")
-                previous = prediction.touch
+    """Print the predictions that differ from the one before, and what was corrected in the recording."""
+    previous, recording = None, open_recording(path)
+    for step in recording.steps():
+        for prediction in step.predictions:
+            if prediction.touch != previous:
+                name = Touch(prediction.touch).name.lower()
+                print(f"{prediction.end:8.3f} s  {name:6}  roughness {prediction.roughness:.2f}")
+            previous = prediction.touch
+    for note in recording.notes:
+        print(f"note: {note}")
 
 
 if __name__ == "__main__":

@@ -2,14 +2,15 @@
 
 The public API::
 
-    from tactophone import FileSource, Oscillator, open_pipeline
+    from tactophone import Oscillator, open_live, open_recording
 
-    source, oscillator = FileSource("finger.wav", block_size=480), Oscillator()
-    pipeline = open_pipeline(sample_rate=source.sample_rate, channels=source.channels)
-    with source:
-        for block in source:
-            for command in pipeline.push(block).commands:
-                oscillator.submit(command)
+    for step in open_recording("finger.wav").steps():   # as `tactophone feel` decides
+        step.predictions, step.commands
+
+    oscillator = Oscillator()
+    for step in open_live("jack"):                      # as a live run decides
+        for command in step.commands:
+            oscillator.submit(command)
 
 Values and errors are imported at once, everything else when it is first used.
 """
@@ -34,7 +35,9 @@ from tactophone.core.types import (
 from tactophone.core.version import __version__
 
 if TYPE_CHECKING:
-    from tactophone.app.tables import Live, Table, classify, open_live
+    from tactophone.app.live import Live, open_live
+    from tactophone.app.recordings import OpenRecording, open_recording
+    from tactophone.app.tables import Table, classify
     from tactophone.live.audio.files import FileSource
     from tactophone.live.audio.sources import jack_source, portaudio_source
     from tactophone.live.telemetry.watcher import Watcher
@@ -47,14 +50,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AIR", "CONTACT", "LIVE_SAMPLE_RATE", "AudioBlock", "ConfigError", "ContactThreshold", "DatasetError", "Detector",
-    "DeviceError", "FileSource", "HapticCommand", "Limits", "Live", "ModelError", "Oscillator", "PacketError",
-    "Pipeline", "PipelineStep", "Prediction", "Profile", "Source", "Table", "TactophoneError", "Touch", "Watcher",
-    "__version__", "classify", "jack_source", "open_detector", "open_live", "open_pipeline", "open_profile",
-    "portaudio_source", "read_model",
+    "DeviceError", "FileSource", "HapticCommand", "Limits", "Live", "ModelError", "OpenRecording", "Oscillator",
+    "PacketError", "Pipeline", "PipelineStep", "Prediction", "Profile", "Source", "Table", "TactophoneError", "Touch",
+    "Watcher", "__version__", "classify", "jack_source", "open_detector", "open_live", "open_pipeline", "open_profile",
+    "open_recording", "portaudio_source", "read_model",
 ]  # fmt: skip
 
 _MODULES = {
-    "app.tables": ("Live", "Table", "classify", "open_live"),
+    "app.live": ("Live", "open_live"), "app.recordings": ("OpenRecording", "open_recording"),
+    "app.tables": ("Table", "classify"),
     "live.audio.files": ("FileSource",), "live.audio.sources": ("jack_source", "portaudio_source"),
     "live.telemetry.watcher": ("Watcher",), "signal.haptics.limits": ("Limits",),
     "signal.haptics.oscillator": ("Oscillator",), "signal.haptics.profiles": ("open_profile",),

@@ -14,6 +14,7 @@ from tactophone.cli import main
 from tactophone.core.errors import ConfigError, ModelError
 from tactophone.core.settings import Settings, change
 from tactophone.live.runtime.wiring import open_actuator, open_pipeline_for, tip_warning
+from tactophone.signal.perception.health import FaultDetector
 
 PACKAGE = """
 from collections import Counter
@@ -108,6 +109,20 @@ def test_what_does_not_exist_is_one_line(recording: Path) -> None:
         tactophone.open_live("fingr")
     with pytest.raises(ModelError, match="channels = 3"):
         tactophone.open_pipeline(sample_rate=48_000, channels=3)
+    with pytest.raises(ConfigError, match=r"no column roughnes.*did you mean roughness"):
+        tactophone.classify(recording).column("roughnes")
+
+
+def test_sound_of_three_channels_is_one_clear_error_everywhere() -> None:
+    block = tactophone.AudioBlock(np.zeros((48_000, 3), np.float32), 48_000)
+    pipeline = tactophone.open_pipeline(sample_rate=48_000, channels=2)
+    for push in (
+        pipeline.push,
+        tactophone.open_detector("texture", sample_rate=48_000).push,
+        FaultDetector(48_000).push,
+    ):
+        with pytest.raises(ModelError, match=r"channels = 3, but a finger has 1 .* or 2"):
+            push(block)
 
 
 @pytest.mark.usefixtures("package")

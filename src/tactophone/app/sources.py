@@ -33,10 +33,11 @@ def open_source(settings: Settings) -> "Source":
     """
     from tactophone.core.hand import each_finger
     from tactophone.live.audio.files import CombinedSource, FileSource
-    from tactophone.live.runtime.wiring import open_device
+    from tactophone.live.audio.sources import open_device
 
     capture, fingers = settings.capture, each_finger(settings)
     if capture.source == "finger":
+        extras.require_extras("sim")
         from tactophone.lab.simulation.demonstration import StrokingFinger, StrokingHand
 
         try:

@@ -1,23 +1,20 @@
-"""Whole runs from Python in one call: a recording as a table, and the steps of a live run."""
+"""A recording as a table, in one call."""
 
-import threading
-from collections.abc import Callable, Iterator
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.app.sources import open_source
+from tactophone.app.recordings import open_recording
+from tactophone.core import extras
+from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
-from tactophone.core.settings import Settings, change
-from tactophone.core.types import DEFAULT_TIP, HapticCommand, PipelineStep, Prediction, Source, Touch, TouchEvent
-from tactophone.live.audio.files import FileSource
-from tactophone.live.audio.pacing import paced
+from tactophone.core.types import DEFAULT_TIP, HapticCommand, Prediction, Touch, TouchEvent
 from tactophone.live.telemetry.layout import PREDICTION_RECORD
 from tactophone.live.telemetry.timeline import TimelineWriter
-from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,17 +27,26 @@ class Table:
         One for each window, and for each touch event.
     commands
         As many.
+    notes
+        Sentences on what was corrected in the recording, and on what does not fit the model.
     """
 
     predictions: tuple[Prediction, ...]
     commands: tuple[HapticCommand, ...]
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.predictions)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return one number of each prediction; names as in the CSV file, such as ``level_dbfs`` or ``amplitude``."""
-        field = next(field for field in PREDICTION_FIELDS if field.name == name)
+        """Return one number of each prediction; names as in the CSV file, such as ``level_dbfs`` or ``amplitude``.
+
+        Raises `ConfigError` if there is no such number.
+        """
+        fields = {field.name: field for field in PREDICTION_FIELDS}
+        if name not in fields:
+            raise ConfigError(f"no column {name}: there are {', '.join(fields)}{did_you_mean(name, fields)}")
+        field = fields[name]
         pairs = zip(self.predictions, self.commands, strict=True)
         return np.array([field.of(*pair) for pair in pairs], PREDICTION_RECORD[name])
 
@@ -88,7 +94,11 @@ class Table:
                 writer.write_row(prediction, command)
 
     def plot(self) -> Any:
-        """Draw level, roughness in contact and amplitude; returns a matplotlib figure (extra ``plot``)."""
+        """Draw level, roughness in contact and amplitude; returns a matplotlib figure.
+
+        Raises `ConfigError` without the extra ``plot``.
+        """
+        extras.require_extras("plot")
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(9, 5), layout="constrained")
@@ -107,115 +117,20 @@ class Table:
 
 
 def classify(
-    path: str | Path, model: str = "", *, profile: str = "paper", events: bool = False, tip: str = DEFAULT_TIP
-) -> Table:
-    """Return all predictions of a recording.
+    path: str | Path, model: str = "", *, profile: str = "paper", events: bool = False, tip: str = DEFAULT_TIP,
+    threshold_dbfs: float = math.nan,
+) -> Table:  # fmt: skip
+    """Return all predictions of a recording, the same as those of ``tactophone feel``.
 
     Parameters
     ----------
-    path
-        A WAV or FLAC file; channel 0 is the contact microphone, channel 1 (if there is one) the air microphone.
-    model
-        As for `open_pipeline`, like the parameters after it.
-
-    Raises
-    ------
-    DatasetError
-        If the file is missing or damaged.
-    ModelError
-        If there is no such model, or it does not fit the sound.
+    path, model, profile, events, tip, threshold_dbfs
+        As for `open_recording`, which also says what it raises.
     """
-    with FileSource(path) as source:
-        pipeline = open_pipeline(
-            model, sample_rate=source.sample_rate, channels=source.channels, profile=profile, events=events, tip=tip
-        )
-        steps = [pipeline.push(block) for block in source]
-    if steps:
-        steps.append(pipeline.flush(steps[-1].block))
+    recording = open_recording(path, model, profile=profile, events=events, tip=tip, threshold_dbfs=threshold_dbfs)
+    steps = list(recording.steps())
     return Table(
         tuple(prediction for step in steps for prediction in step.predictions),
         tuple(command for step in steps for command in step.commands),
+        tuple(recording.notes),
     )
-
-
-class Live:
-    """Live sound through a pipeline in this process, without link, actuator or watchdog; made by `open_live`.
-
-    Iterate over it for its steps, or let it call you: ``with open_live().start(callback): ...``.
-    """
-
-    def __init__(self, source: Source, pipeline: Pipeline, *, at_pace: bool) -> None:
-        self._source, self._pipeline, self._at_pace = source, pipeline, at_pace
-        self._ended = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def __iter__(self) -> Iterator[PipelineStep]:
-        if rehearse := getattr(self._source, "rehearse", None):
-            rehearse()
-        with self._source as source:
-            for block in paced(source) if self._at_pace else source:
-                if self._ended.is_set():
-                    return
-                yield self._pipeline.push(block)
-
-    def start(self, callback: Callable[[PipelineStep], object]) -> Self:
-        """Call back with each step from now on, in a thread of its own, until `stop` or the end of the sound."""
-
-        def run() -> None:
-            for step in self:
-                callback(step)
-
-        self._thread = threading.Thread(target=run, name="tactophone-live", daemon=True)
-        self._thread.start()
-        return self
-
-    def stop(self) -> None:
-        """End the sound and wait for the callback that is running; not from within one."""
-        self._ended.set()
-        if self._thread:
-            self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-
-def open_live(
-    source: str | Source = "finger", model: str = "", *, profile: str = "paper", events: bool = False,
-    tip: str = DEFAULT_TIP,
-) -> Live:  # fmt: skip
-    """Open live sound and a pipeline for it.
-
-    Parameters
-    ----------
-    source
-        As the option ``--source`` takes it: ``finger`` (simulated), ``jack``, ``portaudio:DEVICE``, ``microphone``,
-        ``file:RECORDING`` or ``ros:/TOPIC``; or a `Source`.
-    model
-        As for `open_pipeline`, like the parameters after it.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such source.
-
-    Examples
-    --------
-    ::
-
-        for step in tactophone.open_live("finger"):
-            print([prediction.roughness for prediction in step.predictions])
-    """
-    opened = _open(source, tip) if isinstance(source, str) else source
-    pipeline = open_pipeline(
-        model, sample_rate=opened.sample_rate, channels=opened.channels, profile=profile, events=events, tip=tip
-    )
-    return Live(opened, pipeline, at_pace=isinstance(source, str) and source.partition(":")[0] in ("finger", "file"))
-
-
-def _open(text: str, tip: str) -> Source:
-    kind, _, device = text.partition(":")
-    capture = {"source": kind, "device": device, "tip": tip, "loop": "false"}
-    return open_source(change(Settings(), [f"capture.{name}={value}" for name, value in capture.items()], where="live"))

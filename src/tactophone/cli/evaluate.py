@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
-    from tactophone.lab.evaluation.predict import model_predictor
+    from tactophone.app.recordings import recording_predictor
     from tactophone.lab.evaluation.report import make_report
 
     model = read_model(model_path(args.model))
@@ -103,7 +103,7 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
         output.log().print("beware: the model was trained on these very recordings")
     if (tip := tip_of(dataset.recordings)) and tip_mismatch(model.card, tip):
         output.note(f"beware: the model is for the tip {model.card.tip}, but the recordings are of {tip}")
-    predict = model_predictor(model, own_floor=True)
+    predict = recording_predictor(args.model)
     with output.tracked(dataset.recordings, "predicting") as takes:
         return make_report([predict(take) for take in takes], decision=model.card.decision)
 

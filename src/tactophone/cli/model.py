@@ -194,12 +194,12 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
 
 def _rendered(model: Model, recordings: Sequence[Recording], rules: Sequence[DecisionRule]) -> "Estimate":
     """Return how much smooth is rendered as rough, with a rule for each recording."""
-    from tactophone.lab.evaluation.predict import model_predictor
+    from tactophone.app.recordings import recording_predictor
     from tactophone.lab.evaluation.report import rendered_scores
 
     with output.tracked(list(zip(recordings, rules, strict=True)), "rendering") as takes:
         found = [
-            model_predictor(replace(model, card=replace(model.card, decision=rule)), own_floor=True)(recording)
+            recording_predictor(replace(model, card=replace(model.card, decision=rule)))(recording)
             for recording, rule in takes
         ]
     return rendered_scores(found, rules[0]).smooth_as_rough

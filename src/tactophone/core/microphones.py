@@ -1,5 +1,7 @@
 """The microphones of a finger, and how many fingers sound has."""
 
+from tactophone.core.errors import ModelError
+
 CONTACT = 0
 """Channel of the contact microphone, the piezo on the finger pad."""
 
@@ -13,3 +15,11 @@ MICROPHONES = ("contact", "air")
 def fingers_of(channels: int) -> int:
     """Return the number of fingers in sound of so many channels; a single one is a finger without an air microphone."""
     return max(1, channels // len(MICROPHONES))
+
+
+def check_channels(channels: int) -> None:
+    """Raise `ModelError` unless the sound has the channels of a single finger."""
+    if channels not in (1, 2):
+        raise ModelError(
+            f"channels = {channels}, but a finger has 1 (contact) or 2 (contact, air); open a pipeline for each finger"
+        )

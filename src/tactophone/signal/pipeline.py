@@ -13,12 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactophone.core.errors import ModelError
+from tactophone.core.microphones import check_channels
 from tactophone.core.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.detector import push_together
 from tactophone.signal.perception.events import EventDetector, EventMerger
+from tactophone.signal.perception.model_file import Model
 from tactophone.signal.perception.models import default_model, open_detector, open_registered
 
 
@@ -170,7 +171,7 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
 
 
 def open_pipeline(
-    model: str = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
+    model: str | Model = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
     fast_contact: bool = True, follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
 ) -> Pipeline:  # fmt: skip
     """Open a pipeline for sound of a given rate and channel count.
@@ -179,7 +180,7 @@ def open_pipeline(
     ----------
     model
         Name of a shipped model, path of a model file, or name of a detector that another package registers as an entry
-        point ``tactophone.detectors``; empty: the shipped model for the tip.
+        point ``tactophone.detectors``; empty: the shipped model for the tip. Or a model that was read.
     sample_rate
         Of the sound to come, in Hz; 2000 or more.
     channels
@@ -205,12 +206,10 @@ def open_pipeline(
     ConfigError
         If there is no such profile.
     """
-    if channels not in (1, 2):
-        raise ModelError(
-            f"channels = {channels}, but a pipeline takes 1 (contact) or 2 (contact, air); open one for each finger"
-        )
+    check_channels(channels)
     name = model or default_model(tip)
-    detector: Detector = open_registered(name, sample_rate=sample_rate, channels=channels) or open_detector(
+    own = None if isinstance(name, Model) else open_registered(name, sample_rate=sample_rate, channels=channels)
+    detector: Detector = own or open_detector(
         name, sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
     )
     merger = None

@@ -8,7 +8,7 @@ import soundfile
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording, Segment
-from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, run_detector, scores_of
+from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of, take_of
 from tests.lab.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
@@ -46,7 +46,8 @@ class LoudIsRough:
 
 
 def predict(recording: Recording) -> TakePredictions:
-    return run_detector(recording, recording.blocks(channels=2), lambda rate: LoudIsRough())
+    detector = LoudIsRough()
+    return take_of(recording, [each for block in recording.blocks(channels=2) for each in detector.push(block)])
 
 
 def test_each_recording_starts_with_a_fresh_detector(tmp_path: Path) -> None:

@@ -21,8 +21,9 @@ from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Finger, Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.sources import open_device
 from tactophone.live.runtime.pairing import Sides, both_sides
-from tactophone.live.runtime.wiring import OpenSource, open_device
+from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.layout import MARKS, STAGES
 from tactophone.live.telemetry.watcher import Watcher
 

@@ -6,20 +6,19 @@ texture detector's balanced accuracy fell from 0.90 to 0.81.
 """
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.types import SURFACE_LABELS, AudioBlock, Detector, FloatArray, Prediction, Touch
+from tactophone.core.types import SURFACE_LABELS, FloatArray, Prediction, Touch
 from tactophone.lab.dataset.values import Intervals, Recording, stretches
 from tactophone.lab.evaluation.metrics import Rule, Scores, rough_score, sort_scores
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
-from tactophone.signal.perception.models import with_gate
 from tactophone.signal.perception.noise_floor import FLOOR_HOLD, measure_floor
 
 LEAST_CONTACT = 0.1
@@ -45,48 +44,28 @@ Predictor = Callable[[Recording], TakePredictions]
 """Predicts a whole recording: a detector, or what a benchmark method has trained."""
 
 
-def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
-    """Return a predictor that runs a model as the live system does; some models do without a missing air channel.
+def model_predictor(model: Model) -> Predictor:
+    """Return a predictor that runs a model with the contact threshold of its card; whole windows decide.
 
-    With ``own_floor`` the contact threshold is just over each recording's own noise floor and the fast contact gate
-    decides, as in `tactophone feel`; otherwise the threshold is the model's, and whole windows decide.
+    Some models do without a missing air channel. `tactophone.app.recordings.recording_predictor` decides as
+    `tactophone feel` does.
     """
 
     def predict(recording: Recording) -> TakePredictions:
         lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and recording.read(duration=0).channels == 1
-        channels, single = 1 if lacks_air else model.card.channels, model.card.microphone
-
-        def open_detector(rate: int) -> Detector:
-            detector = WindowDetector(model, sample_rate=rate)
-            if not own_floor:
-                return detector
-            floor = measure_floor(
-                recording.blocks(channels=channels, single=single), sample_rate=rate, rule=model.card.gate.rule
-            )
-            gated = with_gate(detector, sample_rate=rate)
-            gated.threshold.dbfs = floor.threshold_dbfs
-            return gated
-
-        blocks = recording.blocks(channels=channels, single=single)
-        return run_detector(recording, blocks, open_detector, keep_touch=own_floor)
+        channels = 1 if lacks_air else model.card.channels
+        detector: WindowDetector | None = None
+        found: list[Prediction] = []
+        for block in recording.blocks(channels=channels, single=model.card.microphone):
+            detector = detector or WindowDetector(model, sample_rate=block.sample_rate)
+            found += detector.push(block)
+        return take_of(recording, [*found, *(detector.flush() if detector else [])])
 
     return predict
 
 
-def run_detector(
-    recording: Recording,
-    blocks: Iterable[AudioBlock],
-    open_detector: Callable[[int], Detector],
-    *,
-    keep_touch: bool = False,
-) -> TakePredictions:
-    """Run a detector, opened for the rate of the sound, over a recording; ``keep_touch`` keeps what it rendered."""
-    detector: Detector | None = None
-    found: list[Prediction] = []
-    for block in blocks:
-        detector = detector or open_detector(block.sample_rate)
-        found += detector.push(block)
-    found += detector.flush() if detector else []
+def take_of(recording: Recording, found: Sequence[Prediction], *, keep_touch: bool = False) -> TakePredictions:
+    """Return the predictions for a recording; ``keep_touch`` keeps what they rendered, as a gate decides too."""
     touch = np.array([update.touch for update in found], np.int8)
     return TakePredictions(
         recording,

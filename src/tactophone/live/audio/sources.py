@@ -13,8 +13,11 @@ from typing import Self
 
 import numpy as np
 
+from tactophone.core.errors import ConfigError
+from tactophone.core.hand import each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.core.settings import Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Source
 from tactophone.live.audio.device import Device, Process, StreamDevice, open_at_live_rate
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
@@ -204,3 +207,38 @@ def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[t
 def browser_source(sound: Connection) -> LiveSource:
     """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
     return LiveSource(lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1)
+
+
+def open_device(settings: Settings) -> Source:
+    """Open the microphones; `tactophone.app.sources` opens recordings and the simulated finger too.
+
+    Those of a hand are at one JACK server, or on one PortAudio device.
+    """
+    capture, process, hand = settings.capture, settings.process, dict[str, tuple[str, str]]()
+    if settings.is_hand:
+        pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
+        hand = dict(zip(names_of(settings), pairs, strict=True))
+    match capture.source:
+        case "jack":
+            name = process.name or "tactophone-robot"
+            return jack_source(
+                contact=capture.contact, air=capture.air, fingers=hand, server=process.jack_server, name=name
+            )
+        case "portaudio":
+            channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in hand.values()]
+            return portaudio_source(capture.device, channels=2 if capture.air else 1, fingers=channels)
+        case "microphone" if not hand:
+            return portaudio_source(capture.device, channels=1)
+    raise ConfigError(
+        f"capture.source = {capture.source!r} has one finger: a hand's microphones are at jack or portaudio"
+        if hand
+        else f"capture.source = {capture.source!r} is not a device; devices are jack, portaudio and microphone"
+    )
+
+
+def _channel(text: str) -> int:
+    """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
+    number = text.removeprefix("system:capture_")
+    if not number.isdecimal() or not int(number):
+        raise ConfigError(f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3")
+    return int(number)

@@ -19,12 +19,12 @@ from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep
 from tactophone.live.audio.pacing import paced
-from tactophone.live.audio.sources import LiveSource
+from tactophone.live.audio.sources import LiveSource, open_device
 from tactophone.live.runtime import wiring
 from tactophone.live.runtime.latency import robot_stages
 from tactophone.live.runtime.priority import name_thread, prioritize_thread
 from tactophone.live.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
-from tactophone.live.runtime.wiring import OpenSource, open_device
+from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, State
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint

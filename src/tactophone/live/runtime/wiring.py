@@ -23,7 +23,6 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatA
 from tactophone.core.version import __version__
 from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand
-from tactophone.live.audio.sources import jack_source, portaudio_source
 from tactophone.live.telemetry.layout import Fault
 from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.net.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
@@ -55,41 +54,6 @@ REHEARSAL = 0.6
 rarely."""
 
 _BLOCK = 240
-
-
-def open_device(settings: Settings) -> Source:
-    """Open the microphones; recordings and the simulated finger are opened by the command line.
-
-    Those of a hand are at one JACK server, or on one PortAudio device.
-    """
-    capture, process, hand = settings.capture, settings.process, dict[str, tuple[str, str]]()
-    if settings.is_hand:
-        pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
-        hand = dict(zip(names_of(settings), pairs, strict=True))
-    match capture.source:
-        case "jack":
-            name = process.name or "tactophone-robot"
-            return jack_source(
-                contact=capture.contact, air=capture.air, fingers=hand, server=process.jack_server, name=name
-            )
-        case "portaudio":
-            channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in hand.values()]
-            return portaudio_source(capture.device, channels=2 if capture.air else 1, fingers=channels)
-        case "microphone" if not hand:
-            return portaudio_source(capture.device, channels=1)
-    raise ConfigError(
-        f"capture.source = {capture.source!r} has one finger: a hand's microphones are at jack or portaudio"
-        if hand
-        else f"capture.source = {capture.source!r} is not a device; devices are jack, portaudio and microphone"
-    )
-
-
-def _channel(text: str) -> int:
-    """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
-    number = text.removeprefix("system:capture_")
-    if not number.isdecimal() or not int(number):
-        raise ConfigError(f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3")
-    return int(number)
 
 
 def open_actuator(

@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.core.errors import ModelError
-from tactophone.core.microphones import AIR, CONTACT
+from tactophone.core.microphones import AIR, CONTACT, check_channels
 from tactophone.core.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
@@ -188,7 +188,7 @@ class WindowDetector:
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
 
-        Raises `ModelError` if the block has fewer channels than the model needs, or not the announced rate.
+        Raises `ModelError` if the block has fewer channels than the model needs or over two, or another rate.
         """
         return process_together([self.process(block)])[0]
 
@@ -200,6 +200,8 @@ class WindowDetector:
             )
         samples = block.samples
         size, channels = samples.shape
+        if channels > 2:
+            check_channels(channels)
         if channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
             raise ModelError(
                 f"sound with {channels} channel, but the model {self.card.name} needs {self.card.channels} "

@@ -23,7 +23,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
+from tactophone.core.microphones import AIR, CONTACT, MICROPHONES, check_channels
 from tactophone.core.types import AudioBlock, FloatArray
 
 PLAUSIBLE_PEAK = 8.0
@@ -389,7 +389,8 @@ class FaultDetector:
         return self._statistics.cell_size
 
     def push(self, block: AudioBlock) -> bool:
-        """Take sound; return whether it completed a measure."""
+        """Take sound; return whether it completed a measure. Raises `ModelError` at over two channels."""
+        check_channels(block.channels)
         measured = self._statistics.push(block)
         for statistics in measured:
             for fault, sign in find_signs(statistics, self._reference).items():

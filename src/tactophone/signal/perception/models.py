@@ -11,7 +11,7 @@ from tactophone.core.types import DEFAULT_TIP, Detector
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
-from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
+from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
 from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 
 TIP_MODELS: Mapping[str, str] = MappingProxyType(
@@ -78,14 +78,14 @@ def fallback_model(name: str) -> str | None:
 
 
 def open_detector(
-    name: str, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
+    name: str | Model, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
 ) -> TouchDetector:
     """Open a shipped model or a model file, for sound of a rate.
 
     Parameters
     ----------
     name
-        As :func:`model_path` takes it.
+        As :func:`model_path` takes it; or a model that was read.
     sample_rate
         In Hz.
     fast_contact
@@ -100,7 +100,8 @@ def open_detector(
     ModelError
         If there is no such model, or this version cannot run it.
     """
-    detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
+    model = name if isinstance(name, Model) else read_model(model_path(name))
+    detector = WindowDetector(model, sample_rate=sample_rate)
     card = detector.card
     if card.kind == "texture":
         tip = card.tip if name in TIP_MODELS.values() else ""

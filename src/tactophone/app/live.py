@@ -1,0 +1,118 @@
+"""Live sound from Python: a source and a pipeline in this process, step by step or by callback."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Self
+
+from tactophone.app.sources import open_source
+from tactophone.core.settings import Settings, change
+from tactophone.core.types import DEFAULT_TIP, PipelineStep, Source
+from tactophone.live.audio.pacing import paced
+from tactophone.signal.pipeline import Pipeline, open_pipeline
+
+
+class Live:
+    """Live sound through a pipeline in this process, without link, actuator or watchdog; made by `open_live`.
+
+    Iterate over it for its steps, or let it call you: ``with open_live().start(callback): ...``.
+    """
+
+    def __init__(self, source: Source, pipeline: Pipeline, *, at_pace: bool) -> None:
+        self._source, self._pipeline, self._at_pace = source, pipeline, at_pace
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None
+
+    def __iter__(self) -> Iterator[PipelineStep]:
+        if rehearse := getattr(self._source, "rehearse", None):
+            rehearse()
+        with self._source as source:
+            for block in paced(source) if self._at_pace else source:
+                if self._ended.is_set():
+                    return
+                yield self._pipeline.push(block)
+
+    def start(self, callback: Callable[[PipelineStep], object]) -> Self:
+        """Call back with each step from now on, in a thread of its own, until `stop` or the end of the sound.
+
+        An exception, of the callback or the source, ends the run too; `stop` or `wait` raises it.
+        """
+
+        def run() -> None:
+            try:
+                for step in self:
+                    callback(step)
+            except BaseException as error:
+                self._error = error
+
+        self._thread = threading.Thread(target=run, name="tactophone-live", daemon=True)
+        self._thread.start()
+        return self
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait for the end of the sound, up to ``timeout`` s; returns whether it has ended.
+
+        Raises what the callback or the source raised.
+        """
+        if self._thread:
+            self._thread.join(timeout)
+        error, self._error = self._error, None
+        if error:
+            raise error
+        return not (self._thread and self._thread.is_alive())
+
+    def stop(self) -> None:
+        """End the sound and wait for the callback that is running; not from within one.
+
+        Closes the source if it has a method ``close``: a source that delivers nothing, as an unplugged microphone,
+        must have one that ends its iteration. Raises what the callback or the source raised.
+        """
+        self._ended.set()
+        if self._thread and (close := getattr(self._source, "close", None)):
+            close()
+        self.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+def open_live(
+    source: str | Source = "finger", model: str = "", *, profile: str = "paper", events: bool = False,
+    tip: str = DEFAULT_TIP,
+) -> Live:  # fmt: skip
+    """Open live sound and a pipeline for it.
+
+    Parameters
+    ----------
+    source
+        As the option ``--source`` takes it: ``finger`` (simulated), ``jack``, ``portaudio:DEVICE``, ``microphone``,
+        ``file:RECORDING`` or ``ros:/TOPIC``; or a `Source`.
+    model
+        As for `open_pipeline`, like the parameters after it.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such source, or an extra that it needs is not installed.
+
+    Examples
+    --------
+    ::
+
+        for step in tactophone.open_live("finger"):
+            print([prediction.roughness for prediction in step.predictions])
+    """
+    opened = _open(source, tip) if isinstance(source, str) else source
+    pipeline = open_pipeline(
+        model, sample_rate=opened.sample_rate, channels=opened.channels, profile=profile, events=events, tip=tip
+    )
+    return Live(opened, pipeline, at_pace=isinstance(source, str) and source.partition(":")[0] in ("finger", "file"))
+
+
+def _open(text: str, tip: str) -> Source:
+    kind, _, device = text.partition(":")
+    capture = {"source": kind, "device": device, "tip": tip, "loop": "false"}
+    return open_source(change(Settings(), [f"capture.{name}={value}" for name, value in capture.items()], where="live"))

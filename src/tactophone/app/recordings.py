@@ -1,0 +1,183 @@
+"""One way to open a recording, so that `feel`, `classify`, `evaluate` and `demo` decide alike.
+
+A recording is read before it is processed: what is wrong with its sound is corrected (`tactophone.app.prepare`), and
+its contact threshold lies just over its own noise floor. A live run cannot look ahead; its threshold follows the noise.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.app.prepare import Preparation, PreparedSource
+from tactophone.core.types import DEFAULT_TIP, AudioBlock, ChangedSource, PipelineStep, Source
+from tactophone.lab.dataset.read import find_recording
+from tactophone.lab.dataset.values import Recording
+from tactophone.lab.evaluation.predict import Predictor, TakePredictions, take_of
+from tactophone.live.audio.files import FileSource
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.perception.detector import TouchDetector
+from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard
+from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
+from tactophone.signal.pipeline import Pipeline, open_pipeline
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """A recording, corrected, and the pipeline that was opened for it; made by `open_recording`.
+
+    Attributes
+    ----------
+    path
+        The file.
+    sound
+        Its corrected sound, a `Source`.
+    pipeline
+        With the contact threshold of this recording.
+    size
+        Samples in the file.
+    channels
+        Of the file; ``sound`` may have fewer.
+    floor
+        What the recording shows of its noise; ``None`` where a threshold was given, or the detector is no model.
+    card
+        Of the model; ``None`` for a detector of another package.
+    """
+
+    path: Path
+    sound: Source
+    pipeline: Pipeline
+    size: int
+    channels: int
+    floor: RecordingFloor | None
+    card: ModelCard | None
+    _notes: list[str]
+    _known: dict[str, str]
+    _misfits: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Length, in s."""
+        return self.size / self.sound.sample_rate
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what was corrected and, after it was processed, on what does not fit the model."""
+        return [*self._notes, *(self._misfits | self._known).values()]
+
+    def steps(self) -> Iterator[PipelineStep]:
+        """Process the recording from its beginning; the last step completes its end."""
+        self.pipeline.reset()
+        last: AudioBlock | None = None
+        with self.sound as sound:
+            for last in sound:
+                yield self.pipeline.push(last)
+                self.check_fit()
+        if last:
+            yield self.pipeline.flush(last)
+
+    def check_fit(self) -> None:
+        """Note what about the newest sound does not fit the model, for whoever pushes blocks without `steps`."""
+        if misfit := getattr(self.pipeline.detector, "misfit", None):
+            self._misfits[misfit.code] = misfit.text
+
+
+def open_recording(
+    path: str | Path, model: str | Model = "", *, profile: str = "paper", limits: Limits | None = None,
+    fast_contact: bool = True, events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
+) -> OpenRecording:  # fmt: skip
+    """Open a recording and a pipeline for it, as ``tactophone feel`` does.
+
+    Parameters
+    ----------
+    path
+        A WAV or FLAC file. Channel 0 is the contact microphone and channel 1 (if there is one) the air microphone,
+        unless the manifest of a data set around it says otherwise.
+    model
+        As for `open_pipeline`, like the parameters after it.
+    threshold_dbfs
+        Level from which there is contact, in dB of full scale; by default just over the recording's noise floor.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing or damaged.
+    ModelError
+        If there is no such model, or it does not fit the sound.
+    ConfigError
+        If there is no such profile.
+
+    Examples
+    --------
+    ::
+
+        recording = open_recording("finger.wav")
+        for step in recording.steps():
+            for prediction in step.predictions:
+                print(prediction.end, prediction.touch.name)
+        print(recording.notes)
+    """
+    file = FileSource(path)
+    known = find_recording(path)
+    source = _Exchanged(file) if known and known.channels == ("air", "contact") else file
+    preparation = Preparation.of(source)
+    pipeline = open_pipeline(
+        model, sample_rate=file.sample_rate, channels=len(preparation.channels), limits=limits,
+        profile="paper" if profile in PASSTHROUGH else profile, fast_contact=fast_contact, follow_floor=False,
+        events=events, tip=tip,
+    )  # fmt: skip
+    detector, floor = pipeline.detector, None
+    card = detector.detector.card if isinstance(detector, TouchDetector) else None
+    preparation = preparation.for_tip(card.tip if card else "")
+    if card is None or card.imported:  # trained on sound as its authors recorded it
+        preparation = replace(preparation, offset=(0.0,) * len(preparation.offset), hum=None)
+    if not math.isnan(threshold_dbfs):
+        detector.threshold.dbfs = threshold_dbfs
+    elif card:
+        floor = _measured(source, preparation, card)
+        # Sound that is rendered itself keeps its level.
+        if not card.imported and profile not in PASSTHROUGH:
+            louder = preparation.amplified(floor.loudest_dbfs)
+            if louder != preparation:
+                preparation, floor = louder, _measured(source, louder, card)
+        detector.threshold.dbfs = floor.threshold_dbfs
+    notes = preparation.notes(file.channels, used=card.channels if card else file.channels)
+    known_misfits = {}
+    if card and file.sample_rate < card.sample_rate:
+        known_misfits["narrow-band"] = (
+            f"recorded at {file.sample_rate} Hz, so without sound over {file.sample_rate // 2} Hz, but the model uses "
+            f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
+        )
+    sound = PreparedSource(source, preparation)
+    return OpenRecording(file.path, sound, pipeline, file.size, file.channels, floor, card, notes, known_misfits)
+
+
+def recording_predictor(model: str | Model) -> Predictor:
+    """Return a predictor that runs a model over the recordings of a data set as `tactophone feel` does."""
+
+    def predict(recording: Recording) -> TakePredictions:
+        opened = open_recording(recording.path, model)
+        card = opened.card
+        if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
+            # Raises where the manifest says that the file holds other microphones than the model takes.
+            recording.read(channels=card.channels, single=card.microphone, duration=0)
+        found = [prediction for step in opened.steps() for prediction in step.predictions]
+        return take_of(recording, found, keep_touch=True)
+
+    return predict
+
+
+def _measured(source: Source, preparation: Preparation, card: ModelCard) -> RecordingFloor:
+    with PreparedSource(source, preparation) as sound:
+        return measure_floor(sound, sample_rate=sound.sample_rate, rule=card.gate.rule)
+
+
+class _Exchanged(ChangedSource):
+    """A file that holds the air microphone first."""
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for block in self._source:
+            yield replace(block, samples=np.ascontiguousarray(block.samples[:, ::-1]))
