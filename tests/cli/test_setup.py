@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactophone.app.setup import Fitted
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage
-from tactophone.cli.setup import Fitted
+from tactophone.cli.setup import _fitted
 from tactophone.lab.training.setup import SHIPPED_BOUNDARY, Correction, LeftOut, SetUpFit
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
@@ -89,7 +90,17 @@ def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: 
     left_out = tuple(LeftOut(name, rough, right, right) for name, rough in (("tile", False), ("brick", True)))
     unchanged = Correction(np.zeros(1), np.ones(1), np.zeros(1), 1.0, 0.0)
     fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED_BOUNDARY, left_out), [], -40.0, "rubber", "rubber")
-    words = " ".join(part for part in fitted.parts() if isinstance(part, str))
+    words = " ".join(part for part in _fitted(fitted) if isinstance(part, str))
     assert ("no shipped model fits" in words) is says
     assert ("the wrong way round" in words) is (right == 0.1)
     assert words.endswith("a.onnx; use it as --tip rubber --model of `feel` and `receive`")
+
+
+def test_a_hand_needs_the_name_of_the_finger_to_set_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*QUICK, "--fingers", "2", "--out", str(tmp_path / "own.onnx")]) == 1
+    assert capsys.readouterr().err == (
+        "tactophone: --fingers names thumb, index, but one finger is needed: add --finger thumb\n"
+    )
+    objects = ["--smooth", "whiteboard", "--rough", "brick"]
+    for words in (["--fingers", "2", "--finger", "index"], ["--fingers", "1"]):
+        assert main([*QUICK, *objects, *words, "--out", str(tmp_path / "own.onnx")]) == 0

@@ -17,9 +17,10 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from tactophone.app.sources import SETTLING, AudioInput, SimulatedAct
+from tactophone.app.setup import record_act
+from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.cli import console, output
-from tactophone.core.errors import DatasetError, TactophoneError
+from tactophone.core.errors import TactophoneError
 from tactophone.core.microphones import CONTACT, MICROPHONES
 from tactophone.core.types import AudioBlock, FloatArray
 
@@ -204,24 +205,10 @@ def record_step(
             if meters.due():
                 screen.show(meters, instruction, "press a key to start")
         screen.offer({})
-    audio.ask(SimulatedAct(act.verb, act.duration + SETTLING))
-    rate = audio.source.sample_rate
-    _collect(blocks, SETTLING, rate, meters, screen, instruction)
-    return _collect(blocks, act.duration, rate, meters, screen, instruction)
 
-
-def _collect(
-    blocks: Iterator[AudioBlock], duration: float, rate: int, meters: Meters, screen: GuideScreen, instruction: str
-) -> FloatArray:
-    """Return ``duration`` s of sound, shape ``(samples, channels)``."""
-    parts: list[FloatArray] = []
-    left = round(duration * rate)
-    for block in blocks:
-        parts.append(block.samples[:left])
+    def follow(block: AudioBlock, left: float) -> None:
         meters.push(block)
-        left -= len(parts[-1])
-        if left <= 0:
-            return np.concatenate(parts)
-        if meters.due():
-            screen.show(meters, instruction, f"{left / rate:.1f} s")
-    raise DatasetError(f"the sound ended {left / rate:.1f} s too early; use a source that goes on until the last step")
+        if left > 0 and meters.due():
+            screen.show(meters, instruction, f"{left:.1f} s")
+
+    return record_act(audio, blocks, act, follow=follow)

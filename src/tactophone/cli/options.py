@@ -206,7 +206,7 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
         settings = with_fingers(settings, fingers)
     # Only a verb that works with one finger has the option --finger beside --fingers.
     if hasattr(args, "fingers") and hasattr(args, "finger") and (args.finger or fingers):
-        return finger_named(settings, args.finger or "")
+        return finger_named(settings, args.finger)
     return settings
 
 

@@ -1,53 +1,41 @@
 """``tactophone setup``: fit a detector to a new finger, guided, in two minutes; or check its microphones."""
 
 import argparse
-import datetime
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.markup import escape
 
-from tactophone.app.sources import AudioInput, SimulatedAct
+from tactophone.app.setup import (
+    CHECKED_OBJECT,
+    ROUGH,
+    SLIDE,
+    SMOOTH,
+    Fitted,
+    SetUpSounds,
+    check_kind,
+    check_microphones,
+    fit_finger,
+    record_set_up,
+)
+from tactophone.app.sources import AudioInput
 from tactophone.cli import console, options, output
 from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
-from tactophone.core.errors import ConfigError, ModelError
+from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import DEFAULT_TIP, TIP_NAMES, AudioBlock, FloatArray
-from tactophone.signal.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
-from tactophone.signal.perception.model_file import Model, read_model
-from tactophone.signal.perception.models import default_model, model_path, open_detector
-from tactophone.signal.perception.noise_floor import measure_floor
+from tactophone.signal.perception.calibration import CalibrationResult, Finding
+from tactophone.signal.perception.models import default_model
 
 if TYPE_CHECKING:
+    from tactophone.app.sources import SimulatedAct
     from tactophone.lab.training.setup import SetUpFit
-
-SILENCE, SLIDE = 5.0, 10.0
-"""Seconds of silence, and of sliding on each object."""
-
-SMOOTH, ROUGH = ("polished marble", "whiteboard"), ("brick", "lava stone")
-"""What the simulated finger slides over, where nothing is named."""
-
-KIND = "texture"
-"""Kind of model that can be fitted."""
-
-NOT_ASKED = ("no-tap", "faint-stroke")
-"""Findings of a calibration that are about steps which are not part of this."""
-
-CHECK_STEPS = (
-    (SimulatedAct("rest", 5.0), "Silence: touch nothing and keep still"),
-    (SimulatedAct("stroke", 5.0), "A stroke: stroke an object that you will use, to and fro, at medium pressure"),
-    (SimulatedAct("tap", 3.0), "Taps: tap on it about twice a second"),
-)
-"""What `--check` asks for."""
-
-CHECKED_OBJECT = "smooth competition stone"
-"""What the simulated finger strokes in a check, where no smooth object is named."""
 
 TIP_PICTURE = """\
 Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark.
@@ -65,16 +53,6 @@ Which tip touches?  Ink it, press it on glass as hard as you will slide, and loo
 """The mark separates rubber from the rest; under rubber, impulses are no sign of roughness."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Recorded:
-    """The sound of a set-up: silence, and each object's name, label and sound."""
-
-    sample_rate: int
-    source: str
-    silence: FloatArray
-    objects: list[tuple[str, bool, FloatArray]]
-
-
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
@@ -82,47 +60,26 @@ EXAMPLES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """A model that was fitted, what its file holds, and what was found wrong with the microphones."""
-
-    file: Path
-    fit: "SetUpFit"
-    findings: list[Finding]
-    threshold_dbfs: float
-    tip: str
-    start: str
-    """Name of the model that was started from."""
-
-    def as_json(self) -> dict[str, Any]:
-        fit = self.fit
-        return {
-            "passed": True, "file": self.file, "from": self.start, "tip": self.tip,
-            "threshold_dbfs": self.threshold_dbfs,
-            "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy,
-            "objects": fit.left_out, "findings": [finding.message for finding in self.findings],
-        }  # fmt: skip
-
-    def parts(self) -> Iterator[output.Part]:
-        fit, start = self.fit, self.start
-        before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
-        yield from _words(self.findings)
-        rows = [(escape(e.name), "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
-        yield [
-            {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
-             "right, left out of the fit": output.percent(own)}
-            for name, kind, shipped, own in [*rows, ("[bold]balanced[/]", "", before, after)]
-        ]  # fmt: skip
-        if not fit.abstains:
-            unknown = output.percent(fit.unknown)
-            yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
-        if fit.keeps:
-            yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
-        yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
-        if not after >= 0.75:  # also where it is NaN
-            yield f"[yellow]note:[/] {_estimate(fit)}"
-        tip = "" if self.tip == DEFAULT_TIP else f"--tip {self.tip} "
-        yield f"[green]written:[/] {escape(str(self.file))}; use it as {tip}--model of `feel` and `receive`"
+def _fitted(result: Fitted) -> Iterator[output.Part]:
+    fit, start = result.fit, result.start
+    before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
+    yield from _words(result.findings)
+    rows = [(escape(e.name), "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
+    yield [
+        {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
+         "right, left out of the fit": output.percent(own)}
+        for name, kind, shipped, own in [*rows, ("[bold]balanced[/]", "", before, after)]
+    ]  # fmt: skip
+    if not fit.abstains:
+        unknown = output.percent(fit.unknown)
+        yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
+    if fit.keeps:
+        yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
+    yield f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}"
+    if not after >= 0.75:  # also where it is NaN
+        yield f"[yellow]note:[/] {_estimate(fit)}"
+    tip = "" if result.tip == DEFAULT_TIP else f"--tip {result.tip} "
+    yield f"[green]written:[/] {escape(str(result.file))}; use it as {tip}--model of `feel` and `receive`"
 
 
 def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
@@ -184,29 +141,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_finger(parser)
 
 
+class _Steps:
+    """Shows each step on the terminal and the page; a person starts it, unless ``unattended``."""
+
+    def __init__(self, screen: GuideScreen, *, unattended: bool) -> None:
+        self._screen, self._unattended = screen, unattended
+
+    def begin(self, number: int, audio: AudioInput) -> None:
+        """Mark a step as the one now; of the first, open the meters."""
+        if number == 1:
+            self._meters = Meters(audio.source.channels, math.nan)
+            self._wait = self._screen.answers and not (self._unattended or audio.simulated)
+        self._screen.begin(number)
+
+    def __call__(
+        self, audio: AudioInput, blocks: Iterator[AudioBlock], act: "SimulatedAct", instruction: str
+    ) -> FloatArray:
+        return record_step(audio, blocks, act, instruction, meters=self._meters, screen=self._screen, wait=self._wait)
+
+
 def run(args: argparse.Namespace) -> int:
+    settings = options.settings_of(args)
     if args.check:
         return _check_set_up(args)
-    args.out = args.out or Path("finger.onnx")
-    objects = [(name, label == "rough") for label in ("smooth", "rough") for name in _names(args, label)]
+    file = args.out or Path("finger.onnx")
+    smooth, rough = _names(args, "smooth"), _names(args, "rough")
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
-        slides = (f"{name} ({'rough' if rough else 'smooth'})" for name, rough in objects)
+        slides = [*(f"{name} (smooth)" for name in smooth), *(f"{name} (rough)" for name in rough)]
         screen = GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
         tip = _ask_tip(args, screen)
-        recorded = _record(args, objects, screen)
-        return _fit_and_write(args, recorded, tip, screen)
+        with output.live_display() as live:
+            steps = _Steps(replace(screen, live=live), unattended=args.yes)
+            sounds = record_set_up(settings, smooth, rough, seconds=args.seconds, step=steps, begin=steps.begin)
+        return _fit_and_write(args, file, sounds, tip, screen)
 
 
-def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, screen: GuideScreen) -> int:
-    name = args.model or default_model(tip)
-    start = model_path(name)
-    model = read_model(start)
-    if model.card.kind != KIND:
-        raise ModelError(
-            f"model {model.card.name} is of kind {model.card.kind}; setup fits kind {KIND}: try --model texture"
-        )
-    findings = _check(recorded)
+def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, tip: str, screen: GuideScreen) -> int:
+    check_kind(args.model or default_model(tip))
+    findings = sounds.findings()
     if screen.page is not None:
         screen.page.show(findings=[str(finding) for finding in findings])
     if any(finding.fatal for finding in findings):
@@ -214,23 +187,12 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
         messages = [finding.message for finding in findings]
         output.show({"passed": False, "findings": messages}, [*_words(findings), words], as_json=args.json)
         return 1
-    floor = measure_floor(
-        [AudioBlock(recorded.silence, recorded.sample_rate)],
-        sample_rate=recorded.sample_rate,
-        rule=model.card.gate.rule,
-    )
-    if not floor.known:
-        raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
-    fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    findings += _misfits(name, recorded, threshold_dbfs=floor.threshold_dbfs)
-    from tactophone.lab.training.setup import write_set_up
-
-    write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    result = Fitted(args.out, fit, findings, floor.threshold_dbfs, tip, model.card.name)
-    output.show(result, result.parts(), as_json=args.json)
+    with output.progress("fitting", len(sounds.objects)) as update:
+        result = fit_finger(sounds, file, tip=tip, model=args.model, report=lambda done: update(completed=done))
+    output.show(result, _fitted(result), as_json=args.json)
     if screen.page is not None:
         content = output.finite(output.as_values(result))
-        words = f"written: {args.out}; {_estimate(fit)}. Now feel with it: tactophone receive --model {args.out}"
+        words = f"written: {file}; {_estimate(result.fit)}. Now feel with it: tactophone receive --model {file}"
         screen.page.show(result=content | {"words": words})
     return 0
 
@@ -264,84 +226,18 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     return key if key in TIP_NAMES else dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
 
 
-def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], screen: GuideScreen) -> _Recorded:
-    recorded: list[tuple[str, bool, FloatArray]] = []
-    with AudioInput(options.settings_of(args), objects[0][0]) as audio, output.live_display() as live:
-        wait = screen.answers and not (args.yes or audio.simulated)
-        screen = replace(screen, live=live)
-        screen.begin(1)
-        blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
-        silence = record_step(
-            audio, blocks, SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still",
-            meters=meters, screen=screen, wait=wait,
-        )  # fmt: skip
-        for number, (name, rough) in enumerate(objects):
-            screen.begin(2 + number)
-            instruction = f"Slide to and fro on {name} ({'rough' if rough else 'smooth'}), now fast, now slowly"
-            act = SimulatedAct("stroke", args.seconds)
-            if number and audio.name == "finger":
-                # A simulated finger lies on one object; the same seed gives the same set-up on the next.
-                with AudioInput(options.settings_of(args), name) as other:
-                    sound = record_step(other, iter(other), act, instruction, meters=meters, screen=screen, wait=wait)
-            else:
-                sound = record_step(audio, blocks, act, instruction, meters=meters, screen=screen, wait=wait)
-            recorded.append((name, rough, sound))
-        screen.begin(len(screen.steps))
-        return _Recorded(audio.source.sample_rate, audio.name, silence, recorded)
-
-
-def _check(recorded: _Recorded) -> list[Finding]:
-    """Return what is wrong with the microphones, by the sounds of all objects."""
-    strokes = np.concatenate([sound for _, _, sound in recorded.objects])
-    made = datetime.datetime.now().isoformat(timespec="seconds")
-    sounds = CalibrationSounds(recorded.sample_rate, recorded.silence, strokes, recorded.objects[0][2])
-    result = measure_calibration(sounds, made=made, source=recorded.source)
-    return [finding for finding in result.findings if finding.code not in NOT_ASKED]
-
-
-def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) -> "SetUpFit":
-    from tactophone.lab.training.setup import collect, fit_set_up
-
-    rate = recorded.sample_rate
-    with output.tracked(recorded.objects, "fitting") as objects:
-        sounds = [
-            collect(model, samples, sample_rate=rate, threshold_dbfs=threshold_dbfs, name=name, rough=rough)
-            for name, rough, samples in objects
-        ]
-    return fit_set_up(sounds, channels=model.card.channels, tip=tip)
-
-
-def _misfits(name: str, recorded: _Recorded, *, threshold_dbfs: float) -> list[Finding]:
-    """Return what of the sound does not fit a shipped model: a missing band, noise, another tip."""
-    detector = open_detector(name, sample_rate=recorded.sample_rate, fast_contact=False)
-    detector.threshold.dbfs = threshold_dbfs
-    sound = np.concatenate((recorded.silence, *(each for _, _, each in recorded.objects)))
-    detector.push(AudioBlock(sound, recorded.sample_rate))
-    return [Finding(detector.misfit.code, detector.misfit.text, fatal=False)] if detector.misfit else []
-
-
 def _check_set_up(args: argparse.Namespace) -> int:
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
-    with (
-        AudioInput(options.settings_of(args), stroked) as audio,
-        console.single_keys() as has_keyboard,
-        output.live_display() as live,
-    ):
-        wait = has_keyboard and not (args.yes or audio.simulated)
-        blocks, meters, screen = iter(audio), Meters(audio.source.channels, math.nan), GuideScreen(live, wait)
-        parts = [
-            record_step(audio, blocks, act, instruction, meters=meters, screen=screen, wait=wait)
-            for act, instruction in CHECK_STEPS
-        ]
-        made = datetime.datetime.now().isoformat(timespec="seconds")
-        sounds = CalibrationSounds(audio.source.sample_rate, *parts)
-        diagnosis = measure_calibration(sounds, made=made, source=audio.name, false_alarms_per_minute=rate)
-    if diagnosis.passed:
-        diagnosis.calibration.write(path)
-    values = {"passed": diagnosis.passed, "findings": diagnosis.findings, "gain_db": diagnosis.gain_db}
-    output.show(values | asdict(diagnosis.calibration), _checked(diagnosis, path), as_json=args.json)
-    return 0 if diagnosis.passed else 1
+    with console.single_keys() as has_keyboard, output.live_display() as live:
+        steps = _Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
+        found = check_microphones(
+            options.settings_of(args), path, stroked=stroked, false_alarms_per_minute=rate, step=steps,
+            begin=partial(steps.begin, 1),
+        )  # fmt: skip
+    values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
+    output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)
+    return 0 if found.passed else 1
 
 
 def _estimate(fit: "SetUpFit") -> str:

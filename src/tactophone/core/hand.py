@@ -106,9 +106,16 @@ def channels_of(settings: Settings, *, alone: int) -> list[int]:
     return [2 if own.capture.air else 1 for own in each_finger(settings)] if settings.is_hand else [alone]
 
 
-def finger_named(settings: Settings, name: str) -> Settings:
-    """Return the settings of the finger of that name (`of_finger`); raises `ConfigError` if there is no such finger."""
+def finger_named(settings: Settings, name: str | None) -> Settings:
+    """Return the settings of the finger of that name (`of_finger`), or of the only one where none is named.
+
+    Raises `ConfigError` if there is no such finger, or several and none is named.
+    """
     names = list(filter(None, names_of(settings)))
+    if name is None and len(names) == 1:
+        return of_finger(settings, 0)
+    if name is None:
+        raise ConfigError(f"--fingers names {', '.join(names)}, but one finger is needed: add --finger {names[0]}")
     if name not in names:
         known = f"there are {', '.join(names)}" if names else "name the hand with --fingers hand.toml"
         raise ConfigError(f"there is no finger {name!r}; {known}{did_you_mean(name, names)}")
