@@ -26,7 +26,7 @@ from tests.surfaces import surfaces
 
 VERBS = {
     "pair init": ("pair init --name me --identity {disk}/keys", "{disk}/keys"),
-    "feel": ("feel {data}/audio/00_0.flac --out {disk} --plot --to .haptic", "cannot be written to {disk}"),
+    "feel": ("feel {data}/audio/00_0.flac --out {disk} --plot", "cannot be written to {disk}"),
     "replay": ("replay {log} --out {disk}", "{disk}"),
     "replay --to-rosbag": ("replay {log} --to-rosbag {disk}/bag", "{disk}/bag"),
     "replay --audio": ("replay {log} --audio {disk}/sound.mcap", "{disk}/sound.mcap"),

@@ -26,12 +26,12 @@ def test_it_says_that_all_is_equal(log: Path, capsys: pytest.CaptureFixture[str]
 def test_what_would_have_been_rendered_is_written(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ["--profile", "perceptual", "--out", str(tmp_path), "--plot", "--json", "--to", ".ahap"]
+    options = ["--profile", "perceptual", "--out", str(tmp_path), "--plot", "--json"]
     assert main(["replay", str(log), *options]) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert outcome["different"] > 0
     assert all(Path(path).is_file() for path in outcome["files"].values())
-    assert {"vibration", "timeline", "figure", ".ahap"} == set(outcome["files"])
+    assert {"vibration", "timeline", "figure"} == set(outcome["files"])
 
 
 def test_a_changed_log_is_noticed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

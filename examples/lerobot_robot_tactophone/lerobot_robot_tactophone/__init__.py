@@ -21,7 +21,7 @@ FELT = ("touch", "roughness", "level_dbfs", "amplitude")
 class TactophoneConfig(RobotConfig):
     """The run to read."""
 
-    run: str = "loopback-operator"
+    run: str = "loopback"
 
 
 class Tactophone(Robot):

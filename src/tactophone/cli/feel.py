@@ -17,7 +17,7 @@ from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS
 
 EXAMPLES = (
     "tactophone feel stroke.wav --plot",
-    "tactophone feel recordings/*.flac --out felt --profile lra --to .haptic",
+    "tactophone feel recordings/*.flac --out felt --profile lra",
     "tactophone feel run.mcap --finger index --dashboard",
 )
 
@@ -140,7 +140,4 @@ def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -
         )  # fmt: skip
     if felt.tip_warning:
         output.note(f"{path}: {felt.tip_warning}")
-    felt.files.update(
-        output.write_haptic_files(args.to, args.out / stem, felt.files["timeline"], duration=felt.summary.duration)
-    )
     return felt

@@ -178,11 +178,7 @@ def add_finger(parser: argparse.ArgumentParser) -> None:
 
 
 def add_figure(parser: argparse.ArgumentParser, place: str = "") -> None:
-    """Add ``--plot`` and ``--to``: a figure and haptic files, in the place that is named."""
     parser.add_argument("--plot", action="store_true", help=f"draw a figure of sound, prediction and vibration{place}")
-    parser.add_argument("--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
-        help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); "
-        "repeatable")  # fmt: skip
 
 
 def add_json(parser: argparse.ArgumentParser, words: str = "print JSON, for a program") -> None:

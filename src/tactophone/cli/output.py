@@ -190,22 +190,3 @@ def make_folder(path: Path, option: str = "--out") -> None:
         raise ConfigError(f"{option} {path}: cannot be made ({error.strerror}); name a folder of your own") from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise ConfigError(f"{option} {path}: nothing can be written there; name a folder of your own")
-
-
-def write_haptic_files(formats: Iterable[str], stem: Path, timeline: Path, *, duration: float) -> dict[str, Path]:
-    """Write the commands of a timeline, of a length in s, in each of the formats; returns the files by format."""
-    if not formats:
-        return {}
-    from tactophone.core.types import HapticCommand
-    from tactophone.faces.bridges.haptic_files import write_haptic_file
-    from tactophone.live.telemetry.timeline import read_timeline
-
-    columns = read_timeline(timeline)
-    commands = [
-        HapticCommand(float(amplitude), float(frequency), float(time))
-        for amplitude, frequency, time in zip(columns["amplitude"], columns["frequency"], columns["time"], strict=True)
-    ]
-    return {
-        ending: write_haptic_file(stem.with_name(f"{stem.name}{ending}"), commands, duration=duration)
-        for ending in formats
-    }

@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> int:
         extras.require_modules("cyclonedds", "rosbags")
         if args.out:
             raise ConfigError("--to-rosbag writes no other files: leave --out away, or call replay twice")
-    if (args.plot or args.to) and args.out is None:
-        raise ConfigError("--plot and --to need a folder for their files: add --out DIR")
+    if args.plot and args.out is None:
+        raise ConfigError("--plot needs a folder for its file: add --out DIR")
     changes = [f"{name}={value}" for name in CHANGES if (value := vars(args)[name]) is not None]
 
     def changed(settings: Settings) -> Settings:
@@ -104,10 +104,8 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
 
     rendered = write_replay(replay, args.out, args.log.stem, plot=args.plot)
     for finger in rendered:
-        written, of = finger.files, f"{finger.name} " * bool(finger.name)
-        stem = args.out / "-".join(filter(None, (args.log.stem, finger.name)))
-        written |= output.write_haptic_files(args.to, stem, written["timeline"], duration=finger.summary.duration)
-        files.update({f"{of}{kind}": path for kind, path in written.items()})
+        of = f"{finger.name} " * bool(finger.name)
+        files.update({f"{of}{kind}": path for kind, path in finger.files.items()})
     return rendered
 
 

@@ -1,4 +1,4 @@
-"""Detectors and actuators of other packages, which name them as entry points in their ``pyproject.toml``."""
+"""Detectors, actuators and ROS devices of other packages, as entry points in their ``pyproject.toml``."""
 
 import importlib.metadata
 from typing import Any
@@ -9,6 +9,9 @@ DETECTORS = "tactophone.detectors"
 ACTUATORS = "tactophone.actuators"
 """Entry points called with ``render``, ``fingers`` and ``device``; each returns an actuator
 (`tactophone.live.audio.actuator`)."""
+
+ROS_SINKS = "tactophone.ros_sinks"
+"""Entry points called with the names of the fingers; each returns a `tactophone.faces.bridges.ros_topics.Sink`."""
 
 
 def registered(group: str) -> list[str]:

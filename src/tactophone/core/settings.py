@@ -315,7 +315,7 @@ class Bridges:
     ros_sinks: str = _setting(
         "",
         "ROS 2 devices to drive with the vibration, KIND or KIND:TOPIC with commas between them: joy, senseglove, "
-        "manus, haptx, haptx-left, float32",
+        "float32, or of a plug-in",
     )
 
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 
 from tactophone.cli import options
+from tactophone.core import plugins
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import AudioBlock, PipelineStep
 from tactophone.faces.bridges.process import BridgeProcess
@@ -42,8 +43,6 @@ readers = {
     "prediction": DataReader(domain, topic("tactophone/index/prediction", messages.Float32MultiArray)),
     "joy": DataReader(domain, topic("joy/set_feedback", messages.JoyFeedback)),
     "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
-    "manus": DataReader(domain, topic("manus_glove_0/vibration_cmd", messages.ManusVibrationCommand)),
-    "haptx": DataReader(domain, topic("haptx/rh/tactor_group_state", messages.TactorGroupState)),
     "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, LATCHED)),
     "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
     "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
@@ -77,7 +76,7 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
         [sys.executable, "-c", ROBOT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
     )
     requests: list[str] = []
-    sinks = ("joy", "senseglove", "manus", "haptx")
+    sinks = ("joy", "senseglove")
     with RosBridge(telemetry.name, sinks=sinks, domain=DOMAIN) as bridge:
         while robot.poll() is None:
             telemetry.publish(STEP, now=time.monotonic())
@@ -86,11 +85,9 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
             time.sleep(0.02)
     output, errors = robot.communicate()
     lines = dict(line.split(" ", 1) for line in output.splitlines())
-    assert set(lines) == {"prediction", "joy", "glove", "manus", "haptx", "info", "audio", "diagnostics"}, errors
+    assert set(lines) == {"prediction", "joy", "glove", "info", "audio", "diagnostics"}, errors
     assert "type=1, id=0, intensity=0.5" in lines["joy"]
     assert "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"] or "49.99, 0.0" in lines["glove"]
-    assert "intensities=[0.0, 0.5, 0.0, 0.0, 0.0]" in lines["manus"]
-    assert "tactor_group=['rh_ff'], inflation=[0.5]" in lines["haptx"]
     assert "sample_rate=48000" in lines["info"]
     assert "stop" in requests
     assert set(requests) == {"stop"}
@@ -107,11 +104,11 @@ def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, mon
 
     # Written a second time, so that a mistake in ours shows.
     @dataclass
-    class Command(IdlStruct, typename="manus_ros2_msgs::msg::dds_::ManusVibrationCommand_"):
-        intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)
+    class Command(IdlStruct, typename="std_msgs::msg::dds_::Float32_"):
+        data: types.float32 = 0.0
 
     domain = DomainParticipant(DOMAIN)
-    reader = DataReader(domain, Topic(domain, "rt/manus_glove_0/vibration_cmd", Command, QOS))
+    reader = DataReader(domain, Topic(domain, "rt/tactophone/index/amplitude", Command, QOS))
     made: dict[float, float] = {}
     arrived: dict[float, float] = {}
 
@@ -119,10 +116,10 @@ def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, mon
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             for message in reader.take(N=100):
-                arrived.setdefault(message.intensities[1], time.monotonic())
+                arrived.setdefault(message.data, time.monotonic())
             time.sleep(0.0005)
 
-    with BridgeProcess(partial(RosBridge, telemetry.name, sinks=["manus"], domain=DOMAIN)):
+    with BridgeProcess(partial(RosBridge, telemetry.name, sinks=["float32"], domain=DOMAIN)):
         take(1.0)  # until both ends know of each other
         for number in range(1, 201):
             amplitude = number / 512  # exact in float32
@@ -146,13 +143,23 @@ def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None
     assert len(first) == 12
 
 
-def test_a_haptx_glove_has_two_hands() -> None:
-    (sink,) = open_sinks("haptx-left", fingers=["little"])
-    assert sink.topic == "haptx/lh/tactor_group_state"
-    assert sink.make({"little": 0.25}, 0).tactor_group == ["lh_lf"]
+def test_a_plug_in_brings_gloves(monkeypatch: pytest.MonkeyPatch) -> None:
+    from examples.plugins.tactophone_gloves import tactophone_gloves as gloves
+
+    kinds = {"manus": gloves.manus, "haptx-left": gloves.haptx_left}
+    monkeypatch.setattr(plugins, "load", lambda group, name: kinds.get(name) if group == plugins.ROS_SINKS else None)
+    amplitudes = {"thumb": 0.25, "little": 0.5}
+    (manus,) = open_sinks("manus", fingers=list(amplitudes))
+    assert list(manus.make(amplitudes, 0).intensities) == [0.25, 0, 0, 0, 0.5]
+    (haptx,) = open_sinks("haptx-left", fingers=list(amplitudes))
+    assert haptx.topic == "haptx/lh/tactor_group_state"
+    assert (haptx.make(amplitudes, 0).tactor_group, haptx.make(amplitudes, 0).inflation) == (
+        ["lh_th", "lh_lf"],
+        [0.25, 0.5],
+    )
 
 
-@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("manus", "toe"), ("haptx", "toe")])
+@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("senseglove", "toe")])
 def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
     with pytest.raises(ConfigError):
         open_sinks(text, fingers=[finger])
@@ -164,12 +171,8 @@ def test_a_topic_of_its_own_is_taken() -> None:
 
 def test_each_finger_of_a_hand_drives_its_own_place() -> None:
     amplitudes = {"thumb": 0.25, "little": 0.5}
-    (glove,) = open_sinks("manus", fingers=list(amplitudes))
-    assert list(glove.make(amplitudes, 0).intensities) == [0.25, 0, 0, 0, 0.5]
     (sense,) = open_sinks("senseglove", fingers=list(amplitudes))
     assert sense.make(amplitudes, 0).data[5:10] == [25, 0, 0, 0, 50]
-    (haptx,) = open_sinks("haptx", fingers=list(amplitudes))
-    assert haptx.make(amplitudes, 0).inflation == [0.25, 0.5]
     (joy,) = open_sinks("joy", fingers=list(amplitudes))
     assert joy.make(amplitudes, 0).intensity == 0.5
     assert [sink.make(amplitudes, 0).data for sink in open_sinks("float32", fingers=list(amplitudes))] == [0.25, 0.5]

@@ -56,7 +56,7 @@ def telemetry() -> Iterator[Telemetry]:
 def bridge(telemetry: Telemetry, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RosBridge]:
     (tmp_path / "session.json5").write_text(json.dumps(config(listen=[address])))
     monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(tmp_path / "session.json5"))
-    with RosBridge(telemetry.name, sinks=["manus"], domain=7, over="zenoh") as bridge:
+    with RosBridge(telemetry.name, sinks=["senseglove"], domain=7, over="zenoh") as bridge:
         yield bridge
 
 
@@ -85,7 +85,7 @@ def test_predictions_sound_format_and_devices_arrive_under_the_keys_of_rmw_zenoh
         topics = {key.split("/", 1)[1].rpartition("/")[0].rpartition("/")[0] for key in found if key != "late"}
         return {
             "tactophone/index/roughness",
-            "manus_glove_0/vibration_cmd",
+            "haptics_controller/commands",
             "diagnostics",
         } <= topics and "late" in found
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from cyclonedds.idl import IdlStruct, types
 
+from tactophone.core import plugins
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
@@ -25,7 +26,7 @@ _TYPES["string"] = str
 # Every message's definition by its full name, and every type by its name in definitions; `_message` adds to both.
 
 
-def _message(name: str, definition: str) -> Any:
+def message_type(name: str, definition: str) -> Any:
     """Return the DDS type of a message, whose fields are a line each, as in a file ``.msg``; they default to zero."""
     namespace: dict[str, Any] = {"__annotations__": {}}
     for kind, key in map(str.split, definition.splitlines()):
@@ -43,37 +44,33 @@ def _message(name: str, definition: str) -> Any:
     return _TYPES[f"{package}/{short}"]
 
 
-Time = _message("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
-Header = _message("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id")
-Empty = _message("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")  # in DDS, not in ROS
-Float32 = _message("std_msgs/msg/Float32", "float32 data")
-Dimension = _message("std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride")
-Layout = _message("std_msgs/msg/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset")
-Float32MultiArray = _message("std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data")
-Float64MultiArray = _message("std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data")
-KeyValue = _message("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
-DiagnosticStatus = _message(  # level 0 is OK, 1 a warning, 2 an error
+Time = message_type("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
+Header = message_type("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id")
+Empty = message_type("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")  # in DDS, not in ROS
+Float32 = message_type("std_msgs/msg/Float32", "float32 data")
+Dimension = message_type("std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride")
+Layout = message_type("std_msgs/msg/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset")
+Float32MultiArray = message_type("std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data")
+Float64MultiArray = message_type("std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data")
+KeyValue = message_type("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
+DiagnosticStatus = message_type(  # level 0 is OK, 1 a warning, 2 an error
     "diagnostic_msgs/msg/DiagnosticStatus",
     "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values",
 )
-DiagnosticArray = _message(
+DiagnosticArray = message_type(
     "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
 )
-AudioData = _message("audio_common_msgs/msg/AudioData", "uint8[] data")
-AudioDataStamped = _message(
+AudioData = message_type("audio_common_msgs/msg/AudioData", "uint8[] data")
+AudioDataStamped = message_type(
     "audio_common_msgs/msg/AudioDataStamped", "std_msgs/Header header\naudio_common_msgs/AudioData audio"
 )
-AudioInfo = _message(
+AudioInfo = message_type(
     "audio_common_msgs/msg/AudioInfo",
     "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
 )
-JoyFeedback = _message("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
-# Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1.
-TactorGroupState = _message("haptx_interfaces/msg/TactorGroupState", "string[] tactor_group\nfloat64[] inflation")
-# Intensities of a MANUS glove, thumb to little finger, 0 to 1.
-ManusVibrationCommand = _message("manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities")
+JoyFeedback = message_type("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
 # A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
-StampedPrediction = _message(
+StampedPrediction = message_type(
     "tactophone_msgs/msg/Prediction",
     "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
     "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
@@ -155,9 +152,6 @@ _SENSEGLOVE_VALUES = 12
 # their tips, then of two places of the palm. A Nova 2 has tips of thumb and index only.
 _SENSEGLOVE_TIPS = 5
 
-_HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
-# Names of a HaptX glove's tactor groups, in the order of FINGER_NAMES (github.com/NU-Haptics-Lab/haptx_interfaces).
-
 _RUMBLE = 1
 
 TOPIC_HEARTBEAT = 0.01
@@ -182,12 +176,14 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     Raises `ConfigError` if there is none of that kind, or a finger has no name that the glove knows.
     """
     kind, _, topic = text.partition(":")
-    if kind not in _SINKS:
-        raise ConfigError(f"bridges.ros_sinks {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
+    make = _SINKS.get(kind) or plugins.load(plugins.ROS_SINKS, kind)
+    if make is None:
+        known = ", ".join([*_SINKS, *plugins.registered(plugins.ROS_SINKS)])
+        raise ConfigError(f"bridges.ros_sinks {text}: there are {known}; write KIND or KIND:/topic")
     strange = [finger for finger in fingers if finger not in FINGER_NAMES]
     if kind not in ("joy", "float32") and strange:
         raise ConfigError(f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
-    sinks = [_SINKS[kind](own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
+    sinks = [make(own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
     if topic and len(sinks) > 1:
         raise ConfigError(
             f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
@@ -216,27 +212,6 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
     return Sink("haptics_controller/commands", Float64MultiArray, make)
 
 
-def _manus(fingers: Sequence[str]) -> Sink:
-    return Sink(
-        "manus_glove_0/vibration_cmd",
-        ManusVibrationCommand,
-        lambda amplitudes, beat: ManusVibrationCommand(
-            intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES]
-        ),
-    )
-
-
-def _haptx(hand: str, fingers: Sequence[str]) -> Sink:
-    groups = [f"{hand}_{_HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers]
-    return Sink(
-        f"haptx/{hand}/tactor_group_state",
-        TactorGroupState,
-        lambda amplitudes, beat: TactorGroupState(
-            tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers]
-        ),
-    )
-
-
 def _float32(fingers: Sequence[str]) -> Sink:
     (finger,) = fingers
     return Sink(
@@ -249,8 +224,5 @@ def _float32(fingers: Sequence[str]) -> Sink:
 _SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
     "joy": _joy,
     "senseglove": _senseglove,
-    "manus": _manus,
-    "haptx": partial(_haptx, "rh"),
-    "haptx-left": partial(_haptx, "lh"),
     "float32": _float32,
 }

@@ -1,4 +1,6 @@
-"""Haptic files: a command stream as amplitude and frequency envelopes in formats that phones, editors and codecs read.
+"""Write the commands of a timeline as a haptic file: python examples/haptic_files.py felt/a.csv a.haptic
+
+Haptic files hold amplitude and frequency envelopes in formats that phones, editors and codecs read.
 
 =========  =====================================================  ================================================
 ending     format                                                 checked against
@@ -15,12 +17,13 @@ points all formats interpolate linearly; a change is therefore written as two po
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactophone.core.errors import ConfigError
-from tactophone.core.types import HapticCommand
+from tactophone import ConfigError, HapticCommand
+from tactophone.live.telemetry.timeline import read_timeline
 
 LOWEST_HZ, HIGHEST_HZ = 35.0, 1000.0
 """The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the file states this one."""
@@ -178,3 +181,13 @@ def _relative(hertz: float) -> float:
     """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by ratio."""
     share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(HIGHEST_HZ / LOWEST_HZ)
     return round(min(share, 1.0), 4)
+
+
+def main() -> None:
+    timeline = read_timeline(Path(sys.argv[1]))
+    rows = zip(timeline["amplitude"], timeline["frequency"], timeline["time"], strict=True)
+    print(write_haptic_file(Path(sys.argv[2]), [HapticCommand(*map(float, row)) for row in rows]))
+
+
+if __name__ == "__main__":
+    main()

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from examples import haptic_files
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import HapticCommand
-from tactophone.faces.bridges import haptic_files
 
 STREAM = [
     HapticCommand(amplitude, frequency, 0.0107 * n)
