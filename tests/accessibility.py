@@ -50,7 +50,7 @@ def outside(browser: webdriver.Chrome) -> int:
 
 
 _CONTROLS = """
-return [...document.querySelectorAll("a[href], button, input, select, [tabindex='0']")]
+return [...document.querySelectorAll("summary, a[href], button, input, select, [tabindex='0']")]
   .filter((node) => !node.disabled && node.checkVisibility({ visibilityProperty: true }))
   .filter((node) => node.type !== "radio" || node.checked).length;
 """

@@ -140,12 +140,12 @@ def test_a_laptop_shows_fingertip_timeline_and_controls_without_scrolling(
         assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 800, selector
 
 
-def test_a_phone_shows_fingertip_stop_and_volume_without_scrolling_and_controls_fit_a_thumb(
+def test_a_phone_shows_fingertip_stop_and_timeline_without_scrolling_and_controls_fit_a_thumb(
     browser: webdriver.Chrome, page: Page
 ) -> None:
     resize(browser, 390, 844)
     open_page(browser, page)
-    for selector in ("#stop", "#decision", "#hero", "#feel", "#feel-volume"):
+    for selector in ("#stop", "#decision", "#hero", ".touch"):
         assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 844, selector
     controls = browser.find_elements(By.CSS_SELECTOR, "button, input, select")
     small = [node.get_attribute("id") for node in controls if 0 < node.size["height"] < 44]
@@ -162,7 +162,7 @@ def test_the_timeline_reads_out_values_and_pauses(browser: webdriver.Chrome, pag
     plot.send_keys(Keys.ARROW_LEFT * 3)
     words = browser.find_element(By.CSS_SELECTOR, ".readout")
     wait(browser, lambda: "ago: rough · roughness 0.92 · 60\u202fHz at 50\u202f% of full drive" in words.text)
-    assert "truth: rough" in words.text
+    assert "label: rough" in words.text
     paused = words.text
     run.touch = Touch.NONE
     time.sleep(1)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tactophone.core.types import Touch
 from tactophone.faces.web.game import GameSettings, serve_game
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.runtime.gate import EMERGENCY_STOP
+from tactophone.live.telemetry.writer import Telemetry
 from tests.browser import resize, text, wait
 from tests.faces.web.running import Run
 
@@ -66,7 +68,7 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: text(browser, "life") == "muted")
     assert text(browser, "cause") == "Muted on the page."
-    assert (seen(browser), text(browser, "mute")) == (["life", "cause", "mute", "stop"], "Arm")
+    assert (seen(browser), text(browser, "mute")) == (["life", "cause", "mute", "stop"], "Resume")
     colours.add(browser.execute_script(COLOUR))
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: run.state.armed)
@@ -75,7 +77,7 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     wait(browser, lambda: text(browser, "life") == "stopped")
     assert run.finger.muted_because == EMERGENCY_STOP
     assert "find the cause" in text(browser, "cause")
-    assert (seen(browser), text(browser, "stop")) == (["life", "cause", "stop"], "Hold to release")
+    assert (seen(browser), text(browser, "stop")) == (["life", "cause", "stop"], "Hold to resume")
     colours.add(browser.execute_script(COLOUR))
     browser.find_element(By.ID, "stop").click()  # a press in passing releases nothing
     browser.find_element(By.TAG_NAME, "body").send_keys("m", "a", " ")
@@ -150,3 +152,36 @@ def test_a_stop_is_released_by_holding_a_key(browser: webdriver.Chrome, shown: P
     wait(browser, lambda: text(browser, "life") == "stopped")
     ActionChains(browser).key_down(Keys.ENTER).pause(1.2).key_up(Keys.ENTER).perform()
     wait(browser, lambda: run.state.armed)
+
+
+def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_when_told_twice(
+    browser: webdriver.Chrome, run: Run, tmp_path: Path
+) -> None:
+    _, finger = Pipe(duplex=False)
+    with Telemetry(run.telemetry.name + "-cold") as cold:  # a run that has rendered nothing yet
+        box = GameSettings(cold.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
+        with serve_game(box) as page:
+            cold.update(run.state, now=time.monotonic())
+            browser.get(page.url)
+            wait(browser, lambda: text(browser, "life") == "starting")
+            assert text(browser, "cause").startswith("The simulated finger starts: ")
+            assert not can_press(browser, "begin")
+    browser.get_log("browser")  # it seeks the server that has ended
+    box = GameSettings(run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
+    with serve_game(box) as page:
+        browser.get(page.url)
+        wait(browser, lambda: text(browser, "life") == "ready")
+        browser.find_element(By.ID, "mute").click()
+        wait(browser, lambda: text(browser, "life") == "muted")
+        browser.find_element(By.ID, "begin").click()
+        assert "nobody would feel this round" in text(browser, "question")
+        browser.find_element(By.ID, "begin").click()
+        wait(browser, lambda: browser.find_element(By.ID, "done").is_displayed())
+        assert not run.state.armed
+
+
+def test_a_replay_says_so(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+    run.state = replace(run.state, role="replay")
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "replay")
+    assert seen(browser) == ["life", "cause"]

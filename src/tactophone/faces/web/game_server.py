@@ -32,6 +32,9 @@ from tactophone.signal.perception.decision import count_bumps, count_dips
 GAME_PERIOD = 0.004
 """Seconds between messages: they carry sound, and what waits here is felt late."""
 
+EXPECTED_START = 15.0
+"""Seconds that a start takes at most, once the simulation is compiled and kept in the user's cache."""
+
 SHORTEST_ROUND = 0.5
 """Seconds; shorter rounds are a program's, and are not saved: it would fill the disk."""
 
@@ -93,6 +96,7 @@ class _Player:
         self._steps: list[NDArray[np.float64]] = []
         self.played = played
         self._local = local
+        self._opened = time.monotonic()
 
     async def receive(self) -> None:
         actions: dict[str, Callable[..., Awaitable[None]]] = {
@@ -135,6 +139,8 @@ class _Player:
         # The operator's side starts before the robot's: a round can begin when sound has arrived.
         started = snapshot.alive and snapshot.step_end > 0
         header: dict[str, Any] = {**command_of(snapshot, self._last), "alive": started}
+        if not started:
+            header["starting"] = starting(time.monotonic() - self._opened)
         if self._round is not None:
             self._keep(snapshot)
             if self._round.trainer and len(snapshot.steps):
@@ -158,9 +164,6 @@ class _Player:
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
         self._begun, self._steps = time.monotonic(), []
-        stopped = self._last is not None and self._last.finger.muted_because.startswith("emergency stop")
-        if self._local and not stopped:  # a page on another machine never arms, and a stop is released by its button
-            self._run.ask(Request("arm"))  # a player's request, in case a fault has muted the run
         self._command(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))
 
@@ -201,6 +204,12 @@ class _Player:
         """Send to the finger, unless the pipe is full: the page never waits."""
         if select.select([], [self._game.finger], [], 0)[1]:
             self._game.finger.send(message)
+
+
+def starting(seconds: float) -> str:
+    """Return what the page says while the simulated finger starts: what is done, and for how long already."""
+    first = " The first start on a machine compiles it, for about a minute." if seconds > EXPECTED_START else ""
+    return f"The simulated finger starts: {seconds:.0f} s.{first}"
 
 
 def _thin(table: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,10 +21,10 @@ from tactophone.signal.haptics.oscillator import Oscillator, Renderer
 from tactophone.signal.haptics.profiles import PROFILES, open_profile
 from tactophone.signal.pipeline import Hand, Pipeline
 
-EMERGENCY_STOP = "emergency stop: find the cause, then arm"
-MUTED = "muted by request: arm to vibrate again"
-STARTED_MUTED = "started muted: arm to vibrate"
-RESTARTED = "restarted after a fault: find the cause, then arm"
+EMERGENCY_STOP = "emergency stop: find the cause, then resume"
+MUTED = "muted: press Resume, or run `tactophone arm`"
+STARTED_MUTED = "started muted: press Resume, or run `tactophone arm`"
+RESTARTED = "restarted after a fault: find the cause, then resume"
 
 LOWEST_THRESHOLD_DBFS = -120.0
 """Lowest contact threshold that is accepted: below the rounding of 24-bit samples."""

@@ -82,7 +82,7 @@ def test_wild_messages_are_refused_and_the_finger_is_lifted_at_the_end(tmp_path:
 
 def test_an_emergency_stop_ends_only_where_the_page_says_so(tmp_path: Path) -> None:
     async def talk(view: aiohttp.ClientWebSocketResponse, run: Run) -> None:
-        stopped = replace(run.finger, armed=False, muted_because="emergency stop: find the cause, then arm")
+        stopped = replace(run.finger, armed=False, muted_because="emergency stop: find the cause, then resume")
         run.state = replace(run.state, fingers=(stopped,))
         await asyncio.sleep(0.3)
         await view.send_str('{"action":"begin"}')

@@ -184,10 +184,10 @@ function showHealth(node, { link, output }, counters, gauges) {
   const jitter = gauges.jitter === null ? "" : `, ${milliseconds(gauges.jitter)} jitter`;
   const late = gauges.latency_total > IMMEDIATE;
   const sentences = [
-    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, word],
-    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, late ? "fair" : "good"],
+    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, total ? word : "unknown"],
+    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, gauges.latency_total === null ? "unknown" : late ? "fair" : "good"],
     [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
-    [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
+    ...(!output || output === "none" ? [] : [[counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"]]),
   ];
   if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
   sentences.forEach(([text, mark], k) => {
@@ -230,7 +230,7 @@ function showNow() {
 /** What a person can do next, said where there is little to see. */
 function nextAction(touch) {
   if (Number.isNaN(touch)) return "Waiting for sound: start the robot's side, then stroke something.";
-  if (bar.state === "muted") return "Detected, but not felt: press Arm to vibrate.";
+  if (bar.state === "muted") return "Detected, but not felt: press Resume to vibrate.";
   return touch === 0 ? "Nothing is touched: stroke something." : "";
 }
 

@@ -29,9 +29,12 @@ async function toggle() {
   }
   feed = new Feed(FINGER ? `feel?finger=${FINGER}` : "feel", {
     onMessage: ({ header, tables }) => {
-      lost = header.armed ? "" : `Muted: ${header.muted_because || "not armed"}.`;
+      const muted = header.armed ? "" : `Muted here too: ${header.muted_because || "the run is muted"}.`;
       fingertip.take(header, tables.vibration.numbers);
-      if (lost) put($("feel-way"), lost);
+      if (muted !== lost) {
+        lost = muted;
+        put($("feel-way"), lost || fingertip.words);
+      }
     },
     onAnswer: () => {},
     onLost: (why) => { put($("feel-way"), `Silent: ${why}.`); },

@@ -56,6 +56,9 @@ export class Fingertip {
 
   get on() { return this.#on; }
 
+  /** How the vibration is rendered now, or why it is not. */
+  get words() { return this.#words(); }
+
   /** Start, from a button's handler: browsers allow sound and vibration only then. */
   async start() {
     this.#on = true;
@@ -174,7 +177,7 @@ export class Fingertip {
       gamepad: "No gamepad is found: connect one, and press any of its buttons.",
       phone: "This device gives a web page no vibration motor.",
     }[chosen] ?? "This page cannot make you feel it.";
-    const apple = isAppleTouch() && this.#way !== "gamepad" ? " An iPhone or iPad gives web pages no vibration." : "";
+    const apple = isAppleTouch() && this.#way !== "gamepad" ? " An iPhone or iPad gives web pages no vibration motor: connect a gamepad, or open this page on an Android phone." : "";
     const missing = this.#missing && this.#way !== "gamepad" ? ` ${this.#missing}` : "";
     return words + apple + missing;
   }

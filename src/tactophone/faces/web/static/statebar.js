@@ -1,4 +1,4 @@
-// The state bar of every page that can vibrate: live, muted, stopped, no data or ended; why; and the buttons Mute and Stop.
+// The state bar of every page that can vibrate: starting, live, muted, stopped, no data, replay or ended; why; and the buttons Mute and Stop.
 
 import { formatNumber, put } from "./text.js";
 import { listenForStop } from "./stop.js";
@@ -27,7 +27,7 @@ export class StateBar {
   #stop = element("button", { id: "stop", textContent: "Stop", disabled: true });
   #cover = element("div", { role: "alert", id: "cover", className: "cover", hidden: true, innerHTML: COVER });
   #dataAt = -Infinity;
-  #run = {}; // alive, age, armed, muted_because, role of the newest message
+  #run = {}; // alive, age, armed, muted_because, role, starting of the newest message
   #waiting = "";
   #lost = "";
   #refused = "";
@@ -84,23 +84,24 @@ export class StateBar {
 
   /** The state, its words, and why. */
   #look() {
-    const { alive, age, armed, muted_because: why, role } = this.#run;
+    const { alive, age, armed, muted_because: why, role, starting } = this.#run;
     if (this.#lost === "disconnected" && LOCAL) return ["ended", "ended", "The run has ended."];
     if (this.#lost) return ["ended", this.#lost, "This page gets nothing from the run."];
     if (this.#waiting) return ["waiting", "waiting", `Waiting for the run “${this.#waiting}”: it appears here as soon as it starts.`];
     if (alive === undefined) return ["waiting", "connecting", ""];
+    if (starting) return ["waiting", "starting", starting];
     if (!alive && age >= GONE) return ["ended", "ended", "The run has ended."];
     if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", this.waiting];
     // Before silence: a stopped run is released by holding alone, whether sound arrives or not.
-    const halted = STOPPED.test(why ?? "") && `${sentence(why.replace(/, then arm$/, ""))} Then hold the button to release.`;
+    const halted = STOPPED.test(why ?? "") && `${sentence(why.replace(/, then resume$/, ""))} Then hold the button to resume.`;
     if (halted && alive && role !== "replay" && role !== "robot") return ["stopped", "stopped", halted];
     if (this.silence * 1000 > SILENT && role !== "replay") {
       const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
       return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
     }
-    if (role === "replay") return ["waiting", this.ready, "This is a replay: there is no output to control."];
+    if (role === "replay") return ["waiting", "replay", "A recording plays: nothing here drives an actuator."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
-    return armed ? ["live", this.ready, "Armed: vibration is on."] : ["muted", "muted", sentence(why || "not armed")];
+    return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence(why || "muted")];
   }
 
   #show() {
@@ -115,8 +116,8 @@ export class StateBar {
     this.#stop.hidden = passive;
     this.#mute.disabled = !this.#run.alive || !["live", "muted", "silent"].includes(state);
     this.#stop.disabled = ["ended", "waiting"].includes(state);
-    put(this.#mute, this.#run.armed === false ? "Arm" : "Mute");
-    put(this.#stop, state === "stopped" ? "Hold to release" : "Stop");
+    put(this.#mute, this.#run.armed === false ? "Resume" : "Mute");
+    put(this.#stop, state === "stopped" ? "Hold to resume" : "Stop");
     const over = state === "ended" && this.#lost !== "opened in another window" && !/reload|pages are open/.test(this.#lost);
     this.#cover.hidden = !over;
     for (const part of document.querySelectorAll("main, #hand")) part.inert = over;

@@ -53,8 +53,9 @@ export class Timeline {
   constructor(node, { fixed = false, hint = "Point at the timeline to read its values." } = {}) {
     this.#node = node;
     this.hint = hint;
+    this.counted = null; // a server's count of bumps and dips, in place of ours
     this.threshold = null;
-    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b> <span class=faults></span></p></div>"
+    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound over the threshold, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b> <b class=truth title='What was really touched, where it is known' hidden>thin strip: label</b><span class=faults title='False bumps: smooth rendered as rough. Dips: rough interrupted within one touch.'></span></p></div>"
       + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
     this.#readout = node.querySelector(".readout");
     if (!fixed) this.#addTools(node.querySelector(".tools"));
@@ -87,7 +88,8 @@ export class Timeline {
     this.source = [rows, end];
     this.#chart.draw([this.#rows[TIME], this.#rows[TIME]], last);
     put(this.#readout, this.#words());
-    put(this.#node.querySelector(".faults"), faults(this.#rows));
+    put(this.#node.querySelector(".faults"), this.counted ?? faults(this.#rows));
+    this.#node.querySelector(".truth").hidden = !(this.#rows[TRUTH] ?? []).some((truth) => truth >= 0);
   }
 
   #addTools(tools) {
@@ -131,7 +133,8 @@ export class Timeline {
     if (!rows.length) return;
     const time = rows[TIME];
     runs(rows[TOUCH], (from, to, touch) => touch > 0 && chart.block([time[from], time[to]], [0, 2.05], "contact", 0.1));
-    chart.area(time, rows[LEVEL], place, place(LOWEST), "contact", 0.6);
+    const quiet = Number.isFinite(this.threshold) ? Math.max(LOWEST, this.threshold) : LOWEST;
+    chart.area(time, rows[LEVEL], (level) => place(Math.max(quiet, level)), place(quiet), "contact", 0.6);
     if (Number.isFinite(this.threshold)) chart.rule(place(this.threshold), "ink", [5, 3]);
     runs(rows[TOUCH], (from, to, touch) => {
       if (touch > 0) chart.area(time.subarray(from, to + 1), rows[ROUGHNESS].subarray(from, to + 1), (value) => 0.9 * Math.max(0.04, value), 0, CLASSES[touch], 0.9);
@@ -155,7 +158,7 @@ export class Timeline {
       touch > 0 && `roughness ${formatNumber(this.#rows[ROUGHNESS][at], 2)}${isUnknown(...[NONE, SMOOTH, ROUGH].map((column) => this.#rows[column][at])) ? ", unknown" : ""}`,
       amplitude > 0 ? `${formatNumber(this.#rows[FREQUENCY][at], 0, "Hz")} at ${percent(amplitude)} of full drive` : "no vibration",
       `sound ${dbfs(this.#rows[LEVEL][at])}`,
-      truth >= 0 && `truth: ${TOUCHES[truth]}`,
+      truth >= 0 && `label: ${TOUCHES[truth]}`,
     ].filter(Boolean).join(" · ");
   }
 }

@@ -12,12 +12,15 @@ import { Track } from "./track.js";
 const $ = (id) => document.getElementById(id);
 const SMOOTH = 1;
 const ROUGH = 2;
-const HELD = 30; // steps, 0.3 s in all: a stroke, not a touch in passing
+const SETTLED = 30; // steps, 0.3 s: what a touch begins with is provisional
+const HELD = 30; // settled steps: a stroke, not a touch in passing
+const LIFTED = 10; // steps without contact that end a stroke
 // Columns of the table of sound: feed.py.
 const [, LOW, HIGH, LEVEL] = Array(4).keys();
 
 const meter = new Meter($("microphone-meter"), "Level");
-const strokes = { [SMOOTH]: 0, [ROUGH]: 0 };
+const found = new Set();
+let stroke = { length: 0, [SMOOTH]: 0, [ROUGH]: 0, lifted: 0 };
 const steps = new Track(10, 110 * LONGEST);
 const events = new Track(2, 400);
 const hero = new Hero($("hero"));
@@ -44,14 +47,26 @@ function last({ rows, columns, numbers }, column) {
   return rows ? numbers[(rows - 1) * columns + column] : NaN;
 }
 
+/** The word of a whole stroke: what stood for three quarters of its settled part; one that wavers has none. */
+function word({ [SMOOTH]: smooth, [ROUGH]: rough }) {
+  const settled = smooth + rough;
+  return settled < HELD ? 0 : [SMOOTH, ROUGH].find((kind) => stroke[kind] >= 0.75 * settled) ?? 0;
+}
+
 function count({ rows, columns, numbers }) {
   for (let row = 0; row < rows; row++) {
     const touch = numbers[row * columns + TOUCH];
-    if (touch in strokes && (touch === SMOOTH || strokes[SMOOTH] >= HELD)) strokes[touch]++;
+    if (touch > 0) {
+      stroke.lifted = 0;
+      if (++stroke.length > SETTLED) stroke[touch]++;
+    } else if (++stroke.lifted === LIFTED) {
+      const kind = word(stroke);
+      if (kind === SMOOTH || (kind === ROUGH && found.has(SMOOTH))) found.add(kind);
+      stroke = { length: 0, [SMOOTH]: 0, [ROUGH]: 0, lifted: LIFTED };
+    }
   }
-  const done = strokes[SMOOTH] >= HELD;
-  const task = !done ? "Stroke something smooth: a glass, a glossy table."
-    : strokes[ROUGH] < HELD ? "Now something rough: a brick, a file, coarse cloth."
+  const task = !found.has(SMOOTH) ? "Stroke something smooth, and lift: a glass, a glossy table."
+    : !found.has(ROUGH) ? "Now something rough: a brick, a file, coarse cloth."
       : "Both found. Try whatever is at hand.";
   put($("task"), simulated() ? "A simulated finger strokes smooth and rough things." : task);
 }
@@ -68,7 +83,7 @@ function show({ header, tables }) {
     const held = document.activeElement === $("threshold");
     if (!held && Number.isFinite(state.threshold_dbfs)) $("threshold").value = state.threshold_dbfs;
     put($("threshold-now"), dbfs(held ? $("threshold").valueAsNumber : state.threshold_dbfs));
-    put($("floor"), state.noise_floor_dbfs === null ? "" : `Noise floor ${dbfs(state.noise_floor_dbfs)}: set the threshold some dB above.`);
+    put($("floor"), state.noise_floor_dbfs === null ? "" : `Noise floor ${dbfs(state.noise_floor_dbfs)}. The threshold follows it until you set one.`);
   }
   if (tables.sound.rows) meter.show(last(tables.sound, LEVEL), last(tables.sound, LOW), last(tables.sound, HIGH), state?.threshold_dbfs);
   if (header.origin < newest - 0.5) [steps, events].forEach((track) => track.clear()); // another run

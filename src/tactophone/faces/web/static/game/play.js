@@ -16,6 +16,7 @@ let begun = 0;
 let touchedAt = -Infinity;
 let testing = 0;
 let ceiling = 0;
+let asked = false;
 
 const speaker = new Speaker((time) => {
   const delay = time - touchedAt;
@@ -39,8 +40,9 @@ const feed = new Feed("player", {
       motor.take(header);
     }
     $("test").disabled = !header.alive || !header.armed || Boolean(testing);
-    bar.take({ ...header, age: 0 }, tables.vibration.rows);
+    bar.take({ ...header, age: 0 }, header.alive && tables.vibration.rows);
     $("begin").disabled = $("again").disabled = !header.alive || bar.state === "stopped";
+    if (header.armed) ask("");
     if (header.detected) train(header);
   },
   onAnswer: ({ refused, command }) => {
@@ -89,7 +91,16 @@ function show(screen) {
   document.body.dataset.screen = screen;
 }
 
+/** A muted round cannot be felt: say so, and begin it at the second press alone. */
+function ask(question) {
+  asked = Boolean(question);
+  put($("begin"), asked ? "Begin all the same" : "Begin");
+  put($("question"), question);
+}
+
 async function begin() {
+  if (bar.state === "muted" && !asked) return ask("The run is muted: nobody would feel this round. Press Resume above first.");
+  ask("");
   show("play");
   begun = performance.now();
   delays.length = 0;

@@ -14,22 +14,21 @@ new ResizeObserver(drawStones).observe($("lifted"));
 
 /** Show a finished round. */
 export function reveal({ result, past, kept }, { steps, track }) {
-  put($("verdict"), ["Neither was rough.", "One of two is right.", "Both are right."][result.correct]);
+  put($("verdict"), ["Neither was rough", "One of two is right", "Both are right"][result.correct]);
+  put($("took"), `${formatNumber(result.duration, 0, "s")}${result.trainer ? ", with the trainer on: not scored" : ""}.${past.rounds ? ` So far ${past.right} of ${past.rounds} rounds all right, ${formatNumber(past.median_duration, 0, "s")} in the median.` : ""}`);
   list($("score"), [
-    ["time", formatNumber(result.duration, 1, "s")],
     ["strokes", formatNumber(result.strokes.reduce((a, b) => a + b))],
     ["press to sound", result.round_trip === null ? "–" : formatNumber(1000 * result.round_trip, 0, "ms")],
     ["false bumps", String(result.false_bumps)],
     ["dips", String(result.dips)],
     ["seed", String(result.seed)],
-    ...(result.trainer ? [["trainer", "on, not scored"]] : []),
-    ...(past.rounds ? [["so far", `${past.right} of ${past.rounds} right`], ["median time", formatNumber(past.median_duration, 1, "s")]] : []),
   ]);
   put($("kept"), kept);
   shown = { result, track: columns(track) };
   drawStones();
   $("lifted").ariaLabel = `The stones: ${result.order.join(", ")}`;
   drawSignals(columns(steps), columns(track));
+  timeline.counted = `false bumps: ${result.false_bumps}, dips: ${result.dips}`;
   $("verdict").focus();
 }
 
