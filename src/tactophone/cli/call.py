@@ -86,17 +86,17 @@ def run(args: argparse.Namespace) -> int:
     with CallProcess(plan) as process, _Side(args, settings, process) as side:
         side.begin(role or "robot")
         steps = process.steps()
-        found = _found(process, steps, args, side)
+        found = _found(process, steps, args, side, folder)
         if kept:
             _remember(folder, kept, found)
         failures: list[str] = []
-        threading.Thread(target=_watch, args=(steps, failures), daemon=True).start()
+        threading.Thread(target=_watch, args=(steps, found, failures), daemon=True).start()
         code = live.follow(args, side.settings, side.started(), side.name, microphone=side.microphone)
         return 1 if failures else code
 
 
 def _found(
-    process: "CallProcess", steps: "Iterator[tuple[Step, Any]]", args: argparse.Namespace, side: "_Side"
+    process: "CallProcess", steps: "Iterator[tuple[Step, Any]]", args: argparse.Namespace, side: "_Side", folder: Path
 ) -> "Found":
     """Show the code, ask the person, and return the other end, to which there is a way now."""
     for step, content in steps:
@@ -106,8 +106,8 @@ def _found(
         elif step == "code":
             output.log().print("waiting for the other end ...", style="dim")
         elif step == "asked":
-            caller, role, version = content
-            output.note(f"{caller} calls, the {role}, with tactophone {version}")
+            caller, role, version, fingerprint = content
+            output.note(f"{caller} calls, the {role}, with tactophone {version}; {_known(folder, fingerprint)}")
             side.begin("operator" if role == "robot" else "robot")
             process.answer(args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes"))
         elif step == "found":
@@ -116,17 +116,30 @@ def _found(
     raise ConfigError("there is no other end")
 
 
+def _known(folder: Path, fingerprint: str) -> str:
+    from tactophone.net.link.identity import Peers
+
+    name = next((name for name, pin in Peers.load(folder).items() if pin == fingerprint), "")
+    return f"you trust its key, as {name}" if name else f"its key is new to this machine: {fingerprint[:11]}..."
+
+
 def _way(found: "Found") -> str:
     how = "over the relay" if found.relayed else f"directly to {found.host}"
     there_and_back = f", {1000 * found.round_trip:.0f} ms there and back" if math.isfinite(found.round_trip) else ""
     return f"connected {how} in {found.after:.1f} s, encrypted{there_and_back}"
 
 
-def _watch(steps: "Iterator[tuple[Step, Any]]", failures: list[str]) -> None:
-    """Report each new way; end the run as SIGTERM does once the last one is lost for good."""
+def _watch(steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[str]) -> None:
+    """Report each new way, and how far the other end is; end the run as SIGTERM does once the last way is lost."""
+    other = "operator" if found.role == "robot" else "robot"
+    doing = "opening its microphones" if other == "robot" else "opening its output"
+    words = {"starting": f"still starting; {found.name} says when it is ready", "opening": doing, "ready": "ready"}
     try:
-        for _, found in steps:
-            output.note(f"the way was lost; {_way(found)}")
+        for step, content in steps:
+            if step == "state":
+                output.note(f"the {other} is {words[content]}")
+            else:
+                output.note(f"the way was lost; {_way(content)}")
     except TactophoneError as error:
         failures.append(str(error))
         output.warn(failures[0])
@@ -139,7 +152,7 @@ class _Side(AbstractContextManager["_Side", None]):
     def __init__(self, args: argparse.Namespace, settings: Settings, process: "CallProcess") -> None:
         from tactophone.net.link.way import PEER
 
-        self._args, self._keeper, self._role = args, process.keeper, ""
+        self._args, self._keeper, self._say, self._role = args, process.keeper, process.say, ""
         self.name = settings.process.name or args.verb
         self.settings = change(
             settings, ["link.peer=[{}]:{}".format(*PEER), "rendering.muted=true", f"process.name={self.name}"]
@@ -158,12 +171,14 @@ class _Side(AbstractContextManager["_Side", None]):
         if role == "robot":
             open_source, self.microphone = sources.source_of(self.settings, page=page.wanted(self._args, self.settings))
         self._supervisor = live.open_side(self.settings, self.name, open_source, keeper=self._keeper)
+        self._supervisor.progress = lambda doing: self._say("opening") if doing.startswith("opening") else None
         self._resources.push(self._supervisor)
         self._supervisor.begin()
 
     @contextmanager
     def started(self) -> "Iterator[Sequence[Supervisor]]":
         self._supervisor.await_start()
+        self._say("ready")
         yield (self._supervisor,)
 
 

@@ -26,7 +26,7 @@ from typing import Any
 from tactophone.core import processes
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
-from tactophone.net.call.process import CallProcess, Plan
+from tactophone.net.call.process import CallProcess, Plan, _Call
 from tactophone.net.link.identity import Identity
 from tactophone.net.link.way import PEER, WaySocket
 
@@ -147,12 +147,16 @@ def run(words: list[str]) -> None:
     parser.add_argument("--seconds", type=float, default=1.0, help="from the last way on")
     parser.add_argument("--ways", type=int, default=1)
     parser.add_argument("--decline", action="store_true")
+    parser.add_argument("--states", nargs="*", help="to tell once there is a way; then the other end's are told too")
+    parser.add_argument("--old", action="store_true", help="say nothing of states, as an older version")
     parser.add_argument("--patch", action="append", default=[], help="MODULE:NAME=NUMBER, for times of minutes")
     args = parser.parse_args(words)
     for text in args.patch:
         place, _, number = text.partition("=")
         module, _, name = place.partition(":")
         setattr(importlib.import_module(module), name, float(number))
+    if args.old:
+        _Call._states = lambda call, exchange, exchanges: exchanges.aclose()  # type: ignore[method-assign]
     settings = change(Settings(), args.set).call
     answers = args.verb == "answer"
     secrets, own = tuple(map(bytes.fromhex, args.secrets)), Identity.create("end").fingerprint
@@ -166,8 +170,11 @@ def run(words: list[str]) -> None:
                 for step, content in process.steps():
                     if step == "asked":
                         process.answer(not args.decline)
-                    tell(step, asdict(content) if step == "found" else content)
+                    if step != "state" or args.states:
+                        tell(step, asdict(content) if step == "found" else content)
                     if step == "found":
+                        for state in args.states or ():
+                            process.say(state)
                         found.append(time.monotonic())
             except TactophoneError as error:
                 tell("error", str(error))

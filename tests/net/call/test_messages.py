@@ -3,14 +3,15 @@
 import pytest
 
 from tactophone.core.errors import PacketError
-from tactophone.net.call.messages import Accepted, Address, Hello, Offer, Refused, read_message, write_message
+from tactophone.net.call.messages import Accepted, Address, Hello, Offer, Refused, State, read_message, write_message
 
 OFFER = Offer("user", "p" * 22, [Address("host", "192.0.2.7", 4000, 5, "f1")], "keeps", relay=False)
-MESSAGES = [Hello("lab-7", "robot", "0.1.0", ":".join(["0A"] * 32)), Accepted("operator"), OFFER, Refused("no")]
+HELLO = Hello("lab-7", "robot", "0.1.0", ":".join(["0A"] * 32))
+MESSAGES = [HELLO, Accepted("operator"), OFFER, State("opening"), Refused("no")]
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda each: type(each).__name__)
-def test_a_message_arrives_as_it_was_sent(message: Hello | Accepted | Offer | Refused) -> None:
+def test_a_message_arrives_as_it_was_sent(message: Hello | Accepted | Offer | State | Refused) -> None:
     assert read_message(write_message(message)) == message
 
 
@@ -25,6 +26,7 @@ def test_a_message_arrives_as_it_was_sent(message: Hello | Accepted | Offer | Re
         (b'"no"', b'"\\nno"'),
         (b'"0A:', b'"0a:'),
         (b'"robot"', b'"pilot"'),
+        (b'"opening"', b'"opened"'),
         (b'"user"', b'"u"'),
         (b'{"type"', b'{"more":1,"type"'),
         (b"{", b""),

@@ -53,6 +53,24 @@ def connect(ends: tuple[End, End], *, relayed: bool) -> list[str]:
     return list(found[0]["secrets"])
 
 
+def test_each_end_hears_how_far_the_other_one_is(homes: Networks) -> None:
+    caller, answerer = begin(homes, "--states", "opening", "ready")
+    for end in (caller, answerer):
+        end.next("found")
+        heard = [end.next("state")]
+        while heard[-1] != "ready":
+            heard.append(end.next("state"))
+        assert heard == sorted(set(heard), key=("starting", "opening", "ready").index)
+
+
+def test_an_older_end_that_knows_no_states_is_called_as_before(homes: Networks) -> None:
+    caller = homes.end("ope", "call", "--states", "opening", "ready")
+    answerer = homes.end("rob", "answer", caller.next("code"), "--old")
+    answerer.next("code")
+    answerer.next("asked")
+    connect((caller, answerer), relayed=False)
+
+
 def test_two_homes_find_a_direct_way_which_holds_longer_than_their_routers_remember(homes: Networks) -> None:
     secrets = connect(begin(homes, "--seconds", "4"), relayed=False)
     # The same two, with what they remember instead of a code.

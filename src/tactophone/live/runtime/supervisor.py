@@ -50,7 +50,7 @@ BUDGET_INTERVAL = 1.0
 LAST_WORDS = 0.5
 """Seconds for which a side whose call has ended still shows that: more than between two updates of a console."""
 
-NO_ANSWER = "the other end is silent; if it stays so, hang up and call again"
+NO_ANSWER = "the other end may still be starting; if it stays silent once it is ready, hang up and call again"
 """Advice where a call's other end does not answer."""
 
 SIDE_END_TIMEOUT = 3.0
@@ -81,12 +81,15 @@ class Supervisor:
     ``report`` is called with a line for people: why a process is restarted, or what a slow start is at; from another
     thread.
 
+    ``progress``, which may be replaced, is called with what the process does next, while it is awaited at its start.
+
     ``restarts``: number of new processes that had to be started.
     """
 
     def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:
         self.name = name
         self.restarts = 0
+        self.progress: Callable[[str], None] = ignore
         self._main, self._settings, self._report = main, settings, report
         self._child: Child | None = None
         self._started = math.inf
@@ -161,6 +164,7 @@ class Supervisor:
                 if kind in ("error", "bug"):
                     raise TactophoneError(doing)
                 progressed = now
+                self.progress(doing)
             if not alive:
                 if not child.how_ended():
                     return  # its sound was so short that it has ended already

@@ -62,13 +62,23 @@ class Offer(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
     relay: bool
 
 
+Progress: TypeAlias = Literal["starting", "opening", "ready"]
+"""How far an end's live side is, in this order: it opens models and devices, then it sends or renders."""
+
+
+class State(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
+    """How far this end is, told once there is a way; older ends read nothing from then on."""
+
+    progress: Progress
+
+
 class Refused(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
     """The call ends here."""
 
     reason: _Line
 
 
-Message: TypeAlias = Hello | Accepted | Offer | Refused
+Message: TypeAlias = Hello | Accepted | Offer | State | Refused
 
 LARGEST_MESSAGE = 20_000
 """Bytes of a message: what a mailbox passes on without complaint."""

@@ -12,26 +12,30 @@ import socket
 import time
 from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.processes import Child, Parent
 from tactophone.core.settings import Call
 from tactophone.core.version import __version__
-from tactophone.net.call.messages import Accepted, Hello, Offer, Refused, Role
+from tactophone.net.call.messages import Accepted, Hello, Offer, Progress, Refused, Role, State
 
 if TYPE_CHECKING:  # their libraries are loaded in the process alone
     from tactophone.net.call.exchange import Exchange
     from tactophone.net.call.ice import Finder
 
-Step: TypeAlias = Literal["code", "asked", "found", "checked"]
-"""What the process reports: its code, who calls and wants to be accepted, each way, and the words of a check."""
+Step: TypeAlias = Literal["code", "asked", "found", "state", "checked"]
+"""What the process reports: its code, who calls and wants to be accepted, each way, how far the other end is, and the
+words of a check."""
 
 ANSWER_TIMEOUT = 30.0
 """Seconds that an end waits for the other one's next message, once both have the key."""
 
 ACCEPT_TIMEOUT = 180.0
 """Seconds that a caller waits for a person to accept."""
+
+STATES_TIMEOUT = 330.0
+"""Seconds for which the ends tell each other how far they are: a little longer than the live side may take to start."""
 
 CALL_POLL = 0.1
 
@@ -127,6 +131,11 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
     def answer(self, accepted: bool) -> None:
         self._pair.send(json.dumps(accepted).encode())
 
+    def say(self, progress: Progress) -> None:
+        """Let the other end know how far this one is."""
+        with contextlib.suppress(OSError):  # `steps` raises the reason
+            self._pair.send(json.dumps(progress).encode())
+
 
 def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
     live.setblocking(False)
@@ -179,26 +188,34 @@ class _Call:
         self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
+        self._accepted: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        self._progress: Progress = "starting"
+        self._progressed = asyncio.Event()
 
     async def run(self) -> None:
         nat = self._ask_nat()
+        beside = [asyncio.ensure_future(self._heed_parent())]
         try:
             async with contextlib.AsyncExitStack() as exchanges:
                 exchange, hello, secrets = await self._meet(exchanges)
                 role, began = await self._accept(exchange, hello)
                 relayed = await self._search(exchange, nat, hello)
-                self._close_later(exchanges.pop_all().aclose())
+                open_exchanges = exchanges.pop_all()
             content = {"name": hello.name, "fingerprint": hello.fingerprint, "role": role, "again": False}
             content["secrets"] = [each.hex() for each in secrets]
             while finder := self._finder:
                 content |= {"host": finder.host, "relayed": relayed, "after": time.monotonic() - began}
                 _tell(self._pair, "found", content | {"round_trip": await finder.round_trip()})
+                if not content["again"]:
+                    beside.append(asyncio.ensure_future(self._states(exchange, open_exchanges)))
                 began, relayed = await self._replace(finder, hello, secrets[0])
                 content["again"] = True
         finally:
+            for each in beside:
+                each.cancel()
             if self._finder:
                 await self._finder.close()
-            await asyncio.gather(*self._closing, return_exceptions=True)
+            await asyncio.gather(*self._closing, *beside, return_exceptions=True)
 
     async def _meet(self, exchanges: contextlib.AsyncExitStack) -> "tuple[Exchange, Hello, list[bytes]]":
         """Wait for the other end; return what it says, and the secrets for the next call.
@@ -241,8 +258,8 @@ class _Call:
             exchange.send(Refused(reason))
             raise DeviceError(reason)
         if plan.answers:
-            _tell(self._pair, "asked", [hello.name, taken, hello.version])
-            if not await self._accepted():
+            _tell(self._pair, "asked", [hello.name, taken, hello.version, hello.fingerprint])
+            if not await self._accepted:
                 exchange.send(Refused("it was not accepted"))
                 raise DeviceError("you did not accept the call")
             exchange.send(Accepted(role))
@@ -332,6 +349,40 @@ class _Call:
             raise DeviceError(f"the other end sent {type(message).__name__}, but its turn was {kind.__name__}")
         return message
 
-    async def _accepted(self) -> bool:
+    async def _heed_parent(self) -> None:
+        """Take what the parent says: whether the call is accepted, and how far the live side is."""
         self._pair.setblocking(False)
-        return bool(json.loads(await asyncio.get_running_loop().sock_recv(self._pair, 1 << 10)))
+        while data := await asyncio.get_running_loop().sock_recv(self._pair, 1 << 10):
+            said = json.loads(data)
+            if isinstance(said, bool):
+                self._accepted.set_result(said)
+            else:
+                self._progress = said
+                self._progressed.set()
+
+    async def _states(self, exchange: "Exchange", exchanges: contextlib.AsyncExitStack) -> None:
+        """Tell how far this end is, and hear how far the other one is, until both are ready; then close the exchange.
+
+        An older end neither tells nor reads anything.
+        """
+        async with exchanges:
+            with contextlib.suppress(TactophoneError, OSError):
+                async with asyncio.timeout(STATES_TIMEOUT):
+                    await asyncio.gather(self._tell_progress(exchange), self._hear_progress(exchange))
+
+    async def _tell_progress(self, exchange: "Exchange") -> None:
+        told = ""
+        while told != "ready":
+            told = self._progress
+            exchange.send(State(self._progress))
+            if told != "ready":
+                await self._progressed.wait()
+                self._progressed.clear()
+
+    async def _hear_progress(self, exchange: "Exchange") -> None:
+        order = get_args(Progress)
+        heard = -1
+        while heard < len(order) - 1 and isinstance(message := await exchange.receive(), State):
+            if (place := order.index(message.progress)) > heard:  # so an end that says much is shown three times
+                heard = place
+                _tell(self._pair, "state", message.progress)
