@@ -3,25 +3,31 @@
 import argparse
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from tactophone.app.evaluation import (
+    HEADLINE,
+    Progress,
+    compare_recipes,
+    evaluate_model,
+    evaluate_recipe,
+    note_scores,
+)
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
 from tactophone.cli.train import add_recipe, recipe_of
 from tactophone.core.errors import ConfigError
-from tactophone.lab.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
-from tactophone.lab.dataset.values import Dataset, tip_of
+from tactophone.lab.dataset.splits import KIN_SPLIT, SPLITS
 from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import model_path, tip_mismatch
+from tactophone.signal.perception.models import model_path
 
 if TYPE_CHECKING:
-    from tactophone.lab.benchmark.folds import Cache, Method
-    from tactophone.lab.evaluation.predict import TakePredictions
     from tactophone.lab.evaluation.report import Report
 
 EXAMPLES = (
@@ -42,8 +48,6 @@ _MEASURES = {
     "smooth_as_rough": "smooth called rough, of all",
     "smooth_as_smooth": "smooth called smooth, of all",
 }
-
-_HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,75 +87,41 @@ def run(args: argparse.Namespace) -> int:
         if args.model:
             raise ConfigError("--vary tries recipes: leave out the MODEL")
         return _vary(args)
-    channels = read_model(model_path(args.model)).card.channels if args.model else recipe_of(args).configured().channels
+    recipe = recipe_of(args)
+    channels = read_model(model_path(args.model)).card.channels if args.model else recipe.configured().channels
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
-    reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
+    with _progress() as report:
+        if args.model:
+            found, warnings = evaluate_model(args.model, dataset, report=report)
+            reports = {args.model: found}
+        else:
+            how, warnings = args.split or KIN_SPLIT, []
+            reports = evaluate_recipe(
+                recipe, dataset, how=how, baselines=args.baselines, cache=cache_of(args), report=report
+            )
+    for warning in warnings:
+        output.note(warning)
     if args.note:
-        _note(args, next(iter(reports.values())), dataset)
+        note_scores(args.model, args.note, reports[args.model], dataset)
     output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
     if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
         output.note("beware: far worse than chance: check which labels are smooth, and the tip")
     return 0
 
 
-def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
-    from tactophone.app.recordings import recording_predictor
-    from tactophone.lab.evaluation.report import make_report
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Show a bar for each thing that is done."""
+    bars: dict[str, Callable[..., None]] = {}
+    with ExitStack() as stack:
 
-    model = read_model(model_path(args.model))
-    if model.card.training.get("sha256") == dataset.fingerprint:
-        output.log().print("beware: the model was trained on these very recordings")
-    if (tip := tip_of(dataset.recordings)) and tip_mismatch(model.card, tip):
-        output.note(f"beware: the model is for the tip {model.card.tip}, but the recordings are of {tip}")
-    predict = recording_predictor(args.model)
-    with output.tracked(dataset.recordings, "predicting") as takes:
-        return make_report([predict(take) for take in takes], decision=model.card.decision)
+        def report(what: str, done: int, total: int, name: str) -> None:
+            if what not in bars:
+                stack.close()
+                bars[what] = stack.enter_context(output.progress(what, total))
+            bars[what](completed=done, note=name)
 
-
-def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
-    from tactophone.lab.benchmark.folds import permute_labels
-    from tactophone.lab.benchmark.methods import method_of, recipe_method
-    from tactophone.lab.evaluation.report import make_report
-    from tactophone.lab.training.recipes import RECIPES
-
-    recipe, how = recipe_of(args), args.split or KIN_SPLIT
-    configured = recipe.configured()
-    method, cache = method_of(configured), cache_of(args)
-    rule = RECIPES[recipe.recipe].response_for(recipe.tip or tip_of(dataset.recordings)).decision
-    reports = {method.name: make_report(_predict_folds(method, split(dataset, how), cache), decision=rule)}
-    if args.baselines is not None:
-        level = recipe_method("level", channels=configured.channels)
-        reports[level.name] = make_report(_predict_folds(level, split(dataset, how), cache))
-    for seed in range(args.baselines or 0):
-        permuted = split(permute_labels(dataset, seed=seed), how)
-        reports[f"permuted {seed + 1}"] = make_report(_predict_folds(method, permuted, cache), decision=rule)
-    return reports
-
-
-def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
-    from tactophone.lab.benchmark.folds import cross_validate
-
-    with output.progress(method.name, len(folds)) as update:
-        return cross_validate(method, folds, cache=cache, report=lambda done, name: update(completed=done, note=name))
-
-
-def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
-    from tactophone.lab.evaluation.metrics import SCORING_RULES
-    from tactophone.lab.evaluation.report import RENDERED
-    from tactophone.lab.training.export import add_scores
-
-    scores: dict[str, Any] = {
-        "dataset": dataset.name,
-        "surfaces": report.surfaces,
-        "recordings": report.recordings,
-        "contact": round(report.contact, 3),
-    }
-    for name in RENDERED:
-        scores[f"{name}, as rendered"] = getattr(report.rendered, name).rounded(3)
-    for rule in SCORING_RULES:
-        for name in _HEADLINE:
-            scores[f"{name}, {rule} rule"] = report.rules[rule][name].rounded(3)
-    add_scores(model_path(args.model), args.note, scores)
+        yield report
 
 
 def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
@@ -185,7 +155,7 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))
     yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
     # Three columns of a score and its interval are what 80 characters hold.
-    headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
+    headings = dict(zip(HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
     for rule in SCORING_RULES if len(reports) > 1 else ():
         yield from _table(
             f"{rule} rule",
@@ -217,38 +187,28 @@ def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[outpu
 
 
 def _vary(args: argparse.Namespace) -> int:
-    from tactophone.lab.benchmark.folds import cross_validate, run_folds
-    from tactophone.lab.benchmark.methods import method_of
-    from tactophone.lab.evaluation.bootstrap import estimate
-    from tactophone.lab.evaluation.predict import scores_of
-
     choices = {name: values.split(",") for name, values in options.assigned(args.vary, "--vary").items()}
-    recipes = []
+    recipes = {}
     for combination in itertools.product(*choices.values()):
         changes = dict(zip(choices, combination, strict=True))
         name = ", ".join(f"{key} {value}" for key, value in changes.items())
-        recipes.append((name, recipe_of(args).changed(changes, where=f"--vary, {name}").configured()))
-    dataset = open_filtered(
-        args.data, args.filter, channels=max(recipe.channels for _, recipe in recipes), kin=args.kin
-    )
-    methods = [(name, method_of(recipe)) for name, recipe in recipes]
-    folds, cache = split(dataset, args.split or "5-fold"), cache_of(args)
-    todo = [(method, fold) for _, method in methods for fold in folds]
-    with output.progress("varying", len(todo)) as update:
-        run_folds(
-            todo,
-            cache,
-            workers=args.workers,
-            ray=args.ray,
-            report=lambda done, name: update(completed=done, note=name),
-        )
-    trials: list[dict[str, Any]] = []
-    for name, method in methods:
-        found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
-        scores = {key: str(found[key]) for key in _HEADLINE[:3]}
-        trials.append({"settings": name, **scores, "score": found["balanced_accuracy"].value})
-    trials.sort(key=lambda trial: -trial["score"])
-    table = [{name.replace("_", " "): trial[name] for name in ("settings", *_HEADLINE[:3])} for trial in trials]
-    output.show(trials, [table], as_json=args.json)
+        recipes[name] = recipe_of(args).changed(changes, where=f"--vary, {name}")
+    channels = max(recipe.configured().channels for recipe in recipes.values())
+    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    with _progress() as report:
+        trials = compare_recipes(
+            recipes, dataset, how=args.split or "5-fold", cache=cache_of(args), workers=args.workers, ray=args.ray,
+            report=report,
+        )  # fmt: skip
+    table = [
+        {"settings": each.settings, **{key.replace("_", " "): str(each.scores[key]) for key in HEADLINE[:3]}}
+        for each in trials
+    ]
+    values = [
+        {"settings": each.settings, **{key: str(each.scores[key]) for key in HEADLINE[:3]},
+         "score": each.scores["balanced_accuracy"].value}
+        for each in trials
+    ]  # fmt: skip
+    output.show(values, [table], as_json=args.json)
     output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
     return 0

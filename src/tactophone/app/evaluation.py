@@ -1,0 +1,132 @@
+"""Scores of a model on a data set, of recipes by cross-validation, and of many recipes beside each other."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from tactophone.app.recordings import recording_predictor
+from tactophone.lab.dataset.splits import split
+from tactophone.lab.dataset.values import Dataset, tip_of
+from tactophone.lab.evaluation.bootstrap import Estimate, estimate
+from tactophone.lab.evaluation.metrics import SCORING_RULES
+from tactophone.lab.evaluation.predict import TakePredictions, scores_of
+from tactophone.lab.evaluation.report import RENDERED, Report, make_report
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path, tip_mismatch
+
+if TYPE_CHECKING:
+    from tactophone.lab.benchmark.folds import Cache, Method
+    from tactophone.lab.training.recipes import RecipeFile
+
+HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
+"""Scores of single windows that a model's card keeps."""
+
+Progress = Callable[[str, int, int, str], None]
+"""Called with what is being done, how many parts of it are done, of how many, and the name of the newest."""
+
+
+def _ignore(what: str, done: int, total: int, name: str) -> None: ...
+
+
+def evaluate_model(model: str, dataset: Dataset, *, report: Progress = _ignore) -> tuple[Report, list[str]]:
+    """Score a model, a shipped one's name or a file, as `tactophone feel` renders the recordings of a data set.
+
+    Returns the scores, and warnings: trained on these recordings, or for another tip.
+    """
+    card, predict, takes = read_model(model_path(model)).card, recording_predictor(model), list[TakePredictions]()
+    for recording in dataset.recordings:
+        takes.append(predict(recording))
+        report("predicting", len(takes), len(dataset.recordings), recording.path.name)
+    warnings = []
+    if card.training.get("sha256") == dataset.fingerprint:
+        warnings.append("beware: the model was trained on these very recordings")
+    if (tip := tip_of(dataset.recordings)) and tip_mismatch(card, tip):
+        warnings.append(f"beware: the model is for the tip {card.tip}, but the recordings are of {tip}")
+    return make_report(takes, decision=card.decision), warnings
+
+
+def evaluate_recipe(
+    recipe: "RecipeFile", dataset: Dataset, *, how: str, baselines: int | None = None, cache: "Cache | None" = None,
+    report: Progress = _ignore,
+) -> dict[str, Report]:  # fmt: skip
+    """Cross-validate a recipe; returns its scores, first, and those of the baselines, by name.
+
+    Parameters
+    ----------
+    how
+        One of `tactophone.lab.dataset.splits.SPLITS`.
+    baselines
+        Unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces so many times.
+    """
+    from tactophone.lab.benchmark.folds import permute_labels
+    from tactophone.lab.benchmark.methods import method_of, recipe_method
+    from tactophone.lab.training.recipes import RECIPES
+
+    configured = recipe.configured()
+    method = method_of(configured)
+    rule = RECIPES[recipe.recipe].response_for(recipe.tip or tip_of(dataset.recordings)).decision
+
+    def predict(method: "Method", dataset: Dataset) -> list[TakePredictions]:
+        return _cross_validated(method, dataset, how, cache, report)
+
+    reports = {method.name: make_report(predict(method, dataset), decision=rule)}
+    if baselines is not None:
+        level = recipe_method("level", channels=configured.channels)
+        reports[level.name] = make_report(predict(level, dataset))
+    for seed in range(baselines or 0):
+        permuted = permute_labels(dataset, seed=seed)
+        reports[f"permuted {seed + 1}"] = make_report(predict(method, permuted), decision=rule)
+    return reports
+
+
+def _cross_validated(
+    method: "Method", dataset: Dataset, how: str, cache: "Cache | None", report: Progress
+) -> list[TakePredictions]:
+    from tactophone.lab.benchmark.folds import cross_validate
+
+    folds = split(dataset, how)
+    return cross_validate(
+        method, folds, cache=cache, report=lambda done, name: report(method.name, done, len(folds), name)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A recipe that was tried among others: its name, and its scores of single windows by the two-class rule."""
+
+    settings: str
+    scores: Mapping[str, Estimate]
+
+
+def compare_recipes(
+    recipes: Mapping[str, "RecipeFile"], dataset: Dataset, *, how: str = "5-fold", cache: "Cache | None" = None,
+    workers: int = 2, ray: bool = False, report: Progress = _ignore,
+) -> list[Trial]:  # fmt: skip
+    """Cross-validate recipes on the same folds; returns them best first, by balanced accuracy."""
+    from tactophone.lab.benchmark.folds import cross_validate, default_cache, run_folds
+    from tactophone.lab.benchmark.methods import method_of
+
+    cache = cache or default_cache()
+    methods = {name: method_of(recipe.configured()) for name, recipe in recipes.items()}
+    folds = split(dataset, how)
+    todo = [(method, fold) for method in methods.values() for fold in folds]
+    run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report("varying", done, len(todo), name))
+    trials = [
+        Trial(name, estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class")))
+        for name, method in methods.items()
+    ]
+    return sorted(trials, key=lambda trial: -trial.scores["balanced_accuracy"].value)
+
+
+def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None:
+    """Write scores into a model's card, under a name."""
+    from tactophone.lab.training.export import add_scores
+
+    scores: dict[str, Any] = {
+        "dataset": dataset.name, "surfaces": report.surfaces, "recordings": report.recordings,
+        "contact": round(report.contact, 3),
+    }  # fmt: skip
+    scores |= {f"{each}, as rendered": getattr(report.rendered, each).rounded(3) for each in RENDERED}
+    for rule in SCORING_RULES:
+        scores |= {f"{each}, {rule} rule": report.rules[rule][each].rounded(3) for each in HEADLINE}
+    add_scores(model_path(model), name, scores)
