@@ -25,7 +25,8 @@ from tactophone.lab.dataset.values import Dataset, Recording, slides_over, tip_o
 from tactophone.lab.evaluation.events import SOURCES_KEY, edge_delays, join_edges
 from tactophone.lab.evaluation.metrics import rough_score
 from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
-from tactophone.lab.training.recipes import RECIPES, TrainingOptions
+from tactophone.lab.training.options import TrainingOptions
+from tactophone.lab.training.recipes import RECIPES, configure
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.noise_floor import measure_floor
@@ -50,7 +51,7 @@ def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOpti
     for fold in split(dataset, FOLDS):
         path = folder / "fold.onnx"
         recordings = (*fold.train, *also)
-        RECIPES["texture"].with_options(options).train(path, replace(dataset, recordings=recordings))
+        configure("texture", options).train(path, replace(dataset, recordings=recordings))
         model = read_model(path)
         for take in join_edges(fold.test, folder):
             if slides_over(take, take.segments[2].start):

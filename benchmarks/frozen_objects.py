@@ -19,7 +19,8 @@ from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.events import decided_touches
 from tactophone.lab.evaluation.metrics import false_positives_at_recall, measure
 from tactophone.lab.evaluation.predict import in_true_contact, scores_of, true_contact
-from tactophone.lab.training.tracks import FeatureSpec, extract_features
+from tactophone.lab.training.options import FeatureSpec
+from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import measure_floor

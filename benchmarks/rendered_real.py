@@ -43,8 +43,9 @@ from tactophone.lab.evaluation.events import calibration_error, decided_touches
 from tactophone.lab.evaluation.metrics import rough_score
 from tactophone.lab.evaluation.predict import TakePredictions
 from tactophone.lab.evaluation.report import unknown_shares
-from tactophone.lab.training.recipes import RECIPES, TrainingOptions
-from tactophone.lab.training.tracks import FeatureSpec, extract_features
+from tactophone.lab.training.options import FeatureSpec, TrainingOptions
+from tactophone.lab.training.recipes import configure
+from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.perception.model_file import Model, read_model
 
 AUDIBLE_DB = 30.0
@@ -60,7 +61,7 @@ OPTIONS = TrainingOptions(channels=1, microphone="air", tip="stylus")
 def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
     """Train the recipe ``texture`` as the shipped model of the stylus."""
     path = folder / "stylus.onnx"
-    RECIPES["texture"].with_options(OPTIONS).train(path, replace(dataset, recordings=tuple(recordings)))
+    configure("texture", OPTIONS).train(path, replace(dataset, recordings=tuple(recordings)))
     return read_model(path)
 
 

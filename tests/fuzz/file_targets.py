@@ -15,7 +15,7 @@ import soundfile
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change, read_settings
 from tactophone.faces.web.dashboard import parse_request
-from tactophone.faces.web.game import read_results
+from tactophone.faces.web.game_rules import read_results
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.recording.safe_writer import _read_entry
 from tactophone.live.audio.files import FileSource

@@ -70,7 +70,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(args: argparse.Namespace) -> int:
-    from tactophone.faces.web.game import GameSettings, open_finger, serve_game
+    from tactophone.faces.web.game import open_finger, serve_game
+    from tactophone.faces.web.game_rules import GameSettings
     from tactophone.lab.simulation.takes import shuffled
 
     settings = change(options.settings_of(args, NEAR), SIMULATED)

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
-from tactophone.faces.web.game import Point
+from tactophone.faces.web.game_rules import Point
 from tactophone.live.runtime.gate import EMERGENCY_STOP
 from tactophone.live.telemetry.layout import Fault, FingerState, State
 from tactophone.live.telemetry.writer import Telemetry

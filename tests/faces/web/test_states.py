@@ -13,7 +13,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 from tactophone.core.types import Touch
-from tactophone.faces.web.game import GameSettings, serve_game
+from tactophone.faces.web.game import serve_game
+from tactophone.faces.web.game_rules import GameSettings
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.runtime.gate import EMERGENCY_STOP
 from tactophone.live.telemetry.writer import Telemetry

@@ -10,7 +10,7 @@ from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.metrics import measure
 from tactophone.lab.evaluation.predict import TakePredictions, scores_of
-from tactophone.lab.training.recipes import OPEN_GATE, network_settings
+from tactophone.lab.training.options import OPEN_GATE, network_settings
 from tactophone.lab.training.trainer import NetworkRecipe
 from tests.lab.dataset.folders import audiofolder
 from tests.surfaces import surfaces

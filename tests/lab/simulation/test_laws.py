@@ -14,8 +14,7 @@ from tactophone.lab.simulation.motion import single
 from tactophone.lab.simulation.source import SimulatedFinger
 from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, Surface, envelope, height_profile, track
 from tactophone.lab.training.features import describe
-from tactophone.lab.training.recipes import BAND_COUNT
-from tactophone.lab.training.tracks import FeatureSpec
+from tactophone.lab.training.options import BAND_COUNT, FeatureSpec
 from tactophone.signal.perception.resample import Resampler
 
 QUIET = Electronics(

@@ -3,8 +3,8 @@ import pytest
 
 from tactophone.lab.dataset.values import Dataset
 from tactophone.lab.training.augmentation import Augmentation
+from tactophone.lab.training.options import FeatureSpec
 from tactophone.lab.training.sets import build_training_set
-from tactophone.lab.training.tracks import FeatureSpec
 from tests.surfaces import surfaces
 
 RATE = 16_000

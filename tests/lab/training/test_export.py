@@ -19,7 +19,7 @@ from tactophone.lab.training.export import (
     write_model,
 )
 from tactophone.lab.training.network import PaperNetwork, magnitudes, weights_of
-from tactophone.lab.training.recipes import network_settings
+from tactophone.lab.training.options import network_settings
 from tactophone.lab.training.trainer import NetworkRecipe
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import FEATURES, Gate, read_model

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from tactophone.lab.training.features import Texture, design_bands
-from tactophone.lab.training.recipes import BAND_COUNT, BAND_VALUES
+from tactophone.lab.training.options import BAND_COUNT, BAND_VALUES
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512

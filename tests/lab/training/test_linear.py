@@ -2,9 +2,9 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.lab.training.export import build_classifier_graph
-from tactophone.lab.training.linear import IMPULSES, LinearClassifier, fit_classifier
-from tactophone.lab.training.recipes import BAND_VALUES
+from tactophone.lab.training.export import LinearClassifier, build_classifier_graph
+from tactophone.lab.training.linear import IMPULSES, fit_classifier
+from tactophone.lab.training.options import BAND_VALUES
 from tactophone.lab.training.sets import Examples, even_weights, inner_folds
 from tactophone.signal.perception.model_file import FEATURES, LOG_PROBABILITIES
 

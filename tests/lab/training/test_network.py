@@ -17,7 +17,7 @@ from tactophone.lab.training.network import (
     weights_of,
     with_weights,
 )
-from tactophone.lab.training.recipes import Labelling, network_settings
+from tactophone.lab.training.options import Labelling, network_settings
 
 
 def test_the_paper_counts_1882755_parameters() -> None:

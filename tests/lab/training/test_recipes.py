@@ -15,17 +15,10 @@ from tactophone.lab.benchmark.methods import recipe_method
 from tactophone.lab.dataset.values import Dataset
 from tactophone.lab.evaluation.metrics import measure
 from tactophone.lab.evaluation.predict import model_predictor, scores_of
-from tactophone.lab.training.recipes import (
-    FEATURE_RECIPES,
-    RECIPES,
-    VARIANTS,
-    RecipeFile,
-    TrainingOptions,
-    Variant,
-    network_settings,
-)
-from tactophone.lab.training.sets import FeatureRecipe, build_training_set
-from tactophone.lab.training.tracks import FeatureSpec
+from tactophone.lab.training.baselines import FeatureRecipe
+from tactophone.lab.training.options import VARIANTS, FeatureSpec, TrainingOptions, Variant, network_settings
+from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, RecipeFile, configure
+from tactophone.lab.training.sets import build_training_set
 from tactophone.signal.perception.model_file import FEATURES, read_model
 from tests.surfaces import surfaces
 
@@ -44,7 +37,7 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
     name: str, dataset: Dataset, tmp_path: Path
 ) -> None:
     path = tmp_path / f"{name}.onnx"  # the name on the card is the file's
-    RECIPES[name].with_options().train(path, dataset)
+    configure(name).train(path, dataset)
     model = read_model(path)
     assert (model.card.name, model.card.kind) == (name, RECIPES[name].features)
     offline, live = recipe_method(name, channels=2).fit(dataset.recordings), model_predictor(model)
@@ -59,7 +52,7 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
 def test_a_model_of_the_pad_has_the_response_of_the_pad(
     tip: str, memory: float, rough_on: float, dataset: Dataset, tmp_path: Path
 ) -> None:
-    RECIPES["texture"].with_options(TrainingOptions(tip=tip)).train(tmp_path / "model.onnx", dataset)
+    configure("texture", TrainingOptions(tip=tip)).train(tmp_path / "model.onnx", dataset)
     card = read_model(tmp_path / "model.onnx").card
     assert (card.settings["memory"], card.decision.rough_on) == (memory, rough_on)
 
@@ -92,7 +85,7 @@ def test_the_graph_predicts_what_scikit_learn_does(dataset: Dataset, monkeypatch
 
     monkeypatch.setattr(LogisticRegression, "fit", keep)
     training_set = build_training_set(FeatureSpec("texture"), dataset.recordings)
-    graph = cast(FeatureRecipe, RECIPES["logistic"].with_options()).build(training_set)
+    graph = cast(FeatureRecipe, configure("logistic")).build(training_set)
     ((model, features),) = fitted
     session = onnxruntime.InferenceSession(graph.SerializeToString(), providers=["CPUExecutionProvider"])
     (log_probabilities,) = session.run(None, {FEATURES: training_set.examples.thinned().features})
@@ -110,7 +103,7 @@ def test_listing_recipes_imports_no_classifier() -> None:
 def test_a_recipe_of_heights_says_what_is_missing(dataset: Dataset, tmp_path: Path) -> None:
     unmeasured = tuple(replace(take, properties={}) for take in dataset.recordings)
     with pytest.raises(DatasetError, match="add the column ra_um"):
-        RECIPES["surface"].with_options().train(tmp_path / "a.onnx", replace(dataset, recordings=unmeasured))
+        configure("surface").train(tmp_path / "a.onnx", replace(dataset, recordings=unmeasured))
 
 
 def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -> None:
@@ -119,7 +112,7 @@ def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -
     )
     recipe = RecipeFile.read(tmp_path / "mine.toml").configured(start=tmp_path / "a.onnx")
     options = TrainingOptions(variant="one-channel", contact_threshold="off", epochs=2, learning_rate=0.001)
-    assert recipe == RECIPES["paper"].with_options(options, start=tmp_path / "a.onnx")
+    assert recipe == configure("paper", options, start=tmp_path / "a.onnx")
 
 
 @pytest.mark.parametrize(

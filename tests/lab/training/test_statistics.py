@@ -11,8 +11,7 @@ from tactophone.lab.training.features import (
     parts,
     run_statistics,
 )
-from tactophone.lab.training.recipes import BAND_VALUES
-from tactophone.lab.training.tracks import FeatureSpec
+from tactophone.lab.training.options import BAND_VALUES, FeatureSpec
 from tactophone.signal.perception.model_file import CONTACT_INPUT, FEATURES, SOUND, STATE, STATE_OUT
 
 NEVER = np.zeros((1, BAND_VALUES, BAND_VALUES))

@@ -9,10 +9,12 @@ from tactophone.lab.benchmark.methods import graph_predictor, recipe_method
 from tactophone.lab.dataset.values import Dataset
 from tactophone.lab.evaluation.metrics import measure
 from tactophone.lab.evaluation.predict import model_predictor, scores_of
+from tactophone.lab.training.baselines import feature_recipe
 from tactophone.lab.training.linear import build_texture
-from tactophone.lab.training.recipes import RECIPES, TrainingOptions
-from tactophone.lab.training.sets import build_training_set, feature_recipe
-from tactophone.lab.training.tracks import FeatureSpec, extract_features, noise_level
+from tactophone.lab.training.options import FeatureSpec, TrainingOptions
+from tactophone.lab.training.recipes import RECIPES, configure
+from tactophone.lab.training.sets import build_training_set
+from tactophone.lab.training.tracks import extract_features, noise_level
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
 from tests.sounds import ODD_SIZES, blocks, tone
@@ -27,7 +29,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(scope="module")
 def model(dataset: Dataset) -> Path:
     path = dataset.root / "texture.onnx"
-    RECIPES["texture"].with_options().train(path, dataset)
+    configure("texture").train(path, dataset)
     return path
 
 

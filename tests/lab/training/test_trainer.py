@@ -18,7 +18,8 @@ from tactophone.lab.dataset.values import Dataset
 from tactophone.lab.training import trainer
 from tactophone.lab.training import trainer as processor
 from tactophone.lab.training.network import PaperNetwork, Windows, find_windows, magnitudes, weights_of, with_weights
-from tactophone.lab.training.recipes import OPEN_GATE, RECIPES, NetworkSettings, TrainingOptions, network_settings
+from tactophone.lab.training.options import OPEN_GATE, NetworkSettings, TrainingOptions, network_settings
+from tactophone.lab.training.recipes import configure
 from tactophone.lab.training.trainer import NetworkRecipe, Progress, Run, predictor
 from tactophone.signal.perception.model_file import Gate, read_model
 from tests.lab.dataset.folders import audiofolder
@@ -200,7 +201,7 @@ def test_recordings_of_one_class_make_no_new_model(tmp_path: Path) -> None:
 def test_an_ablation_predicts_at_the_live_times_and_has_no_model_file(tmp_path: Path, changes: dict[str, Any]) -> None:
     dataset = surfaces(tmp_path, each=1)
     options = TrainingOptions(epochs=1, least_steps=2, batch_size=100, contact_threshold="off", **changes)
-    recipe = RECIPES["paper-fast"].with_options(options)
+    recipe = configure("paper-fast", options)
     assert isinstance(recipe, NetworkRecipe)
     windows = recipe.read_windows(dataset.recordings)
     time, probabilities, _ = predictor(recipe, recipe.fit(windows))(dataset.recordings[0])

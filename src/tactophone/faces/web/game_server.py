@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tactophone.core.types import Touch
 from tactophone.faces.web.devices import command_of
 from tactophone.faces.web.feed import STEP_COLUMNS, WatchedRun, pack, step_table
-from tactophone.faces.web.game import GameSettings, Point, Round, read_results, within_reach
+from tactophone.faces.web.game_rules import GameSettings, Point, Round, read_results, within_reach
 from tactophone.faces.web.views import CREDIT, STATIC, TAKEN, admit, exchange, is_local, messages_of, page, say_command
 from tactophone.live.telemetry.layout import Action, Request
 from tactophone.live.telemetry.watcher import Snapshot

@@ -28,8 +28,10 @@ from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.lab.dataset.values import Dataset, Recording, tip_of
 from tactophone.lab.evaluation.metrics import Floats
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, model_predictor
-from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
-from tactophone.lab.training.sets import FeatureRecipe, TrainingSet, even_weights
+from tactophone.lab.training.baselines import FeatureRecipe
+from tactophone.lab.training.options import VARIANTS, TrainingOptions
+from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, ConfiguredRecipe, configure
+from tactophone.lab.training.sets import TrainingSet, even_weights
 from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import PASSTHROUGH, STEP_SIZE
@@ -205,7 +207,7 @@ def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
 
 def recipe_method(name: str, *, channels: int) -> FeatureMethod:
     """Return the method of a recipe on features, for sound of 1 or 2 channels."""
-    return FeatureMethod(cast(FeatureRecipe, RECIPES[name].with_options(TrainingOptions(channels=channels))))
+    return FeatureMethod(cast(FeatureRecipe, configure(name, TrainingOptions(channels=channels))))
 
 
 def method_names(channels: int) -> tuple[str, ...]:
@@ -251,7 +253,7 @@ def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
             contact_threshold=None if segmented else "off",
             **changes,
         )
-        return method_of(RECIPES["paper-fast"].with_options(options))
+        return method_of(configure("paper-fast", options))
     recipe = name.partition("/")[0]
     rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
     dropped = AIR if name == NO_AIR else None

@@ -34,14 +34,9 @@ from tactophone.lab.dataset.values import Dataset, Recording, Segment, stretches
 from tactophone.lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
 from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of
 from tactophone.lab.simulation.operator import SoundToVibration, perceive_visits, play_rounds, render_visits
-from tactophone.lab.training.recipes import (
-    LABEL_LEVEL_DBFS,
-    NETWORK_RATE,
-    NETWORK_WINDOW_SIZE,
-    REFERENCE_GATE,
-    RecipeFile,
-)
-from tactophone.lab.training.sets import FeatureRecipe
+from tactophone.lab.training.baselines import FeatureRecipe
+from tactophone.lab.training.options import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.lab.training.recipes import RecipeFile
 from tactophone.lab.training.tracks import read_signals
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.haptics.passthrough import PASSTHROUGH

@@ -13,9 +13,9 @@ mains hum (under 125 Hz) does not round all other bins to zero.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import onnx
@@ -26,7 +26,7 @@ from tactophone.core.errors import ModelError
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import FloatArray, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
-from tactophone.lab.training.recipes import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
+from tactophone.lab.training.options import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import (
     CARD_KEY,
@@ -39,9 +39,6 @@ from tactophone.signal.perception.model_file import (
     ModelCard,
     read_model,
 )
-
-if TYPE_CHECKING:
-    from tactophone.lab.training.linear import LinearClassifier
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -181,7 +178,24 @@ def is_simulation(recording: Recording) -> bool:
     return recording.known("source") == "simulated"
 
 
-def build_classifier_graph(classifier: "LinearClassifier", *, channels: int) -> onnx.ModelProto:
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearClassifier:
+    """Parameters of the classifier."""
+
+    centre: Floats
+    scale: Floats
+    """`centre` and `scale`: of the features, which are standardised first."""
+    weights: Floats
+    biases: Floats
+    """`weights` and `biases`: a logistic regression for each set of working channels, shape ``(sets, features)``: all,
+    then each alone."""
+    whitening: Floats
+    """Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance."""
+    limit: float
+    """Mean square of the working channels' whitened features over which sound is unknown."""
+
+
+def build_classifier_graph(classifier: LinearClassifier, *, channels: int) -> onnx.ModelProto:
     """Build the graph of the recipe ``texture``'s classifier."""
     count, sets = len(classifier.centre), len(classifier.biases)
     # Logits and whitened features are one matrix product; standardising is folded into its weights.

@@ -36,8 +36,16 @@ from torch import Tensor, nn
 
 from tactophone.core.types import FloatArray
 from tactophone.lab.training.export import IR_VERSION, OPSET
-from tactophone.lab.training.recipes import BAND_COUNT, BAND_VALUES, FeatureKind
-from tactophone.lab.training.tracks import FEATURE_RATE, MIN_VARIANCE, SILENT_POWER, WINDOWS, FeatureSpec
+from tactophone.lab.training.options import (
+    BAND_COUNT,
+    BAND_VALUES,
+    FEATURE_RATE,
+    MIN_VARIANCE,
+    SILENT_POWER,
+    WINDOWS,
+    FeatureKind,
+    FeatureSpec,
+)
 from tactophone.signal.perception.decision import FORGET_AFTER
 from tactophone.signal.perception.model_file import CONTACT_INPUT, FEATURES, SOUND, STATE, STATE_OUT
 
@@ -318,7 +326,7 @@ FAINT_POWER = 1e-10
 
 
 class Cues(_Module):
-    """The values :data:`tactophone.lab.training.recipes.CUES` of a window; all but the last are of the contact channel.
+    """The values :data:`tactophone.lab.training.options.CUES` of a window; all but the last are of the contact channel.
 
     Examples
     --------

@@ -18,7 +18,7 @@ from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.types import SURFACE_LABELS, FloatArray
 from tactophone.lab.dataset.values import Dataset, Recording
 from tactophone.lab.training.export import read_weights, write_model
-from tactophone.lab.training.recipes import Variant, network_settings, silent
+from tactophone.lab.training.options import Variant, network_settings, silent
 from tactophone.lab.training.trainer import NetworkRecipe, Progress
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate, read_model

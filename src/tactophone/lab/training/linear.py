@@ -6,7 +6,7 @@ unlike the training data is detected by the Mahalanobis distance, with Ledoit an
 threshold is what one held-out window in two hundred exceeds.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -14,8 +14,8 @@ import onnx
 from numpy.typing import NDArray
 
 from tactophone.core.types import FloatArray
-from tactophone.lab.training.export import Floats, build_classifier_graph
-from tactophone.lab.training.recipes import CREST_INDEX
+from tactophone.lab.training.export import Floats, LinearClassifier, build_classifier_graph
+from tactophone.lab.training.options import CREST_INDEX
 from tactophone.lab.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 
 STRENGTH = 0.005
@@ -27,23 +27,6 @@ roughness by geometry (docs/research/detector.md)."""
 
 KNOWN_SHARE = 0.995
 """Share of held-out windows that count as known sound."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearClassifier:
-    """Parameters of the classifier."""
-
-    centre: Floats
-    scale: Floats
-    """`centre` and `scale`: of the features, which are standardised first."""
-    weights: Floats
-    biases: Floats
-    """`weights` and `biases`: a logistic regression for each set of working channels, shape ``(sets, features)``: all,
-    then each alone."""
-    whitening: Floats
-    """Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance."""
-    limit: float
-    """Mean square of the working channels' whitened features over which sound is unknown."""
 
 
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:

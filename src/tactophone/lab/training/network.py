@@ -21,8 +21,8 @@ from torch import nn
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FloatArray, Touch
 from tactophone.lab.training.export import RESIDUALS, SPECTRUM_BINS, Weights, channels_of
-from tactophone.lab.training.recipes import NETWORK_WINDOW_SIZE as SIZE
-from tactophone.lab.training.recipes import Labelling
+from tactophone.lab.training.options import NETWORK_WINDOW_SIZE as SIZE
+from tactophone.lab.training.options import Labelling
 from tactophone.signal.perception.levels import LoudnessRule
 
 

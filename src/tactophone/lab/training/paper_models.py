@@ -23,7 +23,7 @@ from tactophone.core.errors import ModelError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.lab.training.export import SPECTRUM_BINS, make_card, write_model
 from tactophone.lab.training.network import PaperNetwork, weights_of
-from tactophone.lab.training.recipes import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.lab.training.options import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
 from tactophone.signal.perception.model_file import MAX_BYTES, Gate
 
 _EXPECTED = (

@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import cast
 
 import numpy as np
 import onnx
@@ -13,16 +11,15 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.lab.dataset.splits import kin_of
-from tactophone.lab.dataset.values import Dataset, Recording, tip_of
+from tactophone.lab.dataset.values import Recording
 from tactophone.lab.training.augmentation import Augmentation
-from tactophone.lab.training.export import Floats, caveats_of, is_simulation, join, licence_of, write_graph
-from tactophone.lab.training.recipes import RECIPES, FeatureKind, Recipe, Report, TrainingOptions, silent
-from tactophone.lab.training.tracks import (
-    FEATURE_RATE,
+from tactophone.lab.training.export import Floats, is_simulation, join
+from tactophone.lab.training.options import (
     MIN_VARIANCE,
-    WINDOWS,
-    ChangeMetric,
     FeatureSpec,
+)
+from tactophone.lab.training.tracks import (
+    ChangeMetric,
     FeatureTrack,
     Moments,
     accumulate,
@@ -31,7 +28,6 @@ from tactophone.lab.training.tracks import (
     noise_level,
 )
 from tactophone.net.link.codec import Codec
-from tactophone.signal.perception.model_file import Gate, ModelCard
 
 HARD_TIPS = ("plastic", "stylus")
 """Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
@@ -227,94 +223,3 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
     # Of each window the larger of its channels' distances counts, as in the live detection.
     distance = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
     return np.asarray((whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5))
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureRecipe:
-    """A recipe on features with its options; see :class:`~tactophone.lab.training.recipes.ConfiguredRecipe`."""
-
-    name: str
-    """A key of :data:`tactophone.lab.training.recipes.RECIPES`."""
-    spec: FeatureSpec
-    """Which features, of which channels; the memory is that of the recipe for the tip."""
-    codecs: tuple[Codec, ...] = ()
-    """A model file is trained on each recording as it is and once more through each of these codecs."""
-    seed: int = 0
-    """Of the augmentation."""
-    tip: str = ""
-    """That the model is for; empty: that of the recordings."""
-
-    @property
-    def recipe(self) -> Recipe:
-        return RECIPES[self.name]
-
-    @property
-    def channels(self) -> int:
-        return self.spec.channels
-
-    @property
-    def evaluated_spec(self) -> FeatureSpec:
-        """Features for a cross-validation: through the widest of the codecs, if there are any."""
-        return replace(self.spec, codec=self.codecs[-1]) if self.codecs else self.spec
-
-    @property
-    def identity(self) -> str:
-        """Text that changes whenever the result may: key of cached results."""
-        return f"{self.name} {self.recipe.version} {self.seed} {self.tip} {self.evaluated_spec!r}"
-
-    def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
-        """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
-        spec = self.evaluated_spec if codecs is None else self.spec
-        tip = self.tip or tip_of(recordings)
-        response = self.recipe.response_for(tip)
-        return build_training_set(
-            replace(
-                spec,
-                memory=response.memory,
-                change_detection=response.change_detection,
-                unevenness=spec.kind == "texture" and tip in HARD_TIPS,
-            ),
-            recordings,
-            codecs=codecs or (),
-            augmentation=self.recipe.augmentation,
-            seed=self.seed,
-            tip=tip,
-        )
-
-    def build(self, training_set: TrainingSet) -> onnx.ModelProto:
-        from tactophone.lab.training.baselines import BUILDERS
-
-        return BUILDERS[self.name](training_set)
-
-    def train(self, path: Path, dataset: Dataset, *, report: Report = silent, **_: object) -> None:
-        """Train on a data set and write the model file, named after the file; it has no checkpoints and no log."""
-        report(0, None, self.name)
-        training_set = self.training_set(dataset.recordings, codecs=self.codecs)
-        through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
-        facts = {
-            "recipe": self.name,
-            "dataset": dataset.name,
-            "surfaces": len(dataset.surfaces),
-            "sha256": dataset.fingerprint,
-            "through": ["nothing", *through],
-        }
-        spec, tip = training_set.spec, training_set.tip
-        size, hop = WINDOWS[spec.kind]
-        settings = {"microphone": spec.microphone, "memory": spec.memory} if spec.kind == "texture" else {}
-        card = ModelCard(
-            path.stem, spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(training_set.threshold_dbfs, "banded"),
-            self.recipe.response_for(tip).decision, settings=settings | {"tip": tip}, training=facts,
-            scores=caveats_of(dataset), licence=licence_of(dataset),
-        )  # fmt: skip
-        write_graph(path, training_set.whole(self.build(training_set)), card)
-
-
-def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:
-    """Return a recipe on features with its options: channels, microphone, tip, Opus bitrate and seed."""
-    kind = cast(FeatureKind, recipe.features)
-    spec = FeatureSpec(kind, options.channels)
-    if recipe.microphone or options.channels == 1:
-        spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
-    # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
-    codecs = (options.codec(spec.channels, bandwidth=bandwidth) for bandwidth in (0.0, FEATURE_RATE / 2))
-    return FeatureRecipe(recipe.name, spec, tuple(codec for codec in codecs if codec), options.seed, options.tip)

@@ -22,7 +22,7 @@ from onnx import ModelProto, helper, numpy_helper
 from tactophone.core.errors import ModelError
 from tactophone.core.types import AudioBlock, FloatArray, Prediction
 from tactophone.lab.training.export import Floats, write_graph
-from tactophone.lab.training.recipes import BAND_VALUES, CREST_INDEX
+from tactophone.lab.training.options import BAND_VALUES, CREST_INDEX
 from tactophone.lab.training.sets import HARD_TIPS
 from tactophone.signal.perception.decision import NEVER_ABSTAIN
 from tactophone.signal.perception.detector import WindowDetector

@@ -8,7 +8,6 @@ import functools
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -18,28 +17,18 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.lab.dataset.values import Recording
-from tactophone.lab.training.augmentation import Augmentation
-from tactophone.lab.training.recipes import BAND_VALUES, MEMORY, NETWORK_RATE, FeatureKind, Microphone, silent
+from tactophone.lab.training.options import (
+    FEATURE_RATE,
+    MIN_VARIANCE,
+    NETWORK_RATE,
+    SILENT_POWER,
+    WINDOWS,
+    FeatureSpec,
+    silent,
+)
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
 from tactophone.signal.perception.resample import Resampler
-
-FEATURE_RATE = 16_000
-"""Sample rate in Hz that all of these features are computed at."""
-
-WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
-    "texture": (512, Fraction(160)),
-    "cues": (4096, Fraction(512, 3)),
-}
-"""Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
-
-_TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)
-
-MIN_VARIANCE = 1e-4
-"""Keeps the root of a variance from being NaN after rounding; negligible beside any real variance."""
-
-SILENT_POWER = 1e-14
-"""Mean square, -140 dBFS, under which a channel carries no signal: even a good microphone's noise is far over it."""
 
 Moments = NDArray[np.float64]
 """Mean and mean square of descriptions, shape ``(2, channels, values)``."""
@@ -47,41 +36,6 @@ Moments = NDArray[np.float64]
 ChangeMetric = NDArray[np.float64]
 """A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
 than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureSpec:
-    """Which features are extracted, from what sound."""
-
-    kind: FeatureKind = "texture"
-    channels: int = 2
-    codec: Codec | None = None
-    """Codec that the sound passes through first."""
-    microphone: Microphone = "contact"
-    """The microphone used where ``channels`` is 1; the file's first, if it has none of that name."""
-    change_detection: bool = True
-    """Whether the running statistics restart where the surface changes."""
-    memory: float = MEMORY
-    """Of the running statistics, in s."""
-    unevenness: bool = False
-    """Whether texture features hold the unevenness of the treble: for hard tips."""
-    augmentation: Augmentation | None = None
-    copy: tuple[int, int] = (0, 0)
-    """`augmentation` and `copy`: how takes are varied; seed and number of the copy. Number 0 is the take itself."""
-
-    @property
-    def fading(self) -> float:
-        """The memory in windows.
-
-        >>> FeatureSpec(memory=0.25).fading
-        25.0
-        """
-        return self.memory / _TEXTURE_HOP
-
-    @property
-    def values(self) -> int:
-        """Values that describe one channel of a window in texture features."""
-        return BAND_VALUES + self.unevenness
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,7 +41,7 @@ from tactophone.lab.training.network import (
     window_loudness,
     with_weights,
 )
-from tactophone.lab.training.recipes import (
+from tactophone.lab.training.options import (
     FAST_CHANGES,
     LABEL_LEVEL_DBFS,
     NETWORK_HOP,

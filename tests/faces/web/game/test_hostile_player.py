@@ -13,7 +13,8 @@ import aiohttp
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone.faces.web.game import GameSettings, serve_game
+from tactophone.faces.web.game import serve_game
+from tactophone.faces.web.game_rules import GameSettings
 from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone.faces.web.game import (
+from tactophone.faces.web.game_rules import (
     LIFTED_PRESSURE,
     PITCH,
     WIDTH,

@@ -16,7 +16,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 from tactophone.core.types import Touch
-from tactophone.faces.web.game import GameSettings, serve_game
+from tactophone.faces.web.game import serve_game
+from tactophone.faces.web.game_rules import GameSettings
 from tactophone.faces.web.server import Page
 from tests.accessibility import needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, stroke, text, wait
