@@ -16,7 +16,7 @@ microphone, its own 20 mm down. That is -4 dB for the next finger, -9 dB for the
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from tactophone.lab.simulation.finger import Finger
 from tactophone.lab.simulation.mechanics import compiled
 from tactophone.lab.simulation.microphones import NORMALS, Microphones, SessionVariation
 from tactophone.lab.simulation.modes import body_modes, mode_table, plate_pressure
-from tactophone.lab.simulation.motion import Hand, Move, Scene
+from tactophone.lab.simulation.motion import Hand, Move, Path, Scene
 from tactophone.lab.simulation.surface import HEIGHT_SPACING, Track, track
 
 MOTOR_SPEED = 0.15
@@ -70,6 +70,12 @@ class Contacts(NamedTuple):
     normals: NDArray[np.float64]
 
 
+class Leads(Protocol):
+    """What leads a finger over its scene."""
+
+    def follow(self, size: int) -> Path: ...
+
+
 class SimulatedFinger(AlwaysOpen):
     """A finger over a scene, as a :class:`~tactophone.core.types.Source`.
 
@@ -90,6 +96,8 @@ class SimulatedFinger(AlwaysOpen):
         Samples per block of iteration.
     place
         Where it hovers at the start, in m.
+    hand
+        What leads it in place of moves, such as the finger of a physics engine: its ``follow(size)`` returns a `Path`.
 
     >>> from tactophone.lab.simulation.catalogue import find
     >>> from tactophone.lab.simulation.motion import single
@@ -106,7 +114,7 @@ class SimulatedFinger(AlwaysOpen):
     def __init__(
         self, scene: Scene, moves: Iterable[Move] = (), *, session: SessionVariation | None = None,
         seed: int | Sequence[int] = 0, duration: float | None = None, block_size: int = 480,
-        place: tuple[float, float] = (0.0, 0.0),
+        place: tuple[float, float] = (0.0, 0.0), hand: Leads | None = None,
     ) -> None:  # fmt: skip
         session = session or SessionVariation()
         self.scene = scene
@@ -115,6 +123,7 @@ class SimulatedFinger(AlwaysOpen):
         self._block_size, self._position = block_size, 0
         self._hand = Hand(scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE)
         self._hand.queue(moves)
+        self._follow = self._hand.follow if hand is None else hand.follow
         self._rng = np.random.default_rng(np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)]))
         self._ground = _ground(scene, session)
         # The finger hovers, and nothing rings.
@@ -151,7 +160,7 @@ class SimulatedFinger(AlwaysOpen):
 
     def touch(self, size: int) -> Contacts:
         """Simulate the contact of the next ``size`` samples, which `record` turns into sound."""
-        path = self._hand.follow(size)
+        path = self._follow(size)
         normals = self._rng.standard_normal((size, OVERSAMPLING + NORMALS))
         signals = ContactSignals(*(np.empty(size) for _ in ContactSignals._fields))
         noise = np.ascontiguousarray(normals[:, :OVERSAMPLING])

@@ -1,4 +1,3 @@
-import runpy
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,11 @@ from isaacteleop.haptic_devices import IHapticDevice
 from isaacteleop.retargeting_engine.deviceio_source_nodes import HapticSink
 from isaacteleop.retargeting_engine.interface import OptionalTensorGroup
 from isaacteleop.retargeting_engine.interface.tensor_group_type import OptionalType
+from isaacteleop_tactophone.device import TactophoneDevice
 
 from tactophone.core.types import HapticCommand
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
-from tests.test_examples import EXAMPLES
-
-TactophoneDevice: Any = runpy.run_path(str(EXAMPLES / "isaac_device.py"))["TactophoneDevice"]
 
 
 def pulse(device: Any, *values: float) -> dict[str, OptionalTensorGroup]:

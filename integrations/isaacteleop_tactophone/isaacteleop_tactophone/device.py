@@ -1,8 +1,9 @@
-"""Render pulses of NVIDIA Isaac Teleop with our oscillator, under its limits: ``python isaac_device.py pulse.wav``.
+"""Render pulses of NVIDIA Isaac Teleop with our oscillator, under its limits.
+
+``python -m isaacteleop_tactophone.device pulse.wav`` writes the vibration of one pulse.
 
 Isaac's ``ControllerHapticPulse`` is amplitude 0-1, frequency in Hz and duration in s, as OpenXR's XrHapticVibration.
-`TactophoneDevice` is an ``IHapticDevice``: Isaac's ``HapticSink`` passes it the pulses of a simulation. Needs
-``pip install isaacteleop``.
+`TactophoneDevice` is an ``IHapticDevice``: Isaac's ``HapticSink`` passes it the pulses of a simulation.
 """
 
 import math
