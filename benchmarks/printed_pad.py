@@ -1,22 +1,24 @@
-"""What the default model renders of the frozen objects under the printed pad, which differs from the simulated one.
+"""What the default model renders of the frozen objects under the printed finger, by silicone and by tilt.
 
     python benchmarks/printed_pad.py
 
-The printed bed is stiffer than the simulated silicone of 12 kN/m: 1.5 mm, bonded to 12 x 18 mm on either side, takes
-``E (1 + 2 S^2) A / t`` with the shape factor S = 2.4 (Gent, *Engineering with Rubber*, ch. 8). E follows from the data
-sheets' stress at 100 % strain, 69, 152 and 338 kPa, of a neo-Hookean silicone. Printed pad and disc weigh 4 g in place
-of 6. Loss factors stay.
+The bed's stiffness follows from the printed dimensions (``hardware/dimensions.py``) and the silicone's modulus, which
+follows from the data sheets' stress at 100 % strain, 55, 69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and
+disc weigh 2 g in place of 6. Loss factors stay. The bed leans by 30 degrees, so that a finger with its tip 30 degrees
+down presses along the bed's axis, and one that lies flat, or stands at 60 degrees, 30 degrees from it.
 """
 
 import argparse
+import importlib.util
+import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import DEFAULT_TIP
 from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.evaluation.predict import model_predictor
 from tactophone.lab.evaluation.report import make_report
 from tactophone.lab.simulation import finger
 from tactophone.lab.simulation.catalogue import catalogue
@@ -26,42 +28,55 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 
 QUIET = ("long_medium", "short_light", "wiggle")
-SILICONE = {"as in training": None, "Shore 00-30": 0.12e6, "Shore 10 A": 0.26e6, "Shore 20 A": 0.58e6}
+SILICONE = {"Shore 00-10": 0.095e6, "Shore 00-30": 0.12e6, "Shore 10 A": 0.26e6, "Shore 20 A": 0.58e6}
 """Young's modulus in Pa."""
 
-SHAPE_FACTOR, AREA, THICKNESS, MASS = 2.4, 2.16e-4, 1.5e-3, 4e-3
-"""Of the printed bed, in m^2 and m; of what lies on it, in kg."""
+MASS = 2e-3
+"""Of pad, ring and disc, in kg."""
 
-FINGERS = [*((3e-3, name) for name in SILICONE), (16e-3, "as in training"), (16e-3, "Shore 10 A")]
-"""Radius in m, and bed; the first is the finger of training."""
+LEAN = 30.0
+"""Of the printed bed, in degrees."""
+
+ROWS = [
+    (None, 0.0), (None, 30.0), (None, 60.0),
+    *((name, LEAN) for name in SILICONE), ("Shore 00-30", 0.0), ("Shore 00-30", 60.0),
+]  # fmt: skip
+"""Bed, and tilt of the finger in degrees, tip down. Without a bed it is the finger of training, whose bed is flat."""
 
 TRAINED = finger.TIPS[DEFAULT_TIP]
 
 
-def printed(radius: float, modulus: float | None) -> finger.Tip:
-    """Return the default tip with another radius and, with a modulus, on the printed bed."""
-    parts = TRAINED.finger._replace(tip_radius=radius)
-    if modulus:
-        stiffer = modulus * (1 + 2 * SHAPE_FACTOR**2) * AREA / THICKNESS / parts.pad_stiffness
-        damped = (stiffer * MASS / parts.pad_mass) ** 0.5
-        parts = parts._replace(
-            pad_mass=MASS,
-            pad_stiffness=stiffer * parts.pad_stiffness,
-            pad_damping=damped * parts.pad_damping,
-            shear_stiffness=stiffer * parts.shear_stiffness,
-            shear_damping=damped * parts.shear_damping,
-        )
+def printed(modulus: float) -> finger.Tip:
+    """Return the default tip on the printed bed."""
+    hardware = Path(__file__).parents[1] / "hardware" / "dimensions.py"
+    spec = importlib.util.spec_from_file_location("dimensions", hardware)
+    assert spec is not None
+    assert spec.loader is not None
+    dimensions = sys.modules["dimensions"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(dimensions)
+    bed, parts = dimensions.Finger(), TRAINED.finger
+    along, across = bed.bed_stiffness * modulus, bed.bed_shear * modulus
+    lighter = MASS / parts.pad_mass
+    parts = parts._replace(
+        pad_mass=MASS,
+        pad_stiffness=along,
+        pad_damping=parts.pad_damping * (along / parts.pad_stiffness * lighter) ** 0.5,
+        shear_stiffness=across,
+        shear_damping=parts.shear_damping * (across / parts.shear_stiffness * lighter) ** 0.5,
+    )
     return replace(TRAINED, finger=parts)
 
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     model = read_model(model_path("texture"))
-    predict, takes = recording_predictor(model), [take for take in TAKES if take.name in QUIET]
-    jobs = plan_dataset(catalogue()[23:33], RenderOptions(duration=6.0, seed=31), takes=takes)
-    print("| radius | bed | right | smooth as rough | gaps | AUC |\n|--:|---|--:|--:|--:|--:|")
-    for radius, bed in FINGERS:
-        finger.TIPS = MappingProxyType({**finger.TIPS, DEFAULT_TIP: printed(radius, SILICONE[bed])})
+    predict, takes = model_predictor(model, own_floor=True), [take for take in TAKES if take.name in QUIET]
+    print("| bed | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|")
+    for bed, tilt in ROWS:
+        tip = printed(SILICONE[bed]) if bed else TRAINED
+        finger.TIPS = MappingProxyType({**finger.TIPS, DEFAULT_TIP: tip})
+        lean = tilt - LEAN if bed else tilt
+        jobs = plan_dataset(catalogue()[23:33], RenderOptions(duration=6.0, seed=31, tilt=abs(lean)), takes=takes)
         with tempfile.TemporaryDirectory() as folder:
             list(render_dataset(Path(folder), jobs))
             write_manifest(Path(folder), jobs)
@@ -69,7 +84,7 @@ def main() -> None:
             found = make_report([predict(take) for take in takes_of_it], decision=model.card.decision)
         shown = found.rendered
         scores = (shown.balanced_accuracy, shown.smooth_as_rough, shown.gaps, found.rules["two-class"]["auc"])
-        print(f"| {1e3 * radius:g} mm | {bed} | {' | '.join(map(str, scores))} |", flush=True)
+        print(f"| {bed or 'as in training'} | {tilt:g}° | {' | '.join(map(str, scores))} |", flush=True)
 
 
 if __name__ == "__main__":

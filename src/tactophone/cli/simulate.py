@@ -43,6 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--authors-layout", action="store_true", help="write opus/stereo/NN_variant.wav, as the paper's authors do")
     words = "gain of the contact preamplifier, %(type)s; at -12 hardly any take clips, but models expect 0"
     add("--gain", type=Within(float, -40, 40, unit="dB"), default=0.0, metavar="DB", help=words)
+    words = "angle between the finger's bed and the surface, %(type)s; the printed finger's bed leans by 30 degrees"
+    add("--tilt", type=Within(float, 0, 75, unit="°"), default=0.0, metavar="DEGREES", help=words)
     add("--jobs", type=Within(int, 1), default=cores, help="processes, %(type)s")
     words = "render runs over five stones in a box, on two days, with the truth over time"
     add = add_action("competition", words, _competition).add_argument
@@ -90,7 +92,7 @@ def _dataset(args: argparse.Namespace) -> int:
 
     chosen = RenderOptions(
         args.seconds, args.seed, opus=args.opus, hall=args.hall, authors_layout=args.authors_layout, bits=args.bits,
-        tip=args.tip, gain_db=args.gain,
+        tip=args.tip, gain_db=args.gain, tilt=args.tilt,
     )  # fmt: skip
     objects = _objects_named(args.objects)
     _check_layout(args)

@@ -1,6 +1,6 @@
 """The finger: masses, springs and dampers, the sensitivity of its two microphones, and the tips that touch.
 
-Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III); the other
+Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section IV-A); the other
 tips are in `TIPS`. They were chosen within the cited ranges so that levels come out as the paper reports them: noise
 floor of the contact microphone a little under -26 dBFS, air microphone well under it, more so on smooth surfaces.
 
@@ -80,6 +80,32 @@ class Finger(NamedTuple):
     pad_radiation: float = 1.86e-3
     shear_radiation: float = 9e-5
     shake_radiation: float = 3e-3
+
+    def tilted(self, degrees: float) -> Self:
+        """Return the finger with its bed's axis so far from the surface's normal; the ball touches as before.
+
+        Along the normal the bed then gives by both its stiffnesses, ``1 / k = cos^2 / k_n + sin^2 / k_s`` (springs at
+        an angle), and along the surface the other way round; so do the dampers. The piezo and the air hear each force
+        and motion by its parts along and across the bed's axis, added as powers. Coupling of the two motions is left
+        out.
+        """
+        if not degrees:
+            return self  # to the bit
+        along, across = np.cos(np.radians(degrees)) ** 2, np.sin(np.radians(degrees)) ** 2
+
+        def turned(first: str, second: str, power: float) -> dict[str, float]:
+            one, other = getattr(self, first) ** power, getattr(self, second) ** power
+            return {
+                first: float((along * one + across * other) ** (1 / power)),
+                second: float((along * other + across * one) ** (1 / power)),
+            }
+
+        return self._replace(
+            **turned("pad_stiffness", "shear_stiffness", -1),
+            **turned("pad_damping", "shear_damping", -1),
+            **turned("normal_strain", "shear_strain", 2),
+            **turned("pad_radiation", "shear_radiation", 2),
+        )
 
 
 FLEXURE = (

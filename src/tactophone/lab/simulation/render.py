@@ -130,6 +130,8 @@ class RenderOptions:
     """What touches: one of `~tactophone.lab.simulation.finger.TIPS`."""
     gain_db: float = 0.0
     """Of the contact microphone's preamplifier; at 0, strong strokes over rough objects clip."""
+    tilt: float = 0.0
+    """Degrees between the bed's axis and the surface's normal (`Finger.tilted`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,9 +216,10 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground truth."""
     scene = single(job.object, job.mounting)
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
-    electronics = COMPETITION if job.options.hall else None
-    session = SessionVariation.draw(job.session, electronics, tip=job.options.tip)
-    session = replace(session, electronics=session.electronics.amplified(job.options.gain_db))
+    hall = COMPETITION if job.options.hall else None
+    session = SessionVariation.draw(job.session, hall, tip=job.options.tip)
+    electronics = session.electronics.amplified(job.options.gain_db)
+    session = replace(session, electronics=electronics, finger=session.finger.tilted(job.options.tilt))
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     if not job.options.opus:
@@ -261,6 +264,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         "tip": job.options.tip,
         "source": "simulated",
         **({"gain_db": f"{job.options.gain_db:g}"} if job.options.gain_db else {}),
+        **({"tilt": f"{job.options.tilt:g}"} if job.options.tilt else {}),
     }
     return Recording(
         folder / job.name,
