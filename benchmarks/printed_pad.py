@@ -16,9 +16,9 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import DEFAULT_TIP
 from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.evaluation.predict import model_predictor
 from tactophone.lab.evaluation.report import make_report
 from tactophone.lab.simulation import finger
 from tactophone.lab.simulation.catalogue import catalogue
@@ -38,9 +38,10 @@ LEAN = 30.0
 """Of the printed bed, in degrees."""
 
 ROWS = [
-    (None, 0.0), (None, 30.0), (None, 60.0),
-    *((name, LEAN) for name in SILICONE), ("Shore 00-30", 0.0), ("Shore 00-30", 60.0),
-]  # fmt: skip
+    *(("Shore 00-30", tilt) for tilt in (30.0, 0.0, 60.0)),
+    *((name, LEAN) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
+    *((None, tilt) for tilt in (0.0, 30.0, 60.0)),
+]
 """Bed, and tilt of the finger in degrees, tip down. Without a bed it is the finger of training, whose bed is flat."""
 
 TRAINED = finger.TIPS[DEFAULT_TIP]
@@ -70,7 +71,7 @@ def printed(modulus: float) -> finger.Tip:
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     model = read_model(model_path("texture"))
-    predict, takes = model_predictor(model, own_floor=True), [take for take in TAKES if take.name in QUIET]
+    predict, takes = recording_predictor(model), [take for take in TAKES if take.name in QUIET]
     print("| bed | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|")
     for bed, tilt in ROWS:
         tip = printed(SILICONE[bed]) if bed else TRAINED

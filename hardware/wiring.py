@@ -6,7 +6,7 @@ from pathlib import Path
 
 BOXES = {
     "piezo": (20, 50, "piezo disc", "glued inside the pad"),
-    "mems": (20, 150, "MEMS microphone", "20 mm beside the pad"),
+    "mems": (20, 150, "MEMS microphone", "on the nail, port to the tip"),
     "card": (250, 100, "sound card, robot", "two inputs, 48 kHz"),
     "robot": (470, 100, "tactophone send", "robot"),
     "operator": (470, 250, "tactophone receive", "operator"),

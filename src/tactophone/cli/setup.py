@@ -56,6 +56,7 @@ Which tip touches?  Ink it, press it on glass as hard as you will slide, and loo
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
+    "tactophone setup --check bench --source finger",
     "tactophone setup --source finger --set simulation.gain_db=-20 --seconds 2 --yes",
 )
 
@@ -131,9 +132,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
     add(
         "--check",
-        action="store_true",
+        nargs="?",
+        const="microphones",
+        choices=("microphones", "bench"),
         help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps; writes "
-        "a calibration file, by default calibration.toml",
+        "a calibration file, by default calibration.toml. bench: test a finished finger with a ball and a weight",
     )
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
@@ -163,7 +166,7 @@ class _Steps:
 def run(args: argparse.Namespace) -> int:
     settings = options.settings_of(args)
     if args.check:
-        return _check_set_up(args)
+        return _test_on_bench(args) if args.check == "bench" else _check_set_up(args)
     file = args.out or Path("finger.onnx")
     smooth, rough = _names(args, "smooth"), _names(args, "rough")
     page = GuidePage(wait=not args.yes) if args.dashboard else None
@@ -237,6 +240,19 @@ def _check_set_up(args: argparse.Namespace) -> int:
         )  # fmt: skip
     values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
     output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)
+    return 0 if found.passed else 1
+
+
+def _test_on_bench(args: argparse.Namespace) -> int:
+    from tactophone.app.bench import run_bench
+
+    with console.single_keys() as has_keyboard, output.live_display() as live:
+        steps = _Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
+        found = run_bench(options.settings_of(args), step=steps, begin=partial(steps.begin, 1))
+    values = {"passed": found.passed, "findings": [finding.message for finding in found.findings]}
+    verdict = "[green]good:[/] the finger is built as expected" if found.passed else "correct this, and test again"
+    shown: list[output.Part] = [found.rows(), *_words(found.findings), verdict]
+    output.show(values | {row["test"]: row["measured"] for row in found.rows()}, shown, as_json=args.json)
     return 0 if found.passed else 1
 
 
