@@ -139,6 +139,40 @@ def test_what_does_not_fit_is_one_line(
     assert message in capsys.readouterr().err
 
 
+def test_a_link_in_a_data_set_overwrites_no_file_elsewhere(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    victim = tmp_path / "victim.txt"
+    victim.write_text("mine")
+    sound = dataset / "audio/unsorted/run.wav"
+    sound.parent.mkdir(parents=True)
+    sound.symlink_to(victim)
+    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out"]
+    assert main([*command, str(tmp_path / "linked")]) == 1
+    assert "a link" in capsys.readouterr().err
+    sound.unlink()
+    other = dataset / "audio/observation.audio.index/chunk-000/file-000.wav"
+    other.parent.mkdir(parents=True)
+    for path in (sound, other):
+        path.write_text("theirs")
+    assert main([*command, str(tmp_path / "copied")]) == 0
+    assert (victim.read_text(), sound.read_text(), other.read_text()) == ("mine", "theirs", "theirs")
+    assert soundfile.info(tmp_path / "copied" / other.relative_to(dataset)).frames
+
+
+def test_a_file_of_endless_frames_is_refused_by_its_header(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pyarrow
+
+    zeros = pyarrow.table({"timestamp": pyarrow.nulls(1_000_000, pyarrow.float32()).fill_null(0)})
+    with parquet.ParquetWriter(dataset / "data/chunk-000/file-001.parquet", zeros.schema) as writer:
+        for _ in range(3):
+            writer.write_table(zeros)
+    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "out")]) == 1
+    assert "frames, but at most" in capsys.readouterr().err
+
+
 def test_lerobot_itself_opens_it_with_touch_in_the_state(log: Path, dataset: Path, tmp_path: Path) -> None:
     pytest.importorskip("lerobot")
     os.environ["HF_HUB_OFFLINE"] = "1"

@@ -1,11 +1,13 @@
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tactophone.cli import output
 from tactophone.cli.console import _ConsoleView
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
-from tactophone.live.telemetry.layout import Fault, State
+from tactophone.live.telemetry.layout import Fault, FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
 
 
@@ -37,3 +39,29 @@ def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> N
     assert (strip.plain[-3:], len(strip)) == ("▂█·", 60)
     assert [span.style for span in strip.spans[-3:]] == ["blue", "red", "dim"]
     assert figures.plain.startswith("contact")
+
+
+HOSTILE = "0.1.0[/x] [link=http://x]y[/] \x1b]0;title\x07\x1b[2J\x9b2J\r" + "A" * 700
+
+
+def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_itself(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The other end's version and its goodbye, names of devices, runs and surfaces: all reach these sinks."""
+    faults = tuple(Fault(code, f"{code}: {HOSTILE}") for code in ("link", "peer", "source", "output", "version"))
+    fingers = (FingerState(name=HOSTILE, muted_because=HOSTILE, profile=HOSTILE, armed=False),)
+    with Telemetry("test-hostile-text") as telemetry:
+        view = _ConsoleView("test-hostile-text")
+        state = State("operator", link=HOSTILE, source=HOSTILE, output=HOSTILE, faults=faults, fingers=fingers)
+        telemetry.update(state, now=time.monotonic())
+        view.update()
+    output.note(HOSTILE)
+    output.warn(HOSTILE)
+    output.print_error(HOSTILE)
+    row = {"surface": HOSTILE, HOSTILE: Path(HOSTILE), "styled": output.styled("red", HOSTILE, HOSTILE)}
+    output.show({"name": HOSTILE}, [HOSTILE, [row], output.listing([(HOSTILE, HOSTILE)])], as_json=False)
+    output.show({"name": HOSTILE}, as_json=True)
+    out, err = capsys.readouterr()
+    assert err.count("[/x] [link=http://x]") == 5 + 2 + 3
+    assert all(char.isprintable() or char == "\n" for char in out + err)
+    assert all(len(line) <= 500 for line in err.splitlines()[:7])

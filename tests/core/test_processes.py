@@ -144,3 +144,13 @@ def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else(tmp_path
     ):
         file.writelines(["ne", "ü"])
     assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
+
+
+def test_what_is_written_reaches_no_file_by_a_link_at_its_unfinished_name(tmp_path: Path) -> None:
+    victim, path = tmp_path / "victim", tmp_path / "table.csv"
+    victim.write_text("mine")
+    for link in (os.symlink, os.link):
+        link(victim, tmp_path / ".table.csv.part")
+        with atomic_write(path) as unfinished:
+            unfinished.write_text("new")
+        assert (victim.read_text(), path.read_text()) == ("mine", "new")

@@ -10,6 +10,7 @@ from tactophone.app.plot import draw_recording
 from tactophone.app.recordings import open_recording
 from tactophone.app.vibration_wav import OutputFiles, RunScores, RunSummary, process_recording, score_run
 from tactophone.core.errors import ConfigError, TactophoneError
+from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
 from tactophone.core.types import DEFAULT_TIP, PipelineStep, TouchEvent
 from tactophone.lab.dataset.read import ground_truth
@@ -98,6 +99,7 @@ def feel(
     if detector.events or profile == "events":
         files["events"] = folder / f"{stem or path.stem}.events.csv"
         lines = ["time,event", *(f"{event.time:.4f},{event.kind}" for event in events)]
+        make_room(files["events"])
         files["events"].write_text("\n".join(lines) + "\n", encoding="utf-8")
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json

@@ -9,9 +9,11 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -52,6 +54,12 @@ LEROBOT_LOWEST_DBFS = -200.0
 
 NEW_SESSION = 0.5
 """Seconds by which stream time falls back where another session begins; touch events may come a window late."""
+
+MOST_FRAMES = 2_000_000
+"""Most frames of a data set: 18 hours at 30 a second."""
+
+MOST_NUMBERS = 10_000_000
+"""Most predictions that are written, over all frames."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -101,6 +109,8 @@ def export(
     _check_state(into_state, info, dataset)
     fingers, lead = _read_fingers(log)
     begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
+    _refuse_links(dataset)
+    frames = _count_frames((dataset / "data").rglob("*.parquet"))
     tables = {path: parquet.read_table(path) for path in sorted((dataset / "data").rglob("*.parquet"))}
     moments = np.concatenate([_moments(table, episode, begin) for table in tables.values()] or [np.empty(0)])
     inside = np.sort(moments[np.isfinite(moments)])
@@ -112,6 +122,8 @@ def export(
         )
     # As many as fall between any two frames, so that each stands in a frame.
     most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
+    if frames * most > MOST_NUMBERS:
+        raise DatasetError(f"{dataset}: {frames} frames of {most} predictions each are too many; export fewer frames")
     _copy(dataset, out)
     written = _write_frames(tables, dataset, out, lambda table: _features(fingers, table, episode, begin, most))
     for finger in fingers:
@@ -131,7 +143,9 @@ def export(
 def _read_info(dataset: Path) -> dict[str, Any]:
     try:
         info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_text())
-    except (OSError, ValueError) as error:
+        if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
+            raise ValueError("no table with features")
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0") from None
     if info.get("codebase_version") != "v3.0":
         raise DatasetError(
@@ -293,15 +307,40 @@ def _write_meta(
         (out / "meta" / name).write_text(json.dumps(content, indent=4) + "\n")
 
 
-def _copy(dataset: Path, out: Path) -> None:
-    def link(source: str, target: str) -> None:
+def _refuse_links(dataset: Path) -> None:
+    """Refuse links that leave the data set, and links to folders, which may lead in circles."""
+    for path in dataset.rglob("*"):
+        if path.is_symlink() and (path.is_dir() or not path.resolve().is_relative_to(dataset.resolve())):
+            raise DatasetError(f"{path}: a link; copy the data set with `cp -rL` first")
+
+
+def _count_frames(paths: Iterable[Path]) -> int:
+    """Return the number of frames by the heads of the files, before anything is read; raises `DatasetError`."""
+    import pyarrow
+    from pyarrow import parquet
+
+    count = 0
+    for path in paths:
         try:
-            os.link(source, target)  # videos are large
-        except OSError:
-            shutil.copy2(source, target)
+            count += parquet.read_metadata(path).num_rows
+        except (pyarrow.ArrowException, OSError) as error:
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?") from None
+    if count > MOST_FRAMES:
+        raise DatasetError(f"{count} frames, but at most {MOST_FRAMES} are read at once; export parts of the data set")
+    return count
+
+
+def _copy(dataset: Path, out: Path) -> None:
+    def copy(source: str, target: str) -> None:
+        if Path(source).relative_to(dataset).parts[0] == "videos":  # large, and nothing here writes there
+            with suppress(OSError):
+                os.link(source, target)
+                return
+        shutil.copyfile(source, target)
 
     try:
-        shutil.copytree(dataset, out, copy_function=link)
+        shutil.copytree(dataset, out, copy_function=copy)
     except shutil.Error as error:  # of each file: source, target and reason
         shutil.rmtree(out)
         raise ConfigError(f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder") from None
@@ -309,17 +348,18 @@ def _copy(dataset: Path, out: Path) -> None:
 
 def _write_sound(log: Path, out: Path) -> list[Path]:
     """Write the sound where the open proposal for sound (huggingface/lerobot, pull request 2824) has it."""
-    folder = out / "audio/unsorted"
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        sounds = write_sound(log, folder)
-    except DatasetError:
-        sounds = []  # a run that carried predictions alone
     placed = []
-    for sound in sounds:
-        key = f"observation.audio.{sound.finger or 'index'}"
-        path = out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=sound.session - 1)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        placed.append(sound.path.rename(path))
-    folder.rmdir()
+    with TemporaryDirectory(prefix="tactophone-", dir=out) as folder:
+        try:
+            sounds = write_sound(log, Path(folder))
+        except DatasetError:
+            sounds = []  # a run that carried predictions alone
+        for sound in sounds:
+            key = f"observation.audio.{sound.finger or 'index'}"
+            path = out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=sound.session - 1)
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                placed.append(sound.path.replace(path))
+            except OSError as error:
+                raise DatasetError(f"{path}: cannot be written ({error.strerror}); was the data set changed?") from None
     return placed

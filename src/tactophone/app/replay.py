@@ -23,6 +23,7 @@ from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummar
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.processes import make_room
 from tactophone.core.settings import Finger, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
 from tactophone.live.log.log_topics import topics_of
@@ -443,6 +444,7 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
             if finger in ("", name):
                 parts = (log.stem, name, "" if number == 1 else str(number))
                 path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                make_room(path)
                 soundfile.write(path, sound[:, 2 * place : 2 * place + count], LIVE_SAMPLE_RATE, subtype="FLOAT")
                 written.append(SessionSound(path, number, name))
     if not written:

@@ -38,6 +38,9 @@ STRIP = 60
 TOUCH_STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
 """How vibration is drawn: in the terminal's own colours, which its theme makes legible."""
 
+MOST_WORDS = 500
+"""Most characters of a message: some come from the other end."""
+
 REFRESH_INTERVAL = 0.2
 """Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
 
@@ -124,7 +127,7 @@ class _ConsoleView:
             messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
         for subject, text in messages.items():
             if text and self._printed.get(subject) != text:
-                output.log().print(text, soft_wrap=True)
+                output.log().print(text[:MOST_WORDS], soft_wrap=True)
         self._printed = messages
 
 

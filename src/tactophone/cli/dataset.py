@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import soundfile
-from rich.markup import escape
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
@@ -88,11 +87,11 @@ def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
     counts = Counter(problem.kind for problem in problems if not problem.fatal)
     for problem in problems:
         if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
-            yield escape(f"{'error' if problem.fatal else 'warning'}: {problem}")
+            yield f"{'error' if problem.fatal else 'warning'}: {problem}"
     for kind, count in counts.items():
         if count > MOST_ALIKE:
             first = next(problem for problem in problems if problem.kind == kind and not problem.fatal)
-            yield escape(f"warning: {count} times {kind!r}, such as {first}; --json lists all")
+            yield f"warning: {count} times {kind!r}, such as {first}; --json lists all"
     bad = {problem.path for problem in problems if problem.fatal}
     found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
     yield f"{recordings} recording{'s' * (recordings != 1)}, {len(bad)} unusable, {found}"
@@ -104,7 +103,7 @@ def _show(args: argparse.Namespace) -> int:
         draw_dataset(args.plot, dataset)
     surfaces = _surfaces(dataset)
     shown = {"name": dataset.name, "recordings": len(dataset.recordings), "surfaces": surfaces}
-    parts: list[output.Part] = [escape(dataset.name), surfaces, *([escape(str(args.plot))] if args.plot else [])]
+    parts: list[output.Part] = [dataset.name, surfaces, *([str(args.plot)] if args.plot else [])]
     output.show(shown, parts, as_json=args.json)
     return 0
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import console, live, options, output, page
 from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger, names_of
+from tactophone.core.processes import make_room
 from tactophone.core.settings import Finger, Settings, change
 from tactophone.live.telemetry.prediction_log import PredictionLog
 from tactophone.live.telemetry.watcher import running
@@ -191,6 +192,7 @@ def _write(
         "timeline": folder / "timeline.csv",
     }
     vibration = recorder.vibration(sample_rate=LIVE_SAMPLE_RATE)
+    make_room(files["vibration"])
     soundfile.write(files["vibration"], vibration, LIVE_SAMPLE_RATE, subtype="PCM_24")
     microphone_peaks = PeakEnvelope(source.channels, sample_rate=source.sample_rate)
     with source:

@@ -6,7 +6,7 @@ import math
 import time
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
@@ -79,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
 def _card(device: SurveyedDevice) -> Table:
     rate = f", {device.inputs} in, {device.outputs} out, {device.sample_rate} Hz" if device.sample_rate else ""
     name = f": {device.name}" if device.name else ""
-    rows = [("device", f"[bold]{device.system}[/]{name}{rate}")]
+    rows: list[tuple[str, Any]] = [("device", output.styled("bold", device.system, f"{name}{rate}"))]
     if device.microphones == device.actuator and device.microphones:
         rows.append(("not suitable", device.microphones))
     else:
-        rows.append(("microphones", device.microphones or "[green]yes[/]"))
-        rows.append(("actuator", device.actuator or "[green]yes[/]"))
+        rows.append(("microphones", device.microphones or output.styled("green", "yes")))
+        rows.append(("actuator", device.actuator or output.styled("green", "yes")))
     if device.note:
         rows.append(("note", device.note))
     if device.settings:

@@ -5,8 +5,6 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
-from rich.markup import escape
-
 from tactophone.app.feel import Felt, feel, sounds_of, unique_stems
 from tactophone.cli import options, output, page
 from tactophone.core.errors import TactophoneError
@@ -26,8 +24,8 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     """Print the summary; where there was no contact, the likely cause and the next command."""
     summary = felt.summary
     label = f"; labelled {felt.label}" if felt.label else ""
-    yield f"[bold]{escape(str(felt.path))}[/]: {summary.duration:.1f} s{label}"
-    yield f"  model      {escape(felt.pipeline.detector.name)}{', for one channel' if felt.chosen_for_mono else ''}"
+    yield output.styled("bold", f"{felt.path!s}", f": {summary.duration:.1f} s{label}")
+    yield f"  model      {felt.pipeline.detector.name}{', for one channel' if felt.chosen_for_mono else ''}"
     if felt.chosen_for_mono:
         yield "  (taken as the contact microphone; of a rod with its microphone on it, give --tip stylus)"
     shares = (summary.contact, summary.rough, summary.unknown)
@@ -43,13 +41,13 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     if summary.faults:
         yield "  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items())
     for kind, path in felt.files.items():
-        yield f"  {kind:10} {escape(str(path))}"
+        yield f"  {kind:10} {path!s}"
     yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound"
     if not summary.contact:
         cause, command = _no_contact(felt)
         yield "[bold red]NO CONTACT was found: nothing vibrates.[/]"
         yield f"  cause      {cause}"
-        yield f"  try        {escape(command)}"
+        yield f"  try        {command}"
 
 
 def _threshold(result: Felt) -> str:
@@ -133,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
-    with output.progress("processing", note=escape(path.name)) as update:
+    with output.progress("processing", note=path.name) as update:
         felt = feel(
             path, args.out, settings, stem=stem, fast_contact=args.contact == "fast", plot=args.plot,
             timeline_json=args.json, report=lambda done, size: update(completed=done, total=size),

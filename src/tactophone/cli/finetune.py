@@ -8,9 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from rich.markup import escape
+from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
@@ -49,9 +47,9 @@ NEW, GENERAL = "new objects, held-out takes", "general test set"
 def _parts(
     changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path | None
 ) -> Iterator[output.Part]:
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for name, part in changes.items():
-        rows.append((f"[bold]{name}[/]", "", "", ""))
+        rows.append((output.styled("bold", name), "", "", ""))
         for key, change in part.items():
             if math.isnan(change.before.value):
                 rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
@@ -68,8 +66,11 @@ def _parts(
             "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
         )
     rate = changes[GENERAL]["false_positive_rate"]
-    words = f"[red]refused:[/] elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing"
-    yield escape(str(file)) if file else f"{words} was written: record smooth objects too, or add --anyway"
+    words = (
+        f" elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing was written: "
+        "record smooth objects too, or add --anyway"
+    )
+    yield str(file) if file else output.styled("red", "refused:", words)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,13 +88,16 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
 
 
-def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Iterator[dict[str, str]]:
+SUMS = ("sum of the stages", "end to end", "window to finger")
+
+
+def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Iterator[dict[str, Any]]:
     durations = {
         **measured.stages,
-        "[bold]sum of the stages[/]": _sum(measured),
-        "[bold]end to end[/]": measured.end_to_end,
+        "sum of the stages": _sum(measured),
+        "end to end": measured.end_to_end,
         f"window of {card.name}, all of the new surface": np.array([card.duration]),
-        "[bold]window to finger[/]": card.duration + measured.end_to_end,
+        "window to finger": card.duration + measured.end_to_end,
     }
     if delays is not None:
         durations["decision: contact to vibration"] = np.array(delays.touch)
@@ -102,7 +105,7 @@ def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "Mo
     for stage, found in durations.items():
         # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
         shown = {f"{name:>7}": f"{max(value, 0.0):7.2f}" for name, value in _percentiles_ms(found).items()}
-        yield {"stage": stage} | shown
+        yield {"stage": output.styled("bold", stage) if stage in SUMS else stage} | shown
 
 
 def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
+from rich.text import Text
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
@@ -67,7 +67,7 @@ def _show(args: argparse.Namespace) -> int:
     card = read_model(path).card
     size = path.stat().st_size
     rows = [("file", f"{path} ({size / 1e3:,.0f} kB)"), *_lines(card)]
-    listing = output.listing(((name, escape(words)) for name, words in rows), max_width=36)
+    listing = output.listing(((name, words) for name, words in rows), max_width=36)
     values = {"file": str(path), "bytes": size, **json.loads(card.to_json())}
     output.show(values, [listing], as_json=args.json)
     return 0
@@ -155,17 +155,21 @@ def _set_threshold(args: argparse.Namespace) -> int:
     left_out = trials.choose_left_out(outcomes, rules, goal=goal, limit=limit)
     picture = args.plot or out.with_suffix(".trade-off.png")
     trials.draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
-    note, refused = "one object of a class: nothing says whether this rule holds on others; record two or more", False
+    shown: str | Text = "one object of a class: nothing says whether this rule holds on others; record two or more"
+    refused = False
     if left_out:
         old, new = (_rendered(model, outcomes.recordings, own) for own in ([rules[0]] * len(left_out), left_out))
         # A share that was asked for may be more than before.
         asked = goal == "false_positive_rate" and new.value <= limit
         refused = not (args.anyway or asked) and old.is_exceeded_by(new.value)
-        note = f"as rendered of objects left out of the choice, smooth as rough is {new}, with the rule before {old}"
+        shown = note = (
+            f"as rendered of objects left out of the choice, smooth as rough is {new}, with the rule before {old}"
+        )
         if refused:
-            note = f"[red]refused:[/] {note}; nothing was written: record more smooth objects, or add --anyway"
+            words = f" {note}; nothing was written: record more smooth objects, or add --anyway"
+            shown = output.styled("red", "refused:", words)
         elif new.value > old.value:
-            note = f"[yellow]beware:[/] {note}; keep the rule before, or record more smooth objects"
+            shown = output.styled("yellow", "beware:", f" {note}; keep the rule before, or record more smooth objects")
     files = [picture]
     if not args.dry_run and not refused:
         from tactophone.lab.training.export import set_decision
@@ -178,7 +182,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
         for name, point in {"before": before, "chosen": chosen}.items()
     }
     values |= {"left_out": {"before": old, "chosen": new} if left_out else None, "refused": refused, "files": files}
-    output.show(values, [_rows(before, chosen), note, *(escape(str(file)) for file in files)], as_json=args.json)
+    output.show(values, [_rows(before, chosen), shown, *(str(file) for file in files)], as_json=args.json)
     return int(refused)
 
 

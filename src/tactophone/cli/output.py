@@ -14,11 +14,11 @@ from typing import Any, TypeVar
 from rich.box import HEAVY_HEAD
 from rich.console import Console, RenderableType
 from rich.live import Live
-from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
-from tactophone.core.errors import ConfigError
+from tactophone.core.errors import ConfigError, plain
 
 Entry = TypeVar("Entry")
 
@@ -26,19 +26,26 @@ RULED: dict[str, Any] = {"box": HEAVY_HEAD, "pad_edge": True, "padding": (0, 1),
 """Style of a table with lines."""
 
 Part = str | RenderableType | Sequence[Mapping[str, Any]]
-"""What a result prints: lines with rich's markup, anything that rich prints, or rows of a table by heading."""
+"""What a result prints: lines, anything that rich prints, or rows of a table by heading."""
+
+
+class _Console(Console):
+    """Prints text as it is: what comes from files, devices and the other end is neither markup nor escape sequences."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(plain(text), **options | {"markup": False, "emoji": False})
 
 
 @functools.cache
 def out() -> Console:
     """The console for results; plain text when stdout is not a terminal."""
-    return Console(highlight=False, emoji=False)
+    return _Console(highlight=False)
 
 
 @functools.cache
 def log() -> Console:
     """The console for everything that is not a result."""
-    return Console(stderr=True, highlight=False, emoji=False)
+    return _Console(stderr=True, highlight=False)
 
 
 def finite(value: Any) -> Any:
@@ -61,7 +68,7 @@ def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> 
     """
     if as_json:
         # JSON has neither infinities nor NaN: they become null.
-        print(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False))
+        print(plain(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False)))
         return
     if parts is None:
         parts = [[{name.replace("_", " "): value for name, value in _fields(row).items()} for row in result]]
@@ -69,7 +76,7 @@ def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> 
         if isinstance(part, Sequence) and not isinstance(part, str):
             if part:
                 out().print(table(part))
-        elif isinstance(part, str):
+        elif isinstance(part, str) or (isinstance(part, Text) and part.no_wrap):
             out().print(part, soft_wrap=True)
         else:
             out().print(part)
@@ -116,10 +123,15 @@ def listing(entries: Iterable[tuple[str, Any]], **style: Any) -> Table:
     return made
 
 
-def cell(value: Any) -> str:
+def cell(value: Any) -> str | Text:
     if isinstance(value, float):
         return "-" if math.isnan(value) else f"{value:.3g}"
-    return str(escape(str(value)) if isinstance(value, Path) else value)
+    return value if isinstance(value, Text) else str(value)
+
+
+def styled(style: str, words: str, rest: str = "") -> Text:
+    """Return a line that begins with words in a style."""
+    return Text.assemble((plain(words), style), plain(rest), no_wrap=True)
 
 
 def percent(share: float, *, unknown: str = "-") -> str:
@@ -138,12 +150,12 @@ def live_display() -> AbstractContextManager[Live | None]:
 
 
 def print_error(message: str) -> None:
-    print(f"tactophone: {message}", file=sys.stderr)
+    print(plain(f"tactophone: {message}"), file=sys.stderr)
 
 
 def note(line: str) -> None:
     """Print a line for people on stderr, as it is; may be called from another thread."""
-    log().print(line, soft_wrap=True, markup=False, highlight=False)
+    log().print(line, soft_wrap=True)
 
 
 def warn(line: str) -> None:
@@ -161,10 +173,10 @@ def progress(description: str, total: float | None = None, *, note: str = "") ->
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(
-        TextColumn(description), *columns, console=log(), transient=True, disable=not log().is_terminal
+        TextColumn(description, markup=False), *columns, console=log(), transient=True, disable=not log().is_terminal
     ) as bar:
         yield functools.partial(bar.update, bar.add_task("", total=total, note=note))
 

@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 from rich.console import Group
-from rich.markup import escape
 from rich.text import Text
 
 from tactophone.app.sources import AudioInput, SimulatedAct
@@ -86,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     takes = recorder.recordings
     known = [(each.take, float(each.properties["level_dbfs"]), each.properties["quality"]) for each in takes]
     rows = [{"take": take, "level": f"{level:.0f} dBFS", "quality": quality} for take, level, quality in known]
-    folder = escape(str(args.out))
+    folder = str(args.out)
     words = f"{len(takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
     values = [{"file": each.path, "take": each.take, **each.properties} for each in takes]
     output.show({"object": args.object, "takes": values}, [rows, words], as_json=args.json)

@@ -6,8 +6,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
-
 from tactophone.cli import options, output, page
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError
@@ -180,6 +178,6 @@ def _parts(replay: "Replay", files: dict[str, Path], *, changed: bool) -> Iterat
     if replay.missed:
         yield f"the recorder missed {replay.missed} bytes or predictions on a busy machine"
     for note in replay.notes:
-        yield escape(f"! {note}")
+        yield f"! {note}"
     for kind, path in files.items():
-        yield escape(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")
+        yield f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}"

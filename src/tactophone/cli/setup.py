@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.markup import escape
-
 from tactophone.app.setup import (
     CHECKED_OBJECT,
     ROUGH,
@@ -65,11 +63,11 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
     fit, start = result.fit, result.start
     before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
     yield from _words(result.findings)
-    rows = [(escape(e.name), "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
+    rows = [(e.name, "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
     yield [
         {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
          "right, left out of the fit": output.percent(own)}
-        for name, kind, shipped, own in [*rows, ("[bold]balanced[/]", "", before, after)]
+        for name, kind, shipped, own in [*rows, (output.styled("bold", "balanced"), "", before, after)]
     ]  # fmt: skip
     if not fit.abstains:
         unknown = output.percent(fit.unknown)
@@ -78,9 +76,9 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
         yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
     yield f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}"
     if not after >= 0.75:  # also where it is NaN
-        yield f"[yellow]note:[/] {_estimate(fit)}"
+        yield output.styled("yellow", "note:", f" {_estimate(fit)}")
     tip = "" if result.tip == DEFAULT_TIP else f"--tip {result.tip} "
-    yield f"[green]written:[/] {escape(str(result.file))}; use it as {tip}--model of `feel` and `receive`"
+    yield output.styled("green", "written:", f" {result.file!s}; use it as {tip}--model of `feel` and `receive`")
 
 
 def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
@@ -102,15 +100,18 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
     )
     yield from _words(found.findings)
     if found.passed:
-        name = escape(str(file))
-        yield f"[green]good:[/] written to {name}; use it as --calibration of `record`, `train` and `receive`"
+        name = str(file)
+        yield output.styled(
+            "green", "good:", f" written to {name}; use it as --calibration of `record`, `train` and `receive`"
+        )
     else:
         yield "nothing was written: correct what is refused above, and check again"
 
 
-def _words(findings: Sequence[Finding]) -> Iterator[str]:
+def _words(findings: Sequence[Finding]) -> Iterator[output.Part]:
     for finding in findings:
-        yield f"{'[red]refused:[/]' if finding.fatal else '[yellow]note:[/]'} {finding}"
+        style, word = ("red", "refused:") if finding.fatal else ("yellow", "note:")
+        yield output.styled(style, word, f" {finding}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -42,6 +42,17 @@ class DatasetError(TactophoneError):
     """A recording, label or manifest cannot be used."""
 
 
+def plain(text: str) -> str:
+    r"""Return text with what a terminal may interpret, such as escape sequences, replaced.
+
+    >>> plain("a\x1b[2Jb")
+    'a�[2Jb'
+    """
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() or char in "\n\t" else "\N{REPLACEMENT CHARACTER}" for char in text)
+
+
 def did_you_mean(name: str, choices: Iterable[str]) -> str:
     """Return the end of a message about an unknown name: the nearest choice, or nothing if none is near.
 

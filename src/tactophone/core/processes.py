@@ -255,6 +255,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.part")
+    make_room(unfinished)
     try:
         yield unfinished
         flush_to_disk(unfinished)
@@ -266,6 +267,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def make_room(path: Path) -> None:
+    """Remove the file or link at a path, so that what is written there reaches no other file by a shared name."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
 
 
 def flush_to_disk(path: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import SURFACE_LABELS
-from tactophone.lab.dataset.metadata import FILE_NAME, write_metadata
+from tactophone.lab.dataset.metadata import FILE_NAME, refuse_link, write_metadata
 from tactophone.lab.dataset.values import READ_SIZE, Dataset, Recording
 
 CARD = "README.md"
@@ -36,10 +36,13 @@ def convert(
         raise DatasetError(f"{out}: holds a data set already; name a new folder")
     copies = []
     for done, recording in enumerate(dataset.recordings, 1):
+        refuse_link(recording.path, dataset.root)
         inner = targets.get(recording.path) or recording.path.resolve().relative_to(dataset.root.resolve())
         # By hand, as `with_suffix` would take a dot within the name for one.
         stem = inner.name if recording.path in targets else inner.stem
-        copies.append(_copy(recording, out / inner.parent / f"{stem}.flac", air_of.get(recording.path)))
+        target = out / inner.parent / f"{stem}.flac"
+        refuse_link(target.parent, out)
+        copies.append(_copy(recording, target, air_of.get(recording.path)))
         progress(done)
     write_metadata(out, copies)
     return Dataset(out.name, out, tuple(copies))

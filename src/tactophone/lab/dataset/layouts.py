@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.processes import make_room
 from tactophone.core.types import DEFAULT_TIP, SURFACE_LABELS, Touch
 from tactophone.lab.dataset.checks import pair_fault
-from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
+from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, refuse_link, rows, write_metadata
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
 
 MANIFEST = "manifest.csv"
@@ -323,7 +324,9 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
             problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
             continue
         target = (out / path.relative_to(folder)).with_suffix(".flac")
+        refuse_link(target.parent, out)
         target.parent.mkdir(parents=True, exist_ok=True)
+        make_room(target)
         soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
         surface = path.parent.name
         recordings.append(Recording(target, surface, labels.get(surface), ("contact",), take=path.stem))

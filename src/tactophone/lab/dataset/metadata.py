@@ -97,6 +97,12 @@ def inside(folder: Path, name: str) -> Path | None:
     return path if name and inner and not Path(name).is_absolute() else None
 
 
+def refuse_link(path: Path, folder: Path) -> None:
+    """Raise `DatasetError` if a path below a folder leads out of it over a link, to be read or overwritten."""
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise DatasetError(f"{path}: a link that leaves {folder}; put the file itself there, or name another folder")
+
+
 def manifests_in(folder: Path) -> list[Path]:
     """Return each ``metadata.csv`` of a data set, the whole one or those of its parts."""
     whole = folder / FILE_NAME

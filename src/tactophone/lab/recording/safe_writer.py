@@ -16,7 +16,7 @@ from typing import Any, Self
 import soundfile
 
 from tactophone.core.errors import DatasetError
-from tactophone.core.processes import atomic_write, flush_to_disk
+from tactophone.core.processes import atomic_write, flush_to_disk, make_room
 from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.convert import copy_as_flac
 from tactophone.lab.dataset.metadata import FILE_NAME, read_metadata, write_metadata
@@ -48,6 +48,7 @@ class TakeWriter:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_entry(recording)
+            make_room(path.with_suffix(PART))
             file = soundfile.SoundFile(path.with_suffix(PART), "w", sample_rate, len(recording.channels), "PCM_24")
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
@@ -182,7 +183,7 @@ def _read_entry(entry: Path) -> Recording | None:
     """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
-        path, label = entry.parent / str(fields["file"]), LABEL_NAMES[fields["label"]]
+        path, label = entry.parent / Path(str(fields["file"])).name, LABEL_NAMES[fields["label"]]
         channels, properties = tuple(fields["channels"]), dict(fields["properties"])
         names = ("surface", "take", "scenario", "session")
         surface, take, scenario, session = (str(fields.get(name, "")) for name in names)

@@ -12,6 +12,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 from tactophone.core.errors import DeviceError
+from tactophone.core.processes import make_room
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import Device, Process, ThreadedDevice, open_at_live_rate
 from tactophone.live.audio.gamepad import GamepadDevice
@@ -65,6 +66,8 @@ class ClockedDevice(ThreadedDevice):
         import soundfile
 
         try:
+            if self._path:
+                make_room(self._path)
             return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
         except (OSError, soundfile.LibsndfileError) as error:
             raise DeviceError(

@@ -17,6 +17,7 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
+from tactophone.core.processes import make_room
 from tactophone.core.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, Topic, topics_of
@@ -58,6 +59,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         from mcap.writer import Writer
 
         self.metadata: dict[str, str] = {"format": FORMAT}
+        make_room(path)
         path.touch(0o600)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
         self._chunk_size = _ChunkSize(1 << 20)

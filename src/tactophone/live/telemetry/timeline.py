@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
+from tactophone.core.processes import make_room
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
 TIMELINE_COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
@@ -52,6 +53,7 @@ class TimelineWriter:
         self._separator = "[\n"
 
     def __enter__(self) -> Self:
+        make_room(self._path)
         self._path.touch(0o600)  # of this user alone, as a log
         self._file = self._resources.enter_context(self._path.open("w", newline=""))
         self._csv = csv.DictWriter(self._file, (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS)

@@ -15,11 +15,19 @@ import wormhole
 from twisted.internet import asyncioreactor
 from wormhole.errors import KeyFormatError, LonelyError, WormholeClosed, WormholeError, WrongPasswordError
 
-from tactophone.core.errors import DeviceError
+from tactophone.core.errors import DeviceError, plain
 from tactophone.net.call.messages import Message, read_message, write_message
 
 APPLICATION = "tactophone.org/call/1"
 """Separates our codes from other programs' in a mailbox that serves many; no address that anybody asks."""
+
+WELCOME_TIMEOUT = 20.0
+"""Seconds to wait for the mailbox's first word, and for the number of a new code."""
+
+LARGEST_WORD = 1 << 17
+"""Bytes of a message of the mailbox: ours are at most 20,000, in hexadecimal and JSON."""
+
+LONGEST_CODE = 100
 
 SECRET_SIZE = 32
 """Bytes of the secret from which two ends derive the code of their next call."""
@@ -29,7 +37,18 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
     """Let Twisted run in this loop; once a process, before anything else of Twisted is imported."""
     asyncioreactor.install(loop)
     from twisted.internet import reactor
+    from twisted.logger import globalLogBeginner
+    from wormhole import _rendezvous
 
+    class Factory(_rendezvous.WSFactory):  # type: ignore[misc]  # the library has no word for a bound; it is pinned
+        def setProtocolOptions(self, **chosen: Any) -> None:  # noqa: N802
+            bounds = dict.fromkeys(("maxMessagePayloadSize", "maxFramePayloadSize"), LARGEST_WORD)
+            super().setProtocolOptions(**chosen | bounds)
+
+    _rendezvous.WSFactory = Factory
+
+    # A mailbox's nonsense would be a traceback on the terminal; what it means for a call is raised.
+    globalLogBeginner.beginLoggingTo([], discardBuffer=True, redirectStandardIO=False)
     reactor.startRunning(installSignalHandlers=False)
 
 
@@ -68,11 +87,13 @@ class Exchange:
     async def open(self, code: str = "") -> str:
         """Reserve a new code, or use one; return it."""
         with self._explained():
-            if code:
-                self._wormhole.set_code(code)
-            else:
-                self._wormhole.allocate_code(2)
-            return str(await self._wait(self._wormhole.get_code()))
+            async with asyncio.timeout(WELCOME_TIMEOUT):
+                await self._wait(self._wormhole.get_welcome())
+                if code:
+                    self._wormhole.set_code(code)
+                else:
+                    self._wormhole.allocate_code(2)
+                return plain(str(await self._wait(self._wormhole.get_code())))[:LONGEST_CODE]
 
     async def meet(self) -> bytes:
         """Wait until the other end uses the same code; return a secret that both now share."""
@@ -100,9 +121,14 @@ class Exchange:
             ) from None
         except KeyFormatError:
             raise DeviceError("a code is a number and two words, such as 3-escapade-peachy: check it") from None
+        except TimeoutError:
+            raise DeviceError(
+                f"the mailbox {self._mailbox} has said nothing for {WELCOME_TIMEOUT:g} s; check the network, or name "
+                "another with --set call.mailbox=..."
+            ) from None
         except LonelyError:
             raise DeviceError("nobody else used this code: check it, and whether the other end still waits") from None
-        except (WormholeError, WormholeClosed) as error:
+        except (WormholeError, WormholeClosed, ValueError, TypeError, KeyError, AssertionError) as error:
             raise DeviceError(
                 f"the mailbox {self._mailbox} does not serve this call ({_words(error)}); check the network, or name "
                 "another with --set call.mailbox=..."
@@ -111,4 +137,4 @@ class Exchange:
 
 def _words(error: Exception) -> str:
     reason = getattr(error, "reason", None) or getattr(error, "args", ("",))
-    return str(reason[0] if isinstance(reason, tuple) and reason else reason) or type(error).__name__
+    return plain(str(reason[0] if isinstance(reason, tuple) and reason else reason))[:160] or type(error).__name__

@@ -4,6 +4,7 @@ They are sent five times a second, not every five seconds (RFC 4585 permits it),
 and because their absence shows that the peer is gone.
 """
 
+import re
 import struct
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -20,6 +21,7 @@ _BLOCK = struct.Struct("!IIIIII")
 _REQUEST = struct.Struct("!4sI")
 _NAME = b"TACT"
 _VERSION = 2
+_VERSION_TEXT = re.compile(r"[\w.+-]{0,64}", re.ASCII)
 
 NTP_ERA = 2_208_988_800
 """Seconds between the NTP epoch, 1900, and the Unix epoch, 1970 (RFC 868)."""
@@ -142,7 +144,9 @@ def parse_report(packet: bytes) -> Report:
         case 203:
             return Goodbye(ssrc, _text(body))
         case 202 if body[:1] == bytes([_TOOL]) and (program := _text(body[1:])).startswith(_PROGRAM):
-            return Introduction(ssrc, program.removeprefix(_PROGRAM))
+            if not _VERSION_TEXT.fullmatch(version := program.removeprefix(_PROGRAM)):
+                raise PacketError(f"a version of {len(version)} characters; at most 64 letters, digits and .+- are one")
+            return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:
             of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
             fraction, lost = (losses >> 24) / 256, losses & 0xFFFFFF

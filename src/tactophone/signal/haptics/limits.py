@@ -6,7 +6,7 @@ of the vibration, and the time after which a stale command fades, are the oscill
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tactophone.core.types import DEFAULT_CEILING, SURFACE_LABELS, HapticCommand, Prediction, Profile
 
@@ -24,6 +24,9 @@ class Limits:
         Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt Basslet (section III-D).
     highest
         End of the band in Hz.
+    machine
+        The greatest ceiling of this machine, by default the one given. A waveform above it is cut at once; one above a
+        ceiling that was lowered since falls as smoothly as any other.
 
     Examples
     --------
@@ -36,8 +39,10 @@ class Limits:
     ceiling: float = DEFAULT_CEILING
     lowest: float = 35.0
     highest: float = 1000.0
+    machine: float = field(default=0.0, repr=False)
 
     def __post_init__(self) -> None:
+        self.machine = max(self.machine, self.ceiling)
         if not (0 <= self.ceiling <= 1 and 0 < self.lowest <= self.highest < math.inf):  # also where one is NaN
             raise ValueError(f"{self}: wanted 0 <= ceiling <= 1 and 0 < lowest <= highest")
 

@@ -213,8 +213,8 @@ class Oscillator(Renderer):
         np.sin(phases, out=phases)
         np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
         envelope += self._amplitude
-        # Commands are bounded already, but the ceiling may have been lowered in the middle of a ramp.
-        np.minimum(envelope, self._seen[1].ceiling, out=envelope)
+        # Commands are bounded already, and a ceiling that was lowered is followed like a command: cut, it would click.
+        np.minimum(envelope, self._seen[1].machine, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
         self._age += size
 

@@ -140,7 +140,12 @@ class Passthrough:
 
 
 class _Chain:
-    """Band-pass, expander, transient shaper, limiter: one value in, one out, at 4 kHz."""
+    """Band-pass, expander, transient shaper, limiter, band limits: one value in, one out, at 4 kHz.
+
+    The limiter turns pulses of one sign into a constant force, and edges into steps. What follows it takes both out
+    again: an integral of the output is subtracted, which is a high-pass that keeps the mean at 0 within the bounds too,
+    and no value is further from the last one than in a sine of full amplitude at the upper end of the band.
+    """
 
     def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
         rate = LIVE_SAMPLE_RATE / STEP_SIZE
@@ -151,6 +156,8 @@ class _Chain:
             10 ** (PASSTHROUGH_GAIN_DB / 20),
             limits.ceiling,
         )
+        self._offset_share, self._steepest = 2 * math.pi * limits.lowest / rate, 2 * math.pi * limits.highest / rate
+        self._offset = self._last = 0.0
 
     def step(self, value: float) -> float:
         band = self._high.step(value - self._low.step(value))
@@ -158,7 +165,11 @@ class _Chain:
         under = min(1.0, slow / self._threshold) ** (RATIO - 1)
         # The ratio is held within 12 dB either way: for a tap after silence it would be unbounded.
         sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** SHARPNESS
-        return self._ceiling * math.tanh(band * under * sharp * self._gain)
+        wanted = math.tanh(band * under * sharp * self._gain) - self._offset
+        wanted = min(max(wanted, self._last - self._steepest), self._last + self._steepest)
+        self._last = min(1.0, max(-1.0, wanted))
+        self._offset += self._offset_share * self._last
+        return self._ceiling * self._last
 
 
 class _MedianChain(_Chain):
@@ -267,7 +278,7 @@ class PassthroughRenderer(Renderer):
         self._gain = last if target or last > NEGLIGIBLE else 0.0
         # Sound is fetched even while the gate is closed: the clocked buffer is steered by what is taken from it.
         out *= self._vibration(len(out))
-        np.clip(out, -self.limits.ceiling, self.limits.ceiling, out=out)
+        np.clip(out, -self.limits.machine, self.limits.machine, out=out)
 
     def _target(self, size: int) -> float:
         """Target of the gate, 0 to 1; 0 once commands are stale."""

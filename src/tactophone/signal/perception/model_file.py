@@ -24,7 +24,7 @@ from weakref import WeakValueDictionary
 import msgspec
 import numpy as np
 
-from tactophone.core.errors import ModelError
+from tactophone.core.errors import ModelError, plain
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import FloatArray, Touch
 from tactophone.signal.perception.decision import DecisionRule, Probabilities
@@ -348,9 +348,7 @@ def printable(value: Any) -> Any:
     """Replace what a terminal may interpret, such as escape sequences, in all texts of nested entries."""
     match value:
         case str():
-            return "".join(
-                char if char.isprintable() or char == "\n" else "\N{REPLACEMENT CHARACTER}" for char in value
-            )
+            return plain(value)
         case dict():
             return {printable(key): printable(entry) for key, entry in value.items()}
         case list():
