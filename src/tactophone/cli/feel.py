@@ -35,7 +35,7 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     if felt.scores:
         yield f"  felt       false bumps: {felt.scores.false_bumps}; dips: {felt.scores.dips}"
     for note in felt.notes:
-        yield f"  [yellow]note[/]       {note}"
+        yield output.styled("yellow", "  note", f"       {note}")
     if felt.events:
         yield "  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(felt.events.items()))
     if summary.faults:
@@ -45,7 +45,7 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound"
     if not summary.contact:
         cause, command = _no_contact(felt)
-        yield "[bold red]NO CONTACT was found: nothing vibrates.[/]"
+        yield output.styled("bold red", "NO CONTACT was found: nothing vibrates.")
         yield f"  cause      {cause}"
         yield f"  try        {command}"
 
