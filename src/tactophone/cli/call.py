@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tactophone.app import sources
+from tactophone.app import runs, sources
 from tactophone.cli import live, options, output, page
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.settings import Settings, change
@@ -170,7 +170,9 @@ class _Side(AbstractContextManager["_Side", None]):
         self._role, open_source = role, None
         if role == "robot":
             open_source, self.microphone = sources.source_of(self.settings, page=page.wanted(self._args, self.settings))
-        self._supervisor = live.open_side(self.settings, self.name, open_source, keeper=self._keeper)
+        self._supervisor = runs.open_side(
+            self.settings, self.name, open_source, report=output.note, keeper=self._keeper
+        )
         self._supervisor.progress = lambda doing: self._say("opening") if doing.startswith("opening") else None
         self._resources.push(self._supervisor)
         self._supervisor.begin()

@@ -15,6 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactophone.app import runs
 from tactophone.cli import console, live, options, output, page
 from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger, names_of
@@ -99,7 +100,7 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     network = settings.simulation.network
     output.log().print(f"sending {duration:.0f} s of sound over {network}, in real time", style="dim")
     with (
-        live.both_sides(settings, name=name) as sides,
+        runs.both_sides(settings, name=name, report=output.note) as sides,
         live.recorded(args, settings, name),
         page.shown(settings, name, page=page.wanted(args, settings)),
         PredictionLog(name, timeline, report=output.warn),

@@ -5,26 +5,20 @@ Each log and each bridge is a process of its own that reads telemetry, so that n
 
 import argparse
 import math
-import secrets
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from functools import partial
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone.app import sources
+from tactophone.app import runs, sources
 from tactophone.cli import console, options, output, page
 from tactophone.cli.console import Outcome
-from tactophone.core import extras
-from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.settings import Settings
 from tactophone.live.telemetry.layout import COUNTERS, STAGES
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.faces.bridges.process import Bridge
     from tactophone.live.runtime.supervisor import Supervisor
-    from tactophone.live.runtime.wiring import OpenSource
 
 EXAMPLES = {
     "send": (
@@ -43,14 +37,6 @@ EXAMPLES = {
         "tactophone loopback --source finger --actuator none --duration 1",
     ),
 }
-
-BRIDGES = {
-    "foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765",
-    "osc": "as OSC messages to HOST:PORT",
-    "ros": "on ROS 2 over DDS, in the domain of that number or of ROS_DOMAIN_ID",
-    "zenoh": "the same over Zenoh, as rmw_zenoh_cpp has it",
-}
-"""Each bridge, and what its address is."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +61,7 @@ def add_record(parser: argparse.ArgumentParser) -> None:
         help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
         "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
     )  # fmt: skip
-    words = "; ".join(f"{name}: {what}" for name, what in BRIDGES.items())
+    words = "; ".join(f"{name}: {what}" for name, what in runs.BRIDGES.items())
     parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=FOXGLOVE_ADDRESS]",
         help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip
 
@@ -91,47 +77,10 @@ def run(args: argparse.Namespace) -> int:
         open_source, microphone = sources.source_of(settings, page=page.wanted(args, settings))
     sides: AbstractContextManager[Sequence[Supervisor]]
     if args.verb == "loopback":
-        sides = both_sides(settings, name=name, open_source=open_source)
+        sides = runs.both_sides(settings, name=name, open_source=open_source, report=output.note)
     else:
-        sides = supervised(open_side(settings, name, open_source))
+        sides = supervised(runs.open_side(settings, name, open_source, report=output.note))
     return follow(args, settings, sides, name, microphone=microphone)
-
-
-def open_side(settings: Settings, name: str, open_source: "OpenSource | None", **way: Any) -> "Supervisor":
-    """Return the robot's side, or without a source the operator's, which is not started yet; ``way`` as of a call."""
-    from tactophone.live.runtime.operator import run_operator
-    from tactophone.live.runtime.robot import run_robot
-    from tactophone.live.runtime.supervisor import Main, Supervisor
-
-    main: Main = partial(run_robot, open_source=open_source, **way) if open_source else partial(run_operator, **way)
-    return Supervisor(main, settings, name=name, report=output.note)
-
-
-@contextmanager
-def both_sides(
-    settings: Settings, *, name: str, open_source: "OpenSource | None" = None
-) -> "Iterator[Sequence[Supervisor]]":
-    """Run operator and robot, in this order, with the simulated network between them.
-
-    ``open_source`` replaces the way in which the settings' source is opened.
-    """
-    from tactophone.live.runtime import pairing
-    from tactophone.live.runtime.priority import prioritize_thread
-
-    @contextmanager
-    def network(operator: Settings) -> Iterator[int]:
-        from tactophone.lab.simulation.network import ImpairmentProxy, network_profile
-
-        # The simulated network stands in front of the operator's port.
-        prepare, profile = partial(prioritize_thread, operator.process.priority), network_profile(simulated.network)
-        address = "127.0.0.1", operator.link.port
-        with ImpairmentProxy(address, profile, seed=simulated.seed, prepare=prepare) as proxy:
-            yield proxy.address[1]
-
-    simulated, opened = settings.simulation, open_source or sources.open_source
-    between = None if simulated.network == "clean" else network
-    with pairing.both_sides(settings, name=name, open_source=opened, between=between, report=output.note) as sides:
-        yield sides
 
 
 def follow(
@@ -154,88 +103,11 @@ def follow(
 @contextmanager
 def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterator[None]:
     """Record the run of that name meanwhile, and pass it on, as the options say."""
-    _check(args, settings)
-    with ExitStack() as stack:
-        for path in args.record:
-            if path.suffix == ".csv":
-                from tactophone.live.telemetry.prediction_log import PredictionLog
-
-                stack.enter_context(PredictionLog(name, path, report=output.warn))
-        for build in _bridges(args, settings, name):
-            from tactophone.faces.bridges.process import BridgeProcess
-
-            stack.enter_context(BridgeProcess(build, report=output.warn))
+    with runs.observed(
+        settings, name, record=args.record, bridges=args.bridge, sends=args.verb == "send", report=output.note,
+        warn=output.warn,
+    ):  # fmt: skip
         yield
-
-
-def _check(args: argparse.Namespace, settings: Settings) -> None:
-    """Refuse what would be ignored: above all a stop to which nobody listens."""
-    for path in args.record:
-        if path.suffix not in (".mcap", ".csv"):
-            raise ConfigError(f"--record {path}: wanted a file that ends in .mcap or .csv")
-        if path.suffix == ".csv" and args.verb == "send" and not settings.link.send_predictions:
-            raise ConfigError(
-                f"send --record {path} needs predictions on this side: add --send-predictions, or record at the "
-                "operator's with receive --record"
-            )
-    names = [text.partition("=")[0] for text in args.bridge]
-    for name in names:
-        if name not in BRIDGES:
-            raise ConfigError(f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}")
-    chosen, usual = settings.bridges, Settings().bridges
-    if chosen.finger != usual.finger and settings.is_hand:
-        raise ConfigError(
-            "bridges.finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
-        )
-    ros = {"ros", "zenoh"}
-    for setting, needed in {
-        "osc_listen": {"osc"}, "osc_avatar": {"osc"}, "ros_sinks": ros, "ros_publish": ros, "finger": {"osc", *ros},
-    }.items():  # fmt: skip
-        if getattr(chosen, setting) != getattr(usual, setting) and not needed & set(names):
-            bridges = " or ".join(f"--bridge {name}" for name in sorted(needed))
-            raise ConfigError(f"bridges.{setting} does nothing without {bridges}: add that, or leave it out")
-    if chosen.osc_listen and args.verb == "send":
-        raise ConfigError("bridges.osc_listen stops the operator's vibration: set it for `tactophone receive`")
-
-
-def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterator[Callable[[], Bridge]]":
-    chosen = settings.bridges
-    for path in args.record:
-        if path.suffix == ".mcap":
-            yield page.log_of(name, path)
-    for text in args.bridge:
-        bridge, _, address = text.partition("=")
-        if bridge == "foxglove":
-            extras.require_modules("aiohttp")
-            from tactophone.faces.bridges.foxglove import FOXGLOVE_ADDRESS, LAYOUT, FoxgloveBridge
-
-            if address.endswith(":0"):
-                raise ConfigError(
-                    f"--bridge {text}: a viewer has to know the port: name one, such as {FOXGLOVE_ADDRESS}"
-                )
-
-            token = secrets.token_urlsafe(24)
-            yield partial(FoxgloveBridge, name, address or FOXGLOVE_ADDRESS, token=token)
-            output.note(f"Foxglove: ws://{address or FOXGLOVE_ADDRESS}/{token}/")
-            output.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
-        elif bridge == "osc":
-            extras.require_modules("pythonosc")
-            from tactophone.faces.bridges.osc import OscBridge
-
-            yield partial(
-                OscBridge, name, address, finger=chosen.finger, listen=chosen.osc_listen, avatar=chosen.osc_avatar
-            )
-        else:
-            extras.require_modules("cyclonedds", *(("zenoh", "rosbags") if bridge == "zenoh" else ()))
-            from tactophone.faces.bridges.ros import RosBridge
-
-            if address and not address.isdecimal():
-                raise ConfigError(f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0")
-            sinks = tuple(sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip())
-            yield partial(
-                RosBridge, name, finger=chosen.finger, publish=chosen.ros_publish, sinks=sinks,
-                domain=int(address) if address else None, over="zenoh" if bridge == "zenoh" else "dds",
-            )  # fmt: skip
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:

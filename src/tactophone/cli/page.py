@@ -7,19 +7,18 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from tactophone.app import runs
 from tactophone.cli import options, output
-from tactophone.core import extras
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.settings import Settings
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.faces.bridges.process import Bridge, BridgeProcess
+    from tactophone.faces.bridges.process import BridgeProcess
     from tactophone.faces.web.server import Page
 
 
@@ -125,14 +124,6 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     return folder / CERTIFICATE_FILE, folder / KEY_FILE
 
 
-def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
-    """Return what opens the log of a run in its own process."""
-    extras.require_modules("mcap", "zstandard")
-    from tactophone.live.log.mcap import McapLog
-
-    return partial(McapLog, name, path.absolute())
-
-
 class PageRecorder:
     """Obeys the page's process, and answers it; a context manager that ends a log that is still open.
 
@@ -175,7 +166,7 @@ class PageRecorder:
         from tactophone.faces.bridges.process import BridgeProcess
 
         self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
-        log = BridgeProcess(log_of(self._name, self._path), report=self._fail)
+        log = BridgeProcess(runs.log_of(self._name, self._path), report=self._fail)
         log.__enter__()
         self._log = log
         self._report(f"recording to {self._path}")

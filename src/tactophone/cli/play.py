@@ -6,8 +6,8 @@ from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 
-from tactophone.app import sources
-from tactophone.cli import console, live, options, page
+from tactophone.app import runs, sources
+from tactophone.cli import console, live, options, output, page
 from tactophone.cli.options import SEED
 from tactophone.cli.output import make_folder
 from tactophone.core.errors import ConfigError
@@ -86,7 +86,7 @@ def _play(args: argparse.Namespace) -> int:
     with serve_game(game, **page.place(settings)) as served:
         page.announce(served, browser=settings.page.open)
 
-        with live.both_sides(settings, name=name, open_source=partial(open_finger, inbox)) as sides:
+        with runs.both_sides(settings, name=name, open_source=partial(open_finger, inbox), report=output.note) as sides:
             outcome = console.follow(sides, name)
     return outcome.exit_code
 
@@ -102,7 +102,7 @@ def _try(args: argparse.Namespace) -> int:
     open_source, microphone = sources.source_of(settings)
     with watch(name, microphone=microphone, **page.place(settings)) as served:
         page.announce(served, "try", browser=settings.page.open)
-        both = live.both_sides(settings, name=name, open_source=open_source)
+        both = runs.both_sides(settings, name=name, open_source=open_source, report=output.note)
         with both as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)
