@@ -92,7 +92,7 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 	HYPOTHESIS_PROFILE=random $(PYTEST) -n $(CORES) -m hypothesis
 
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
-	$(PYTEST) -rs integrations
+	$(PYTEST) -rs integrations/*/tests
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered

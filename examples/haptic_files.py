@@ -107,18 +107,27 @@ def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
     return {"Version": 1.0, "Metadata": {"Project": "tactophone"}, "Pattern": [event, *curves]}
 
 
+HJIF_TICKS = 10_000
+"""Ticks a second of the positions in an .hjif file."""
+
+
 def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
-    """Encode as .hjif: one perception with one channel, and a band of vectorial waves; times in ms."""
+    """Encode as .hjif: one perception with one channel, and a band of vectorial waves.
+
+    MPEG's reference software loads nothing without a date, an avatar other than 0 and a library of effects, and skips
+    frequencies and positions that are no whole numbers: positions are ticks of 0.1 ms.
+    """
     keyframes = [
         {
-            "relative_position": round(1000 * time, 1),
+            "relative_position": round(HJIF_TICKS * time),
             "amplitude_modulation": _digits(level),
-            "frequency_modulation": round(hertz, 2),
+            "frequency_modulation": round(hertz),
         }
         for time, level, hertz in points
     ]
     band = {
-        "band_type": "VectorialWave", "lower_frequency_limit": LOWEST_HZ, "upper_frequency_limit": HIGHEST_HZ,
+        "band_type": "VectorialWave", "lower_frequency_limit": round(LOWEST_HZ),
+        "upper_frequency_limit": round(HIGHEST_HZ),
         "effects": [
             {"id": 0, "position": 0, "phase": 0.0, "base_signal": "Sine", "effect_type": "Basis",
              "keyframes": keyframes}
@@ -129,11 +138,12 @@ def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
         "bands": [band],
     }  # fmt: skip
     return {
-        "version": "2023", "profile": "Main", "level": 1, "date": "", "timescale": 1000,
+        "version": "2023", "profile": "Main", "level": 1, "date": "2026-11-24", "timescale": HJIF_TICKS,
         "description": "commands of tactophone, after its limits",
-        "avatars": [{"id": 0, "lod": 0, "type": "Vibration"}],
+        "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
         "perceptions": [
-            {"id": 0, "avatar_id": 0, "description": "roughness", "perception_modality": "Vibrotactile",
+            {"id": 0, "avatar_id": 1, "description": "roughness", "perception_modality": "Vibrotactile",
+             "effect_library": [],
              "channels": [channel]}
         ],
         "syncs": [],

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,20 @@ def test_silence_alone_is_a_file_too(tmp_path: Path) -> None:
         assert json.loads(path.read_text())
     with pytest.raises(ConfigError, match=r"\.hjif"):
         haptic_files.write_haptic_file(tmp_path / "a.wav", [])
+
+
+def test_hjif_holds_what_mpegs_reference_loader_asks_for() -> None:
+    content = haptic_files.encode_hjif(haptic_files.envelope(STREAM, duration=0.8))
+    assert re.fullmatch(r"\d{4}-\d{2}-\d{2}", content["date"])
+    avatars = [avatar["id"] for avatar in content["avatars"]]
+    assert 0 not in avatars
+    for perception in content["perceptions"]:
+        assert isinstance(perception["effect_library"], list)
+        assert perception["avatar_id"] in avatars
+        for band in (band for channel in perception["channels"] for band in channel["bands"]):
+            whole = [band["lower_frequency_limit"], band["upper_frequency_limit"]]
+            frames = [frame for effect in band["effects"] for frame in effect["keyframes"]]
+            whole += [frame[name] for frame in frames for name in ("relative_position", "frequency_modulation")]
+            assert all(isinstance(number, int) for number in whole)
+            assert np.all(np.diff([frame["relative_position"] for frame in frames]) > 0)
+    assert content["timescale"] <= 48_000

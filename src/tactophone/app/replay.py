@@ -381,23 +381,38 @@ def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
     )
 
 
+class SoundDecoder:
+    """Decodes the sound of a log as it comes: ``push`` takes its next entries."""
+
+    def __init__(self) -> None:
+        self._logged, self._session = _open_session()
+
+    def push(self, entries: Iterable[LogEntry]) -> Iterator[AudioBlock | Connected]:
+        """Yield the blocks of sound, and where another session begins."""
+        for item in wake_ups(entries):
+            if isinstance(item, RunStart):
+                self._logged, self._session = _open_session()
+            if not isinstance(item, WakeUp):
+                continue
+            self._logged.polled = list(item.polled)
+            events = self._session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
+            for event in [*events, *self._session.poll(item.time)]:
+                match event:
+                    case DecodedAudio(block):
+                        yield block
+                    case Connected():
+                        yield event
+
+
 def decoded_sessions(entries: Iterable[LogEntry]) -> Iterator[list[AudioBlock]]:
     """Return the blocks of sound of each session in a log; sessions without sound are left out."""
-    (logged, session), blocks = _open_session(), list[AudioBlock]()
-    for item in wake_ups(entries):
-        if isinstance(item, RunStart):
-            logged, session = _open_session()
-        if not isinstance(item, WakeUp):
-            continue
-        logged.polled = list(item.polled)
-        events = session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
-        for event in [*events, *session.poll(item.time)]:
-            match event:
-                case DecodedAudio(block):
-                    blocks.append(block)
-                case Connected() if blocks:
-                    yield blocks
-                    blocks = []
+    blocks: list[AudioBlock] = []
+    for item in SoundDecoder().push(entries):
+        if isinstance(item, AudioBlock):
+            blocks.append(item)
+        elif blocks:
+            yield blocks
+            blocks = []
     if blocks:
         yield blocks
 
