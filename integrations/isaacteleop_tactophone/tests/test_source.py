@@ -18,7 +18,9 @@ from tactophone.live.log.reader import Passed
 
 
 def passed(made: float, amplitude: float = 0.4, finger: str = "index", frequency: float = 120.0) -> Passed:
-    prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.0, 0.1, -20.0, 0.8)
+    prediction = Prediction(
+        probabilities=(0.1, 0.2, 0.7), touch=Touch.ROUGH, roughness=0.8, start=0.0, end=0.1, level_dbfs=-20.0
+    )
     return Passed(finger, prediction, HapticCommand(amplitude, frequency, made), made, made, made)
 
 

@@ -39,7 +39,12 @@ def test_the_picture_is_the_same_however_the_sound_is_cut() -> None:
 
 def test_the_strip_holds_roughness_and_amplitude() -> None:
     picture = Picture()
-    picture.feel(Prediction((0.0, 0.2, 0.8), Touch.ROUGH, 0.0, 0.1, -20.0, 0.8), 0.4)
+    picture.feel(
+        Prediction(
+            probabilities=(0.0, 0.2, 0.8), touch=Touch.ROUGH, roughness=0.8, start=0.0, end=0.1, level_dbfs=-20.0
+        ),
+        0.4,
+    )
     picture.hear(tone(100, 0.1))
     assert picture.pixels[2 * BANDS : 2 * BANDS + STRIP, -1].tolist() == [204] * STRIP
     assert picture.pixels[2 * BANDS + STRIP :, -1].tolist() == [102] * STRIP

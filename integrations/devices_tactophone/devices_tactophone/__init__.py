@@ -1,0 +1,1 @@
+"""Devices of others, each driven by its documented protocol."""

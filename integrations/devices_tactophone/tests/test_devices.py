@@ -1,0 +1,60 @@
+import json
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import numpy as np
+import pytest
+from devices_tactophone import bhaptics
+from devices_tactophone.hapbeat import Stream
+
+
+def test_bhaptics_gets_the_levels_of_its_motors() -> None:
+    bodies = []
+
+    class Stub(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            bodies.append((self.path, json.loads(self.rfile.read(int(self.headers["Content-Length"])))))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None: ...
+
+    server = HTTPServer(("127.0.0.1", 0), Stub)
+    thread = threading.Thread(target=server.handle_request)
+    thread.start()
+    levels = {"index": 0.5, "thumb": 7.0, "palm": 1.0}
+    bhaptics.play(f"http://127.0.0.1:{server.server_port}", levels, device_type=8, motors={"thumb": 0, "index": 1})
+    thread.join()
+    server.server_close()
+    ((path, body),) = bodies
+    assert path == "/haptic/dot"
+    assert body["motors"] == [{"index": 1, "intensity": 50}, {"index": 0, "intensity": 100}]
+    assert body["duration"] <= 100
+
+
+def packets() -> list[bytes]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(2)
+        stream = Stream("127.0.0.1", receiver.getsockname()[1])
+        stream.play(np.full(480, 0.5, np.float32))
+        stream.play(np.zeros(480, np.float32))
+        stream.close()
+        return [receiver.recv(2048) for _ in range(4)]
+
+
+def test_hapbeat_gets_a_stream_of_samples() -> None:
+    begin, first, second, end = packets()
+    assert {packet[:2] for packet in (begin, first, second, end)} == {b"BH"}
+    assert [packet[3] for packet in (begin, first, second, end)] == [0x30, 0x31, 0x31, 0x32]
+    assert np.frombuffer(first[12:], "<i2").tolist() == [16383] * 160
+    assert int.from_bytes(second[8:12], "little") == 320
+
+
+def test_the_makers_own_sdk_writes_the_same_packets() -> None:
+    protocol = pytest.importorskip("hapbeat.protocol")
+    begin, first, _, end = packets()
+    assert begin == protocol.build_stream_begin(0)
+    assert first == protocol.build_stream_data(1, 0, first[12:])
+    assert end == protocol.build_stream_end(3)
