@@ -9,7 +9,8 @@ import argparse
 
 import numpy as np
 
-from tactophone.core.types import DEFAULT_TIP, TIP_NAMES, Touch
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
+from tactophone.core.types import Touch
 from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.signal.perception.decision import count_dips
 from tactophone.signal.pipeline import open_pipeline

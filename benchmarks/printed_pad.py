@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tactophone.app.recordings import recording_predictor
-from tactophone.core.types import DEFAULT_TIP
+from tactophone.core.tips import DEFAULT_TIP
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.evaluation.report import make_report
 from tactophone.lab.simulation import finger

@@ -19,12 +19,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
 from tactophone.signal.perception.fit import HARD, SOFT, FitCheck, Misfit
-from tactophone.signal.perception.models import TIP_MODELS, open_detector
+from tactophone.signal.perception.models import open_detector
 
 RIDGE_DB = 1.2
 """Standard deviation that is added to every value, for what the sets do not vary; chosen in folds by kin."""
@@ -87,7 +88,7 @@ def describe(run: Run, model: str, channel: int | None) -> Floats:
 def notices(run: Run, tip: str) -> Verdicts:
     """Return when, in s, and by which code something is noticed under a tip's model."""
     sound = blocks(run[1], None)
-    detector = listener(TIP_MODELS[tip], sound)
+    detector = listener(TIPS[tip].model, sound)
     found: Verdicts = []
     for block in sound:
         detector.push(block)

@@ -22,7 +22,8 @@ import soundfile
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from tactophone.core.types import DEFAULT_TIP, AudioBlock, TouchEvent
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import AudioBlock, TouchEvent
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.events import EventDetector
 from touch_event_metrics import MISSED, class_accuracy, confusion, match_moments

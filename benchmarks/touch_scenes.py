@@ -11,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, TouchEvent
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, TouchEvent
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.lab.simulation.motion import single
@@ -71,7 +72,7 @@ def touch_scene(
     motors
         Whether it takes place in the competition's noise: a hall full of people, and running motors.
     tip
-        What touches, one of `tactophone.core.types.TIP_NAMES`.
+        What touches, one of `tactophone.core.tips.TIP_NAMES`.
     """
     rng = np.random.default_rng([0x7A9, seed])
     scene = single(find(name))

@@ -12,7 +12,8 @@ from tactophone.app.vibration_wav import OutputFiles, RunScores, RunSummary, pro
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
-from tactophone.core.types import DEFAULT_TIP, PipelineStep, TouchEvent
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import PipelineStep, TouchEvent
 from tactophone.lab.dataset.read import ground_truth
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.telemetry.timeline import read_timeline

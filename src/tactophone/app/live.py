@@ -6,7 +6,8 @@ from typing import Self
 
 from tactophone.app.sources import open_source
 from tactophone.core.settings import Settings, change
-from tactophone.core.types import DEFAULT_TIP, PipelineStep, Source
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import PipelineStep, Source
 from tactophone.live.audio.pacing import paced
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.app.hum import Hum, HumMeter
+from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock, ChangedSource, Source
 from tactophone.signal.perception import health
 
@@ -32,9 +33,6 @@ MOST_GAIN_DB = 60.0
 TRAINED_HUM_DBFS = -30.0
 """Models but for a hard tip are trained with hum under this, that of the simulated contact microphone: without it they
 are right 0.02 less often (docs/research/contact.md)."""
-
-WITHOUT_HUM = ("plastic", "stylus")
-"""Tips whose models were trained on an air microphone, without hum."""
 
 _MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
 
@@ -87,8 +85,9 @@ class Preparation:
 
     def for_tip(self, tip: str) -> Self:
         """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
-        trained = tip not in WITHOUT_HUM and self.hum is not None and self.hum.level_dbfs < TRAINED_HUM_DBFS
-        return replace(self, hum=None) if trained else self
+        if self.hum is None or self.hum.level_dbfs >= TRAINED_HUM_DBFS or (tip in TIPS and TIPS[tip].hard):
+            return self
+        return replace(self, hum=None)
 
     def amplified(self, loudest_dbfs: float) -> Self:
         """Return this with the gain for sound whose loudest 32 ms have this banded level."""

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.app.prepare import Preparation, PreparedSource
-from tactophone.core.types import DEFAULT_TIP, AudioBlock, ChangedSource, PipelineStep, Source
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import AudioBlock, ChangedSource, PipelineStep, Source
 from tactophone.lab.dataset.read import find_recording
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, take_of

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Self
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings, change
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports would slow down --help
     from tactophone.core.types import AudioBlock, Source

@@ -12,7 +12,8 @@ from tactophone.app.recordings import open_recording
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
-from tactophone.core.types import DEFAULT_TIP, HapticCommand, Prediction, Touch, TouchEvent
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import HapticCommand, Prediction, Touch, TouchEvent
 from tactophone.live.telemetry.layout import PREDICTION_RECORD
 from tactophone.live.telemetry.timeline import TimelineWriter
 

@@ -27,7 +27,8 @@ from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.types import DEFAULT_TIP, TIP_NAMES, AudioBlock, FloatArray
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
+from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.calibration import CalibrationResult, Finding
 from tactophone.signal.perception.models import default_model
 
@@ -35,20 +36,7 @@ if TYPE_CHECKING:
     from tactophone.app.sources import SimulatedAct
     from tactophone.lab.training.setup import SetUpFit
 
-TIP_PICTURE = """\
-Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark.
-
-     1 rubber          2 pad             3 plastic         4 stylus
-     soft rubber,      hard skin on      rod or pen        steel rod
-     silicone          a silicone pad    of plastic
-      .-----.           .-----.             | |               | |
-     (       )         (  ---  )            | |               | |
-      '-___-'           '-...-'             \\_/                V
-    ===========       ===========       ===========       ===========
-    mark: 2 mm,       mark: 0.1 mm      mark: 0.1 mm      mark: a dot
-    a round blot      to 0.5 mm
-"""
-"""The mark separates rubber from the rest; under rubber, impulses are no sign of roughness."""
+QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
 
 
 EXAMPLES = (
@@ -215,19 +203,18 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     if args.yes or not screen.answers:
         return tip
     out = output.log()
-    out.print(TIP_PICTURE, highlight=False, markup=False)
+    out.print(f"{QUESTION}\n\n{tip_picture()}\n", highlight=False, markup=False)
     out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
     if screen.page is not None:
-        question = TIP_PICTURE.partition("\n\n")[0]
         screen.begin(0)
-        screen.page.show(instruction=question, buttons={name: name for name in TIP_NAMES})
+        screen.page.show(instruction=QUESTION, buttons={name: name for name in TIP_NAMES})
     while not (key := screen.pressed(0.5)):
         pass
     if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
         screen.page.show(instruction="Opening the microphones ...", buttons={})
-    return key if key in TIP_NAMES else dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
+    return key if key in TIP_NAMES else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
 
 
 def _check_set_up(args: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import options, output
 from tactophone.cli.options import SEED, Within
 from tactophone.core.errors import ConfigError, did_you_mean
-from tactophone.core.types import DEFAULT_TIP, TIP_NAMES
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 from tactophone.lab.simulation.takes import TAKES
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, joined, open_filtered
-from tactophone.core.types import TIP_NAMES
+from tactophone.core.tips import TIP_NAMES
 from tactophone.lab.training.recipes import RECIPES, RecipeFile
 from tactophone.signal.perception.calibration import Calibration
 

@@ -16,7 +16,8 @@ import msgspec
 
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.plugins import ACTUATORS, registered
-from tactophone.core.types import DEFAULT_CEILING, DEFAULT_TIP, TIP_NAMES
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
+from tactophone.core.types import DEFAULT_CEILING
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,12 +18,6 @@ FloatArray: TypeAlias = NDArray[np.float32]
 LIVE_SAMPLE_RATE = 48_000
 """Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
 
-TIP_NAMES = ("rubber", "pad", "plastic", "stylus")
-"""Kinds of tip that touch, softest first: soft rubber, a hard skin on a silicone pad, a plastic rod, a steel stylus."""
-
-DEFAULT_TIP = "pad"
-"""The tip of the paper's finger, as the simulator has it."""
-
 DEFAULT_CEILING = 0.5
 """Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
 

@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from tactophone.core.microphones import check_channels
-from tactophone.core.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.detector import push_together
@@ -197,7 +198,7 @@ def open_pipeline(
     events
         Detect touch events (taps, strokes, slips); the profile ``events`` always does.
     tip
-        Tip that touches, one of `tactophone.core.types.TIP_NAMES`.
+        Tip that touches, one of `tactophone.core.tips.TIP_NAMES`.
 
     Raises
     ------

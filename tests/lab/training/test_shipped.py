@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tactophone.core.types import TIP_NAMES, AudioBlock, Touch
+from tactophone.core.tips import TIP_NAMES, TIPS
+from tactophone.core.types import AudioBlock, Touch
 from tactophone.lab.training.recipes import RECIPES, SHIPPED_RECIPES
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import (
-    TIP_MODELS,
     default_model,
     fallback_model,
     model_path,
@@ -18,7 +18,7 @@ from tactophone.signal.perception.models import (
 from tests.sounds import blocks
 
 PAPERS = {"paper": 2, "paper-mono": 1}
-ON_FEATURES = sorted(set(TIP_MODELS.values()))
+ON_FEATURES = sorted({tip.model for tip in TIPS.values()})
 RATE = 48_000
 
 
@@ -27,7 +27,7 @@ def hiss(channels: int) -> np.ndarray:
 
 
 def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes() -> None:
-    assert set(shipped_models()) == {*PAPERS, *SHIPPED_RECIPES, *TIP_MODELS.values()}
+    assert set(shipped_models()) == {*PAPERS, *SHIPPED_RECIPES, *ON_FEATURES}
     assert sum(model_path(name).stat().st_size for name in shipped_models()) < 6_500_000
     assert max(model_path(name).stat().st_size for name in ON_FEATURES) < 1_500_000
 
@@ -58,7 +58,7 @@ def test_each_card_has_scores_on_held_out_sound(name: str) -> None:
 def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: str) -> None:
     card = read_model(model_path(name)).card
     assert (card.kind, card.training["recipe"]) == ("texture", "texture")
-    assert TIP_MODELS[card.tip] == name
+    assert TIPS[card.tip].model == name
     assert card.settings["memory"] == (0.12 if card.tip == "pad" else 0.25)
     assert card.decision == RECIPES["texture"].response_for(card.tip).decision
     for channels in (1, 2):
@@ -88,7 +88,7 @@ def test_the_card_of_the_stylus_names_the_sources_and_their_terms() -> None:
 
 @pytest.mark.parametrize("tip", TIP_NAMES)
 def test_each_tip_has_its_model_and_a_mismatch_is_reported(tip: str) -> None:
-    assert default_model(tip) == TIP_MODELS[tip]
+    assert default_model(tip) == TIPS[tip].model
     texture, stylus = (read_model(model_path(name)).card for name in ("texture", "stylus"))
     assert bool(tip_mismatch(texture, tip)) == (tip != "pad")
     assert bool(tip_mismatch(stylus, tip)) == (tip != "stylus")

@@ -5,7 +5,8 @@ import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 from tactophone.lab.simulation.microphones import SessionVariation
 from tactophone.lab.simulation.motion import LIFT, five_stones
 from tactophone.lab.simulation.source import SimulatedFinger

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.processes import make_room
-from tactophone.core.types import DEFAULT_TIP, SURFACE_LABELS, Touch
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.lab.dataset.checks import pair_fault
 from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, refuse_link, rows, write_metadata
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.lab.simulation.motion import Scene, five_stones

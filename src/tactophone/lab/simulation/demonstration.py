@@ -11,7 +11,8 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.processes import atomic_write
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 from tactophone.lab.dataset.metadata import write_metadata
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.simulation.catalogue import find

@@ -21,6 +21,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from tactophone.core import tips
 from tactophone.core.errors import ConfigError
 from tactophone.lab.simulation.mechanics import SKIN
 from tactophone.lab.simulation.modes import Mode
@@ -244,10 +245,10 @@ def _rod(name: str, what: str, modulus: float, flexure: tuple[Mode, ...], mass: 
 
 
 _TIPS = (
-    Tip("rubber", "soft rubber of 4 MPa, 6 mm radius", Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
-    Tip("pad", "hard skin of 3.3 GPa on a silicone pad, 3 mm radius", Finger(tip_modulus=SKIN)),
+    Tip("rubber", tips.TIPS["rubber"].words, Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
+    Tip("pad", tips.TIPS["pad"].words, Finger(tip_modulus=SKIN)),
     _rod(
-        "plastic", "plastic rod of 8 mm", _PLASTIC,
+        "plastic", tips.TIPS["plastic"].words, _PLASTIC,
         # 8 x 100 mm, c = 1.6 km/s, 6 g
         (
             Mode(177.0, 1.5e-3, 0.10, 2e-5, strain=0.20),
@@ -257,7 +258,7 @@ _TIPS = (
         mass=(1.5e-3, 4e-3),
     ),
     _rod(
-        "stylus", "steel stylus of 5 mm", _STEEL,
+        "stylus", tips.TIPS["stylus"].words, _STEEL,
         # 5 x 100 mm, c = 5.05 km/s, 15.4 g
         (
             Mode(355.0, 3.8e-3, 0.10, 2e-5, strain=0.20),
@@ -269,7 +270,7 @@ _TIPS = (
 )  # fmt: skip
 
 TIPS = MappingProxyType({tip.name: tip for tip in _TIPS})
-"""The tips by name, as `tactophone.core.types.TIP_NAMES` lists them."""
+"""The tips by name, as `tactophone.core.tips.TIP_NAMES` lists them."""
 
 
 def tip_named(name: str) -> Tip:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tactophone.core.types import DEFAULT_TIP, FloatArray
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import FloatArray
 from tactophone.lab.simulation.contact import Array, ContactSignals
 from tactophone.lab.simulation.finger import FLEXURE, Electronics, Finger, tip_named
 from tactophone.lab.simulation.mechanics import compiled

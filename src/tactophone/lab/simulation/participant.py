@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 from tactophone.lab.simulation.catalogue import SimulatedObject
 from tactophone.lab.simulation.finger import tip_named
 from tactophone.lab.simulation.microphones import SessionVariation

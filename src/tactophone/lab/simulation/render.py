@@ -18,7 +18,8 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.processes import atomic_write, open_pool
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 from tactophone.lab.dataset.metadata import write_metadata
 from tactophone.lab.dataset.values import Intervals, Recording, Segment, stretches, within, write_slides
 from tactophone.lab.simulation.catalogue import SCENARIOS, TEST, SimulatedObject

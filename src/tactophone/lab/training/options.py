@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from tactophone.core.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.lab.training.augmentation import Augmentation
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.levels import LoudnessRule

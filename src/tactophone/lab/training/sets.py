@@ -9,6 +9,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.tips import TIPS
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.lab.dataset.splits import kin_of
 from tactophone.lab.dataset.values import Recording
@@ -29,9 +30,7 @@ from tactophone.lab.training.tracks import (
 )
 from tactophone.net.link.codec import Codec
 
-HARD_TIPS = ("plastic", "stylus")
-"""Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
-small hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away."""
+HARD_TIPS = tuple(tip.name for tip in TIPS.values() if tip.hard)
 
 FALSE_CHANGES = 0.01
 """Share of windows on one surface where the change detection would fire: once a second. At a tenth of that, simulated

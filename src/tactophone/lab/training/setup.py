@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from onnx import ModelProto, helper, numpy_helper
 
 from tactophone.core.errors import ModelError
+from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock, FloatArray, Prediction
 from tactophone.lab.training.export import Floats, write_graph
 from tactophone.lab.training.options import BAND_VALUES, CREST_INDEX
@@ -30,9 +31,6 @@ from tactophone.signal.perception.model_file import Gate, Model
 
 SCORES = {"impulses": (2.0, 0.0), "both": (1.0, 1.0), "model": (0.0, 2.0)}
 """Weights of the standardised impulses and of the shipped model's standardised logit."""
-
-SOFT_TIP = "rubber"
-"""Under it rough surfaces average and smooth ones stick and slip: impulses are no sign of roughness there."""
 
 LARGEST_SHIFT = 4.0
 """Standard deviations at which features are cut off: a knock must not decide."""
@@ -189,7 +187,7 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
         unchanged = Correction(np.zeros(count), np.ones(count), np.zeros(count), 1.0, 0.0)
         return SetUpFit(unchanged, SHIPPED_BOUNDARY, kept, unknown)
     own = "impulses" if tip in HARD_TIPS else "model"
-    names = [own] if tip == SOFT_TIP else [own, *(name for name in SCORES if name != own)]
+    names = [own] if tip in TIPS and not TIPS[tip].impulses else [own, *(name for name in SCORES if name != own)]
     left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
     right = {name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)] for name in names}
     # The first of those that are equal: with nothing to choose by, the tip's own.

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.microphones import AIR, CONTACT
-from tactophone.core.types import DEFAULT_TIP, AudioBlock, FloatArray, Prediction, Touch, TouchEvent
+from tactophone.core.tips import DEFAULT_TIP, TIPS
+from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch, TouchEvent
 
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""
@@ -79,11 +80,6 @@ room 0.5 is left of a real tap."""
 CLICK_STEPS = 2
 """A rise is reported as contact in its first or second step, if it is that of a tap so far: its peak is yet to come."""
 
-AIR_LED_DB = {"rubber": 28.0, "pad": 28.0, "plastic": 28.0, "stylus": 40.0}
-"""A knock in the air exceeds the floor in the air microphone by so much more than in the contact microphone: simulated
-ones by 33 to 36 dB, with a stylus by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24, of
-a steel stylus, which shakes the air microphone, by up to 35."""
-
 SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
 """Steps, 40 ms, over which the median excess of the bands begins sliding, and ends it."""
 
@@ -106,7 +102,7 @@ class EventDetector:
     channels
         With two, channel 1 is air and knocks in the air are rejected.
     tip
-        What touches, one of `tactophone.core.types.TIP_NAMES`.
+        What touches, one of `tactophone.core.tips.TIP_NAMES`.
 
     >>> sound = np.random.default_rng(0).normal(0, 1e-3, (48_000, 1)).astype(np.float32)
     >>> sound[24_000:24_240] *= 200
@@ -115,7 +111,7 @@ class EventDetector:
     """
 
     def __init__(self, *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> None:
-        self._rate, self._channels, self._air_led = sample_rate, channels, AIR_LED_DB[tip]
+        self._rate, self._channels, self._air_led = sample_rate, channels, TIPS[tip].air_led_db
         self._step = max(1, sample_rate // STEPS_PER_SECOND)
         self._window = np.hanning(2 * self._step + 2)[1:-1][:, None]
         self._edges = _band_edges(2 * self._step, sample_rate)

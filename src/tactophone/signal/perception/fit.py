@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.core.tips import TIPS
 from tactophone.core.types import FloatArray
 
 Floats = NDArray[np.float64]
@@ -58,11 +59,6 @@ a quiet room, soft rubber the least."""
 
 RANGE_DB = 40.0
 """So far under a channel's loudest band, levels are not told apart."""
-
-SOFT, HARD = ("rubber", "pad"), ("plastic", "stylus")
-FIT_TIPS = SOFT + HARD
-"""Kinds of tip. Within a kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing
-under a pad sounds like a hard one under rubber."""
 
 ANOTHER: Mapping[str, tuple[float, float]] = MappingProxyType(
     {"both": (4.0, 30.0), "contact": (1.0, 50.0), "air": (4.0, 20.0)}
@@ -112,8 +108,9 @@ class FitCheck:
 
     def __init__(self, name: str, sample_rate: int, *, tip: str = "", air: bool = False) -> None:
         self._name, self._sample_rate, self._tip, self._air = name, sample_rate, tip, air
-        if tip:
-            _tips()  # now, as a run may open no file once it goes
+        # Read now, as a run may open no file once it goes. A tip whose sound is not in the file is not compared.
+        if tip and [*TIPS].index(tip) >= len(_tips()["both-means"]):
+            self._tip = ""
         self.reset()
 
     def reset(self) -> None:
@@ -204,7 +201,7 @@ class FitCheck:
     def _cut_off(self) -> float:
         """Return the frequency over which each channel lacks what touch has under this tip; 0 if there is none."""
         levels = self._levels()
-        means = _tips()[f"{self._microphones()}-means"][FIT_TIPS.index(self._tip)]
+        means = _tips()[f"{self._microphones()}-means"][[*TIPS].index(self._tip)]
         off = levels - means[: levels.size].reshape(levels.shape)
         for band in range(LEAST_BANDS, off.shape[1]):
             if (off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB).all():
@@ -216,22 +213,25 @@ class FitCheck:
         means, basis, within = (_tips()[f"{microphones}-{each}"] for each in ("means", "basis", "within"))
         values, windows = self.description()
         likelihoods = -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1) / 2
-        soft = np.arange(len(means)) < len(SOFT)
-        others = soft != (self._tip in SOFT)
-        others[FIT_TIPS.index("pad")] |= self._tip == "rubber" and microphones == "both"
+        own, tips = TIPS[self._tip], list(TIPS.values())[: len(_tips()["both-means"])]
+        rows = [*tips, *tips[-1:] * (len(means) - len(tips))]  # one microphone has further rows of the last tip
+        others = np.array([tip.hard != own.hard for tip in rows])
+        # Of one kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing under a pad
+        # sounds like a hard one under rubber.
+        others |= np.array([tip.impulses > own.impulses for tip in rows]) & (microphones == "both")
         likeliest, (least, farthest) = likelihoods[others].max(), ANOTHER[microphones]
         ratio = likeliest - likelihoods[~others].max()
         self._against = self._against + 1 if ratio > least and likeliest > -farthest else 0
         noticed = self.misfit is not None and self.misfit.code == "other-tip" and ratio > 0
         if self._against < 2 and not noticed:
             return None
-        best = soft[np.where(others, likelihoods, -np.inf).argmax()]
-        own, other = ("soft" if each else "hard" for each in (self._tip in SOFT, best))
+        best = rows[np.where(others, likelihoods, -np.inf).argmax()]
+        kind, other = ("hard" if tip.hard else "soft" for tip in (own, best))
         return Misfit(
             "other-tip",
-            f"this sounds like {'another' if own == other else 'a'} {other} tip, but the model {self._name} is for a "
-            f"{own} one, {self._tip}: if so, "
-            + " or ".join(f"--tip {tip}" for tip in (SOFT if best else HARD) if tip != self._tip),
+            f"this sounds like {'another' if kind == other else 'a'} {other} tip, but the model {self._name} is for a "
+            f"{kind} one, {own.name}: if so, "
+            + " or ".join(f"--tip {tip.name}" for tip in tips if tip.hard == best.hard and tip is not own),
         )
 
 

@@ -122,7 +122,7 @@ class ModelCard:
 
     @property
     def tip(self) -> str:
-        """The tip that the model is for, one of :data:`tactophone.core.types.TIP_NAMES`; empty where it is unknown.
+        """The tip that the model is for, one of :data:`tactophone.core.tips.TIP_NAMES`; empty where it is unknown.
 
         A tip decides the sign of some features, so a model is for one tip, or for several of its hardness.
         """

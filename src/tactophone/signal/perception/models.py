@@ -1,23 +1,17 @@
 """Opens a detector by name or path: the models inside the package, and files of the user's own."""
 
-from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from types import MappingProxyType
 
 from tactophone.core.errors import ModelError, did_you_mean
 from tactophone.core.plugins import DETECTORS, load, registered
-from tactophone.core.types import DEFAULT_TIP, Detector
+from tactophone.core.tips import DEFAULT_TIP, TIPS
+from tactophone.core.types import Detector
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
 from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
-
-TIP_MODELS: Mapping[str, str] = MappingProxyType(
-    {"rubber": "rubber", "pad": "texture", "plastic": "plastic", "stylus": "stylus"}
-)
-"""The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
 
 PAPER_MONO = "paper-mono"
 """Replaces the paper's network where only the contact microphone works."""
@@ -51,7 +45,11 @@ def default_model(tip: str = DEFAULT_TIP) -> str:
 
     A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
     """
-    return TIP_MODELS.get(tip, TIP_MODELS[DEFAULT_TIP])
+    return TIPS[tip if tip in TIPS else DEFAULT_TIP].model
+
+
+def _model_for(tip: str) -> str:
+    return TIPS[tip].model if tip in TIPS else tip
 
 
 def tip_mismatch(card: ModelCard, tip: str) -> str:
@@ -59,9 +57,9 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
 
     A tip decides the sign of some features: what is rough under one may come out smooth under another.
     """
-    if not card.tip or card.tip == tip or TIP_MODELS.get(tip, tip) == TIP_MODELS.get(card.tip, card.tip):
+    if not card.tip or card.tip == tip or _model_for(tip) == _model_for(card.tip):
         return ""
-    right = f"use --model {TIP_MODELS[tip]}" if tip in TIP_MODELS else "train one on recordings of your finger"
+    right = f"use --model {TIPS[tip].model}" if tip in TIPS else "train one on recordings of your finger"
     words = f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap"
     return f"{words}; give --tip {card.tip} if that touches, or else {right}"
 
@@ -104,7 +102,7 @@ def open_detector(
     detector = WindowDetector(model, sample_rate=sample_rate)
     card = detector.card
     if card.kind == "texture":
-        tip = card.tip if name in TIP_MODELS.values() else ""
+        tip = card.tip if name in {each.model for each in TIPS.values()} else ""
         detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
     return (
         with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor)
