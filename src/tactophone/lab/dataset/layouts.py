@@ -312,10 +312,7 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; name the one that holds the published files")
     problems: list[Problem] = []
-    labels: dict[str, Touch | None] = {}
-    if (folder / LABELS).is_file():
-        for _, row in rows(folder / LABELS, required=("surface", "label")):
-            labels[row["surface"]] = LABEL_NAMES[parse_label(row["label"], path=folder / LABELS, problems=problems)]
+    labels = read_labels(folder / LABELS, problems)
     recordings = []
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".csv" and path.name != LABELS)
     for done, path in enumerate(files, 1):
@@ -335,6 +332,16 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
         raise DatasetError(f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}")
     write_metadata(out, recordings)
     return Dataset(out.name, out, tuple(recordings)), tuple(problems)
+
+
+def read_labels(path: Path, problems: list[Problem]) -> dict[str, Touch | None]:
+    """Return the label of each surface of a ``labels.csv``, none if there is no such file."""
+    if not path.is_file():
+        return {}
+    return {
+        row["surface"]: LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)]
+        for _, row in rows(path, required=("surface", "label"))
+    }
 
 
 def _read_pac(path: Path) -> NDArray[np.float64] | None:

@@ -18,7 +18,7 @@ from tactophone.core.types import AudioBlock
 from tactophone.lab.simulation.takes import Take
 
 TAKE_DURATION = 30.0
-"""Seconds of a take (paper, section III)."""
+"""Seconds of a take (paper, section IV-C)."""
 
 COUNTDOWN = 3.0
 """Seconds between the key press and the take: time to move the hand back to the finger."""

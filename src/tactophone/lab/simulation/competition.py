@@ -22,7 +22,7 @@ COMPETITION_VERSION = "2"
 DAYS = (1, 2)
 
 SLIP_SHARE = 0.35
-"""Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section IV)."""
+"""Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section V-B)."""
 
 _START = (-0.05, 0.035)
 

@@ -8,11 +8,11 @@ Under a hard tip there is one value more, the unevenness of the treble: standard
 steps of a millisecond. Single strikes of a hard tip ring for a few milliseconds; a smooth surface's treble is even.
 `Statistics` turns these values into running statistics of a touch.
 
-``paper``: the magnitudes of a window's spectrum. They are not normalised (paper, section III): the level of the air
+``paper``: the magnitudes of a window's spectrum. They are not normalised (paper, section III-C): the level of the air
 microphone relative to the contact microphone separates rough from smooth. `tactophone.lab.training.export` writes that
 graph by hand, as it writes the network.
 
-``cues``: level, crest and transients are the paper's hand-made classifier (section III-C: rough is louder and more
+``cues``: level, crest and transients are the paper's hand-made classifier (section III-B: rough is louder and more
 transient); the median frequency of a microphone's signal drives the stimulus in Svensson et al. (2021).
 
 Live code runs the exported graph alone (`front`). Training runs the same modules, exported in two parts (`describe`,

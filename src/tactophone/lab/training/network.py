@@ -2,10 +2,10 @@
 
 Fifteen hidden layers: 1024, 512 and 256 wide, then ten of 256 with residual connections ``x + relu(W x + b)``, then
 128 and 64; three outputs, log-softmax. On two channels it has 1,882,755 parameters (Pätzold et al. 2023, section
-III-B; names from github.com/AIS-Bonn/Roughness_Sensing).
+III-C; names from github.com/AIS-Bonn/Roughness_Sensing).
 
 Training windows are indices into one shared signal. The authors' code copies every window of 512 samples at a hop of
-one, 34 GB for their 80 minutes of sound. Here a window is the index of its first sample; the loudness of all windows
+one, 34 GB for their 70 minutes of sound. Here a window is the index of its first sample; the loudness of all windows
 comes from one running sum.
 """
 

@@ -21,7 +21,7 @@ class Limits:
         Greatest amplitude, 0 to 1 of full drive. It may be assigned at any time, by any thread: gate, pipeline and
         renderer of a finger share one object, so that each applies the same ceiling from then on.
     lowest
-        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt Basslet (section III-D).
+        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt Basslet (section IV-B).
     highest
         End of the band in Hz.
     machine

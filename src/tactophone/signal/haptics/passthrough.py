@@ -1,4 +1,4 @@
-"""The sound itself as vibration, without a detector: what the paper's authors tried first (section III-C).
+"""The sound itself as vibration, without a detector: what the paper's authors tried first (section III-B).
 
 ``direct``: the contact microphone's sound goes to the actuator through a band-pass of the tactile range, an expander
 that suppresses noise, and a transient shaper. ``pitch``: the sound is shifted down by three octaves first, so that the

@@ -29,10 +29,10 @@ class Stimulus:
 
 
 ROUGH_STIMULUS = Stimulus(60.0, 0.0)
-"""Users called it *bumpy* (Pätzold et al. 2023, section III-D)."""
+"""The paper's authors describe it as *bumpy* (Pätzold et al. 2023, section III-D)."""
 
 SMOOTH_STIMULUS = Stimulus(120.0, -25.0)
-"""Users called it *fizzy* (ibid.)."""
+"""They describe it as *fizzy*."""
 
 
 @dataclass(frozen=True, slots=True)

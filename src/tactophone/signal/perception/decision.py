@@ -63,7 +63,7 @@ class Decision:
     def decide(self, probabilities: Probabilities, *, contact: bool) -> tuple[Touch, float]:
         """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
 
-        Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
+        Missing contact overrides the network, whose own *none* is trained but not used (paper, section IV-C).
         """
         if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
             # A window without contact, or with unknown sound, neither counts towards confirmation nor, for up to

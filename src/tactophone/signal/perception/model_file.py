@@ -68,7 +68,7 @@ class Gate:
     """
 
     threshold_dbfs: float
-    """Level from which there is contact; "slightly over the noise floor" (paper, section III)."""
+    """Level from which there is contact; the paper's "slightly exceeds" the noise floor (section III-C)."""
     rule: LoudnessRule = "rms"
     """How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors' code, ``banded`` without
     hum."""
