@@ -1,6 +1,7 @@
 """The documentation builds, fetches nothing, and refers only to what exists."""
 
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -114,6 +115,13 @@ def commands_of(page: Path) -> list[list[str]]:
 def test_the_command_line_takes_each_command_that_a_page_shows(page: Path) -> None:
     for words in commands_of(page):
         assert _parse(words, words[0]).verb == words[0], words
+
+
+def test_the_page_of_what_may_be_tuned_is_fresh() -> None:
+    page = ROOT / "docs" / "reference" / "tuning.md"
+    fresh = runpy.run_path(str(ROOT / "scripts" / "tuning.py"))["page"]()
+    assert page.read_text() == fresh, "run python scripts/tuning.py"
+    assert fresh.count("\n| `") > 100
 
 
 def test_the_glossary_is_one_page_of_at_most_20_terms() -> None:
