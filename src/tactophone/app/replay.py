@@ -47,6 +47,12 @@ from tactophone.signal.pipeline import Hand, Pipeline
 
 Change = Callable[[Settings], Settings]
 
+LONGEST_GAP = 1.0
+"""Seconds without sound that are rendered as silence; a longer gap, such as a night, is noted and left out."""
+
+MOST_NOTED = 10
+"""Most gaps that are noted one by one."""
+
 _NOWHERE: Address = ("", 0)
 _CALIBRATION, _MODEL, _CEILING = "detector.calibration", "detector.model", "rendering.ceiling"
 
@@ -257,6 +263,8 @@ class Replay:
     missed: int = 0
     """Bytes and predictions that the log lacks, because they were not read in time."""
     processes: int = 0
+    gaps: int = 0
+    """Gaps over `LONGEST_GAP` that were left out."""
     notes: list[str] = field(default_factory=list)
     lowered: bool = False
     """Whether a ceiling in the log was above the bound; the comparison then says nothing."""
@@ -305,8 +313,20 @@ class Replay:
                 command = step.commands[number] if step.commands else HapticCommand(math.nan, math.nan, prediction.end)
                 logged = LoggedPrediction(prediction, command, step.finger)
                 self._computed[step.finger].append((logged, certain))
+            self._leave_out(step.block.start + self._offset - self._end, step.block.sample_rate)
             self._end = max(self._end, step.block.end + self._offset)
             yield _shifted(step, self._offset) if self._offset else step
+
+    def _leave_out(self, gap: int, rate: int) -> None:
+        """Move what follows a long gap to its beginning: time is an allocation too."""
+        if gap <= LONGEST_GAP * rate:
+            return
+        self._offset -= gap
+        self.gaps += 1
+        if self.gaps <= MOST_NOTED:
+            self.notes.append(f"{gap / rate:.0f} s without sound at {self._end / rate:.2f} s are left out")
+        elif self.gaps == MOST_NOTED + 1:
+            self.notes.append("further long gaps are left out too")
 
     def _compare(self) -> None:
         # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
@@ -404,30 +424,17 @@ class SoundDecoder:
                         yield event
 
 
-def decoded_sessions(entries: Iterable[LogEntry]) -> Iterator[list[AudioBlock]]:
-    """Return the blocks of sound of each session in a log; sessions without sound are left out."""
-    blocks: list[AudioBlock] = []
+def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBlock]]:
+    """Yield the blocks of sound in a log, each with the number of its session; a gap over `LONGEST_GAP` begins one."""
+    number, reached = 0, None
     for item in SoundDecoder().push(entries):
-        if isinstance(item, AudioBlock):
-            blocks.append(item)
-        elif blocks:
-            yield blocks
-            blocks = []
-    if blocks:
-        yield blocks
-
-
-def joined(blocks: Iterable[AudioBlock]) -> FloatArray:
-    """Join blocks to one array, ``(samples, channels)``; gaps too long to be concealed are silence."""
-    parts: list[FloatArray] = []
-    reached = 0
-    for block in blocks:
-        if block.start > reached and parts:
-            parts.append(np.zeros((block.start - reached, block.channels), np.float32))
-        parts.append(block.samples)
-        reached = block.end
-    channels = max(part.shape[1] for part in parts)
-    return np.concatenate([part if part.shape[1] == channels else np.repeat(part, channels, axis=1) for part in parts])
+        if not isinstance(item, AudioBlock):
+            reached = None
+            continue
+        if reached is None or not 0 <= item.start - reached <= LONGEST_GAP * LIVE_SAMPLE_RATE:
+            number += 1
+        reached = item.end
+        yield number, item
 
 
 @dataclass(frozen=True, slots=True)
@@ -442,7 +449,8 @@ class SessionSound:
 def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
     """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
 
-    Raises `DatasetError` if the log has no such finger or no sound: a link may carry predictions only.
+    Gaps too long to be concealed are silence; over `LONGEST_GAP` another file begins. Raises `DatasetError` if the log
+    has no such finger or no sound: a link may carry predictions only.
     """
     start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
     settings = settings_of(start)
@@ -450,21 +458,41 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
     if finger and finger not in names:
         known = f"there are {', '.join(names)}" if any(names) else "it has a single, unnamed finger"
         raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
-    written = []
-    for number, blocks in enumerate(decoded_sessions(read_log(log)), 1):
-        sound = joined(blocks)
-        if max(1, sound.shape[1] // 2) != len(names):
+    written: list[SessionSound] = []
+    for number, group in itertools.groupby(decoded_blocks(read_log(log)), key=lambda each: each[0]):
+        blocks = (block for _, block in group)
+        first = next(blocks)
+        if max(1, first.channels // 2) != len(names):
             continue  # of a robot with another number of fingers, which the operator refused
-        for place, (name, count) in enumerate(zip(names, channels, strict=True)):
-            if finger in ("", name):
-                parts = (log.stem, name, "" if number == 1 else str(number))
-                path = folder / f"{'-'.join(filter(None, parts))}.wav"
-                make_room(path)
-                soundfile.write(path, sound[:, 2 * place : 2 * place + count], LIVE_SAMPLE_RATE, subtype="FLOAT")
-                written.append(SessionSound(path, number, name))
+        with ExitStack() as stack:
+            files = []
+            for place, (name, count) in enumerate(zip(names, channels, strict=True)):
+                if finger in ("", name):
+                    parts = (log.stem, name, "" if number == 1 else str(number))
+                    path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                    make_room(path)
+                    columns = slice(2 * place, min(2 * place + count, first.channels))
+                    size = columns.stop - columns.start
+                    file = soundfile.SoundFile(path, "w", LIVE_SAMPLE_RATE, size, "FLOAT")
+                    files.append((stack.enter_context(file), columns))
+                    written.append(SessionSound(path, number, name))
+            for samples in _without_gaps(itertools.chain([first], blocks)):
+                for file, columns in files:
+                    file.write(samples[:, columns])
     if not written:
         raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
     return written
+
+
+def _without_gaps(blocks: Iterable[AudioBlock]) -> Iterator[FloatArray]:
+    """Yield the samples of blocks with silence between them where some are missing, all with as many channels."""
+    reached = channels = 0
+    for block in blocks:
+        channels = channels or block.channels
+        if reached and block.start > reached:
+            yield np.zeros((block.start - reached, channels), np.float32)
+        reached = block.end
+        yield block.samples if block.channels == channels else np.repeat(block.samples, channels, axis=1)[:, :channels]
 
 
 def add_sound(log: Path, path: Path) -> Path:

@@ -222,6 +222,9 @@ def _remember(folder: Path, name: str, found: "Found") -> None:
     """Trust the other end from now on, and keep the secrets from which both derive the next code."""
     from tactophone.net.link.identity import Peers, write_private
 
+    if dict(Peers.load(folder).items()).get(name, found.fingerprint) != found.fingerprint:
+        output.warn(f"not remembered: {name} is the name of another machine in peers.txt; choose another name")
+        return
     path = _secret_path(folder, name)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     draft = path.with_name(f".{name}.{secrets.token_hex(4)}")

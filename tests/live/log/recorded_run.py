@@ -1,5 +1,6 @@
 """A run in virtual time, recorded: the operator's end over an impaired link, with its log."""
 
+import itertools
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -10,11 +11,12 @@ import numpy as np
 import pytest
 from benchmarks.virtual_link import VirtualLink, paired_sessions
 
+from tactophone.app.replay import _without_gaps, decoded_blocks
 from tactophone.core.hand import channels_of, each_finger, with_fingers
 from tactophone.core.settings import Settings, change
-from tactophone.core.types import AudioBlock
+from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
-from tactophone.live.log.mcap import McapLog
+from tactophone.live.log.mcap import LogEntry, McapLog
 from tactophone.live.runtime.gate import OutputGate
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.runtime.wiring import open_pipeline_for
@@ -142,3 +144,13 @@ def decoded(path: Path, topic: str) -> list[Any]:
         pool.Add(described)
     kind = factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
     return [kind.FromString(message.data) for _, _, message in found]
+
+
+def decoded_sessions(entries: Iterable[LogEntry]) -> list[list[AudioBlock]]:
+    """Return the blocks of each session of a log."""
+    grouped = itertools.groupby(decoded_blocks(entries), key=lambda each: each[0])
+    return [[block for _, block in group] for _, group in grouped]
+
+
+def joined(blocks: Iterable[AudioBlock]) -> FloatArray:
+    return np.concatenate(list(_without_gaps(blocks)))

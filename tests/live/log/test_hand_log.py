@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.replay import (
-    Replay,
-    add_sound,
-    decoded_sessions,
-    joined,
-    settings_of,
-    write_replay,
-    write_sound,
-)
+from tactophone.app.replay import Replay, add_sound, settings_of, write_replay, write_sound
 from tactophone.cli import main
 from tactophone.core.errors import DatasetError
 from tactophone.core.settings import change
@@ -26,7 +18,7 @@ from tactophone.live.telemetry.records import RunStart
 from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
-from tests.live.log.recorded_run import RecordedOperator, decoded, messages, record
+from tests.live.log.recorded_run import RecordedOperator, decoded, decoded_sessions, joined, messages, record
 from tests.models import write_tiny_model
 from tests.sounds import blocks, strokes
 

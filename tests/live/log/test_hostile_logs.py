@@ -7,15 +7,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.replay import Replay
+from tactophone.app.replay import Replay, write_replay, write_sound
 from tactophone.cli import main
 from tactophone.core.errors import TactophoneError
-from tactophone.live.log.log_topics import CONTROLS, PACKETS, RUN
-from tactophone.live.log.mcap import FORMAT, LARGEST_CHUNK, MAGIC, read_log
+from tactophone.live.log.log_topics import CONTROLS, PACKETS, RUN, Message, Packets, topics_of
+from tactophone.live.log.mcap import FORMAT, LARGEST_CHUNK, MAGIC, LogFile, read_log
+from tactophone.live.telemetry.records import EventBatch, RunStart
+from tactophone.net.link.events import Connected, PacketReceived, write_event
+from tactophone.net.link.packet import Packet, Payload, PayloadType
 from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
@@ -189,3 +193,29 @@ def test_a_log_cannot_raise_this_machines_ceiling_and_the_user_can(
 def test_only_its_user_reads_a_log(tmp_path: Path) -> None:
     log = record(tmp_path / "run.mcap", write_tiny_model(tmp_path / "tiny.onnx"))
     assert log.stat().st_mode & 0o777 == 0o600
+
+
+def _with_gap(path: Path, samples: int) -> Path:
+    """Write a log of two seconds of sound, whose timestamps jump by so many samples after the first."""
+    connected = write_event(Connected("robot", 1, 2))
+    batches, size = [EventBatch(100.0, (connected,))], 240
+    for number in range(400):
+        timestamp = 1000 + number * size + (samples if number >= 200 else 0)
+        payload = Payload(PayloadType.L16_STEREO, timestamp % (1 << 32), b"\x10\x00\xf0\x00" * size)
+        event = write_event(PacketReceived(bytes(Packet(number, 1, payload)), False))
+        batches.append(EventBatch(round(100 + number * 0.005, 5), (event,)))
+    with LogFile(path, topics_of([""], sound=False)) as log:
+        log.write(Message(RUN, 0.0, msgspec.json.encode(RunStart(role="operator", settings={}, epoch=1.7e9))))
+        log.write(Message(PACKETS, 0.0, msgspec.json.encode(Packets(batches))))
+        log.end_chunk()
+    return path
+
+
+def test_a_jump_in_time_is_noted_and_takes_neither_memory_nor_disk(tmp_path: Path) -> None:
+    log = _with_gap(tmp_path / "run.mcap", 1 << 28)
+    replay = Replay(read_log(log))
+    (finger,) = write_replay(replay, tmp_path / "out", "run")
+    assert soundfile.info(finger.files["vibration"]).duration == pytest.approx(2.0, abs=0.2)
+    assert any("5592 s without sound at 1.00 s are left out" in note for note in replay.notes)
+    sounds = write_sound(log, tmp_path)
+    assert [soundfile.info(each.path).frames for each in sounds] == [48_000, 48_000]

@@ -13,7 +13,7 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactophone.app.replay import Comparison, Replay, add_sound, decoded_sessions, joined, write_replay, write_sound
+from tactophone.app.replay import Comparison, Replay, add_sound, write_replay, write_sound
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import prediction_of
 from tactophone.core.settings import change
@@ -36,7 +36,7 @@ from tactophone.live.telemetry.layout import PREDICTION_RECORD, FingerState, Sta
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
-from tests.live.log.recorded_run import RecordedOperator, decoded, messages, record
+from tests.live.log.recorded_run import RecordedOperator, decoded, decoded_sessions, joined, messages, record
 from tests.models import write_tiny_model
 from tests.node import NODE, needs_node
 

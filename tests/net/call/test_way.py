@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import pytest
 
 from tactophone.core.errors import DeviceError
-from tactophone.net.link.udp import Address
+from tactophone.net.link.udp import CLOSED_READS, MAX_STUN, STUN_COOKIE, Address
 from tactophone.net.link.way import PEER, READING, SILENT, WANTED, Way, WaySocket, read_kept
 
 CHANNEL, STREAM = 0x4001, 0x01020304
 SRTP = b"\x80\x60" + bytes(6) + STREAM.to_bytes(4) + b"sound"
 FOREIGN = b"\x80\x60" + bytes(6) + b"\xff\xff\xff\xff" + b"sound"
-STUN, HELLO = b"\x01\x01 answer", b"\x16\xfe\xfd hello"
+STUN = b"\x01\x01\0\0" + STUN_COOKIE.to_bytes(4) + bytes(12)
+HELLO = b"\x16\xfe\xfd hello"
 
 
 @dataclass
@@ -89,6 +90,45 @@ def test_a_stranger_who_floods_the_port_delays_no_sound(ends: Ends) -> None:
     assert (SRTP, PEER) in received
     # Not one datagram of the stranger bears the peer's address.
     assert [source for _, source in received].count(PEER) == 1
+
+
+def test_stun_without_its_cookie_or_with_a_length_of_its_own_stays_in_the_kernel(ends: Ends) -> None:
+    ends.own.follow((PEER, frozenset({STREAM})))
+    odd = b"\0\1\0\3" + STUN_COOKIE.to_bytes(4) + bytes(15)
+    chosen = b"\3\0\0\0" + STUN_COOKIE.to_bytes(4) + b"password"
+    for forged in (b"\0\1\0\0" + bytes(16), b"\2" + bytes(60), b"\0", odd):
+        assert ends.arrives(wrap(ends, forged), wrap(ends, SRTP)) == [(SRTP, PEER)]
+    assert ends.arrives(wrap(ends, chosen), wrap(ends, SRTP)) == [(SRTP, PEER)]
+    assert ends.kept() == [wrap(ends, chosen)]
+
+
+def test_a_flood_of_stun_from_the_peers_address_closes_it_for_a_second_and_leaves_the_sound_alone(ends: Ends) -> None:
+    """A keeper gets eight messages of a read, then none for a while, and then again some."""
+    ends.own.follow((PEER, frozenset({STREAM})))
+    found = ends.arrives(*[wrap(ends, STUN)] * 100, *[wrap(ends, SRTP)] * 20)
+    found += ends.own.receive(0)
+    assert [content for content, _ in found].count(SRTP) == 20
+    assert len(ends.kept()) == MAX_STUN
+    assert ends.arrives(*[wrap(ends, STUN)] * 500, wrap(ends, SRTP)) == [(SRTP, PEER)]
+    assert ends.kept() == []
+    for _ in range(CLOSED_READS):
+        ends.own.receive(0)
+    assert ends.arrives(wrap(ends, STUN), wrap(ends, SRTP)) == [(SRTP, PEER)]
+    assert len(ends.kept()) == 1
+
+
+def test_a_flood_of_stun_from_strangers_reaches_the_keeper_eight_at_a_time(ends: Ends) -> None:
+    if ends.own.channel:
+        pytest.skip("nobody but the relay reaches the socket")
+    ends.own.follow((PEER, frozenset({STREAM})))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for _ in range(500):
+            stranger.sendto(STUN, ends.own.address)
+    for _ in range(8):
+        assert (SRTP, PEER) in ends.arrives(SRTP)
+    assert 0 < len(ends.kept()) <= MAX_STUN
+    assert ends.arrives(STUN, SRTP) == [(SRTP, PEER)]  # the peer's own still passes
+    assert ends.kept() == [STUN]
 
 
 def test_what_a_relay_sends_in_another_channel_or_cut_is_dropped(ends: Ends) -> None:

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -283,7 +284,7 @@ def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, 
 def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
     """Return what is wrong with a pair of mono files, empty if nothing, and whether it forbids to join them."""
     try:
-        one, two = (Recording(path, "").read() for path in (contact, air))
+        one, two = (_shape(path) for path in (contact, air))
     except DatasetError as error:
         return f"its pair cannot be read: {error}", True
     name, rate = air.name, one.sample_rate
@@ -295,8 +296,12 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
     if difference > MOST_DIFFERENCE:
         return f"{name} differs in length by {difference:.3f} s; cut both to the same touch", True
     size = min(one.size, two.size)
-    halves = slice(size // 2), slice(size // 2, size)
-    lags = [measure_lag(one.samples[half, 0], two.samples[half, 0], rate) for half in halves]
+    try:
+        powers = [_cell_powers(path, size, rate) for path in (contact, air)]
+    except DatasetError as error:
+        return f"its pair cannot be read: {error}", True
+    middle = len(powers[0]) // 2
+    lags = [_lag(*(_level_of(power[half]) for power in powers)) for half in (slice(middle), slice(middle, None))]
     if min(correlation for _, correlation in lags) < LEAST_CORRELATION:
         return f"whether {name} is in step is unknown: the levels do not correlate", False
     begin, end = (1000 * seconds for seconds, _ in lags)
@@ -305,6 +310,29 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
     if abs(end - begin) > 1000 * MOST_LAG:
         return f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock", True
     return f"{name} is {begin:+.0f} ms out of step; shift it by that and import again", True
+
+
+class _Shape(NamedTuple):
+    sample_rate: int
+    channels: int
+    size: int
+
+
+def _shape(path: Path) -> _Shape:
+    with open_sound(path) as file:
+        return _Shape(file.samplerate, file.channels, len(file))
+
+
+def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
+    """Return the power of each cell of a mono file, read in blocks: an hour of silence is a small file."""
+    cell, last, parts = max(1, round(LAG_CELL * rate)), None, [np.empty(0)]
+    with open_sound(path) as file:
+        for block in file.blocks(cell * max(1, READ_SIZE // cell), dtype="float32", frames=size):
+            # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
+            change = np.diff(block, prepend=block[:1] if last is None else last).astype(np.float64)
+            last = block[-1:]
+            parts.append(np.square(change[: len(change) // cell * cell]).reshape(-1, cell).mean(axis=1))
+    return np.concatenate(parts)
 
 
 def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> tuple[float, float]:
@@ -318,8 +346,13 @@ def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: i
     0.02
     """
     size = max(1, round(LAG_CELL * rate))
-    levels = [_level(sound, size) for sound in (first, second)]
-    count, reach = len(levels[0]), round(LONGEST_LAG / LAG_CELL)
+    return _lag(*(_level(sound, size) for sound in (first, second)))
+
+
+def _lag(*levels: NDArray[np.float64]) -> tuple[float, float]:
+    """Return by how many s the second of two levels is late, and their correlation at it."""
+    count, reach = min(map(len, levels)), round(LONGEST_LAG / LAG_CELL)
+    levels = tuple(level[:count] for level in levels)
     norm = float(np.linalg.norm(levels[0]) * np.linalg.norm(levels[1]))
     if count < 2 or norm == 0:
         return 0.0, 0.0
@@ -328,12 +361,16 @@ def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: i
     correlation = np.fft.irfft(spectra[1] * spectra[0].conj(), 2 * count) / norm
     lags = np.arange(-min(reach, count - 1), min(reach, count - 1) + 1)
     best = int(lags[np.argmax(correlation[lags])])
-    return best * size / rate, float(correlation[best])
+    return best * LAG_CELL, float(correlation[best])
 
 
 def _level(sound: NDArray[np.float32], size: int) -> NDArray[np.float64]:
     # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
     change = np.diff(sound, prepend=sound[:1]).astype(np.float64)
     power = np.square(change[: len(change) // size * size]).reshape(-1, size).mean(axis=1)
+    return _level_of(power)
+
+
+def _level_of(power: NDArray[np.float64]) -> NDArray[np.float64]:
     level = 10 * np.log10(power + LAG_FLOOR)
     return np.asarray(level - level.mean()) if len(level) else level

@@ -81,13 +81,12 @@ def copy_as_flac(source: Path, target: Path) -> None:
 
 def join_as_flac(contact: Path, air: Path, target: Path) -> None:
     """Write two mono files as one FLAC file, contact and air, as long as the shorter; errors as `copy_as_flac`."""
-    infos = [soundfile.info(path) for path in (contact, air)]
-    # As integers, so that PCM stays bit by bit.
-    sounds = [soundfile.read(path, dtype="int32")[0] for path in (contact, air)]
-    size = min(map(len, sounds))
-    samples = np.stack([sound[:size] for sound in sounds], axis=1)
-    subtype = "PCM_16" if all(info.subtype == "PCM_16" for info in infos) else "PCM_24"
-    _write_flac(target, [samples], int(infos[0].samplerate), 2, subtype, size=size)
+    with soundfile.SoundFile(contact) as one, soundfile.SoundFile(air) as two:
+        size = min(len(one), len(two))
+        # As integers, so that PCM stays bit by bit.
+        pairs = zip(*(file.blocks(READ_SIZE, dtype="int32", frames=size) for file in (one, two)), strict=True)
+        subtype = "PCM_16" if one.subtype == two.subtype == "PCM_16" else "PCM_24"
+        _write_flac(target, (np.stack(pair, axis=1) for pair in pairs), one.samplerate, 2, subtype, size=size)
 
 
 def _write_flac(

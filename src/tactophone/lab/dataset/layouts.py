@@ -317,7 +317,11 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".csv" and path.name != LABELS)
     for done, path in enumerate(files, 1):
         progress(done)
-        sound = _read_pac(path)
+        try:
+            sound = _read_pac(path)
+        except (ValueError, AssertionError, IndexError) as error:  # of text that is no UTF-8, too
+            problems.append(Problem(path, "columns", f"no table of numbers ({str(error)[:80]}); left out"))
+            continue
         if sound is None:
             problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
             continue

@@ -7,12 +7,16 @@ consent (RFC 7675), to answer the other end's checks, and to refresh the relay's
 
 import asyncio
 import contextlib
+import ipaddress
 import math
 import socket
+from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import aioice
+import msgspec
 from aioice import stun
 from aioice.turn import TurnTransport
 
@@ -20,6 +24,7 @@ from tactophone.core.errors import DeviceError
 from tactophone.core.settings import Call
 from tactophone.net.call.messages import Address, Nat, Offer
 from tactophone.net.link.packet import split_address
+from tactophone.net.link.udp import STUN_COOKIE
 from tactophone.net.link.way import READING, SILENT, WANTED, Way, read_kept
 
 GATHER_TIMEOUT = 1.5
@@ -31,9 +36,16 @@ ICE_TIMEOUT = 6.0
 CHANNEL_REFRESH = 240
 """Seconds until a relay's channel is bound again: before its permission ends after 300 (RFC 8656 section 9)."""
 
-_CHOSEN = b"\x03"
-"""First byte of the word by which the controlling end says which way it has chosen: in STUN's range (RFC 7983), so that
-it passes every filter, but no STUN message."""
+_CHOSEN = b"\x03\0\0\0" + STUN_COOKIE.to_bytes(4)
+"""Begin of the word by which the controlling end says which way it has chosen: with STUN's first byte and cookie, so
+that it passes every filter, but of a type that no STUN message has."""
+
+LEAST_PORT = 1024
+"""Ports below are of services, such as a router's 53; an end of a call has one that its system or router chose."""
+
+MOST_ADDRESSES, MOST_OF_A_HOST = 16, 4
+"""Most addresses of the other end that are tried, and most of one machine: the other end chooses where this machine
+sends, and aioice has no limit."""
 
 RELAY_DELAY = 0.4
 """Seconds that direct ways are tried alone: the first check of one end is lost at the other's router, and is repeated
@@ -47,6 +59,28 @@ STRAGGLER_TIMEOUT = 0.3
 
 CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
 """Seconds from one repetition of that word to the next, and until the end gives up."""
+
+
+def allowed(addresses: Sequence[Address]) -> list[Address]:
+    """Return the addresses to which an end of a call may be asked to send, the most preferred first.
+
+    None of this machine, of this cable (but IPv6 has no other without a router), of a group or reserved, and no network
+    service by its port: what a stranger names is not to reach a router or a cloud's metadata.
+
+    >>> [each.host for each in allowed([Address("host", host, 4000, 1, "f000") for host in
+    ...     ("192.168.1.7", "127.0.0.1", "169.254.169.254", "224.0.0.251", "2001:db8::7", "::1", "240.0.0.1")])]
+    ['192.168.1.7', '2001:db8::7']
+    """
+    found: list[Address] = []
+    of_host: Counter[str] = Counter()
+    for each in sorted(addresses, key=lambda each: -each.priority):
+        host = ipaddress.ip_address(each.host)
+        refused = host.is_multicast or host.is_reserved or host.is_loopback or host.is_unspecified or host.is_link_local
+        if refused or each.port < LEAST_PORT or of_host[each.host] == MOST_OF_A_HOST:
+            continue
+        of_host[each.host] += 1
+        found.append(each)
+    return found[:MOST_ADDRESSES]
 
 
 class Server:
@@ -126,6 +160,7 @@ class Finder:
         end's. Raises `ConnectionError` or `TimeoutError` if there is none.
         """
         ice = self._ice
+        offer = msgspec.structs.replace(offer, addresses=allowed(offer.addresses))
         ice.remote_username, ice.remote_password = offer.user, offer.password
         # Known to the two ends alone, as it came through the mailbox under their key.
         self._word = _CHOSEN + (ice.local_password if self._controls else offer.password).encode()

@@ -18,7 +18,7 @@ from typing import Self, TypeAlias
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
-from tactophone.net.link.udp import CHANNEL_HEADER, END_OF_STUN, UdpSocket, prepare, set_filter
+from tactophone.net.link.udp import CHANNEL_HEADER, UdpSocket, is_stun, prepare, set_filter
 
 Keeper: TypeAlias = socket
 """The live side's end of a pair of sockets, to the process that finds the way and keeps it open."""
@@ -167,11 +167,6 @@ def channel_content(datagram: bytes, channel: int) -> bytes:
         return b""
     end = CHANNEL_HEADER + int.from_bytes(datagram[2:CHANNEL_HEADER])
     return datagram[CHANNEL_HEADER:end] if end <= len(datagram) else b""
-
-
-def is_stun(datagram: bytes) -> bool:
-    """Whether a datagram is for the process that keeps the way open, by its first byte."""
-    return bool(datagram) and datagram[0] < END_OF_STUN
 
 
 def write_kept(datagram: bytes, source: Address) -> bytes:

@@ -1,0 +1,30 @@
+"""Where the other end of a call may make this machine send."""
+
+import pytest
+
+pytest.importorskip("aioice")
+
+from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, allowed
+from tactophone.net.call.messages import Address
+
+
+def address(host: str, port: int = 40_000, priority: int = 1) -> Address:
+    return Address("host", host, port, priority, "f000")
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["224.0.0.251", "239.255.255.250", "169.254.169.254", "127.0.0.1", "0.0.0.0", "240.0.0.1", "255.255.255.255",
+     "::1", "::", "ff02::fb", "fe80::1", "::ffff:169.254.169.254"],
+)  # fmt: skip
+def test_no_group_no_cable_and_no_reserved_address_is_sent_to(host: str) -> None:
+    assert allowed([address(host)]) == []
+
+
+def test_few_addresses_are_tried_fewer_of_one_machine_and_no_service() -> None:
+    scan = [address("203.0.113.5", port) for port in range(2_000, 2_064)]
+    assert len(allowed(scan)) == MOST_OF_A_HOST
+    many = [address(f"10.2.0.{number}", priority=number) for number in range(1, 61)]
+    found = allowed(many)
+    assert [each.priority for each in found] == list(range(60, 60 - MOST_ADDRESSES, -1))
+    assert allowed([address("10.2.0.1", 53)]) == []
