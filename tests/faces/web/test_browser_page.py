@@ -171,7 +171,7 @@ def test_by_the_microphone_the_words_are_the_products(listener: webdriver.Chrome
     listener.get(f"{address}?threshold={THRESHOLD_DBFS}")
     listener.find_element(By.ID, "start").click()
     wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
-    time.sleep(14)
+    wait(listener, lambda: len(history(listener)) > 1100, 30)
     found = history(listener)
     listener.find_element(By.ID, "stop").click()
     assert text(listener, "status") == "Stopped."
