@@ -5,7 +5,7 @@ BIN     = $(VENV)/bin
 # Stamps: what the demo needs is installed, and what everything else needs, which includes it.
 DEMO    = $(VENV)/.demo
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples integrations hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py scripts/tuning.py
+CODE    = src tests benchmarks examples integrations hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py scripts/paper_page.py scripts/tuning.py
 # One worker a core: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 CORES  := $(shell nproc)

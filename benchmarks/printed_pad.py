@@ -38,7 +38,8 @@ LEAN = 30.0
 """Of the printed bed, in degrees."""
 
 ROWS = [
-    *(("Shore 00-30", tilt) for tilt in (30.0, 0.0, 60.0)),
+    ("Shore 00-30", LEAN),
+    ("Shore 00-30", 0.0),  # as at 60: 30 degrees from the bed's axis
     *((name, LEAN) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
     *((None, tilt) for tilt in (0.0, 30.0, 60.0)),
 ]

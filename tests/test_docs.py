@@ -1,15 +1,18 @@
 """The documentation builds, fetches nothing, and refers only to what exists."""
 
+import importlib.util
 import re
 import runpy
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tactophone.cli import _parse
+from tactophone.cli import _parse, main
 from tests.node import needs_node
 
 ROOT = Path(__file__).parent.parent
@@ -90,6 +93,28 @@ def test_tests_that_pages_name_without_their_file_exist() -> None:
     named = {(page.name, name) for page in PAGES for name in re.findall(r"`(test_\w+)`", page.read_text())}
     assert len(named) > 20
     assert not {(page, name) for page, name in named if name not in known}
+
+
+def paper_points() -> list[dict[str, Any]]:
+    return tomllib.loads((ROOT / "docs" / "reference" / "paper.toml").read_text())["point"]
+
+
+def test_the_page_about_the_paper_is_what_its_points_make() -> None:
+    spec = importlib.util.spec_from_file_location("paper_page", ROOT / "scripts" / "paper_page.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    page = script.PAGE.read_text()
+    assert script.written(page) == page, "run python scripts/paper_page.py"
+    numbers = [point["number"] for point in paper_points()]
+    assert len(set(numbers)) == len(numbers)
+
+
+@pytest.mark.parametrize("point", [p for p in paper_points() if p.get("run")], ids=lambda point: str(point["number"]))
+def test_each_cheap_command_of_the_page_about_the_paper_runs(point: dict[str, Any]) -> None:
+    for words in re.findall(r"`tactophone ([^`]+)`", point["command"]):
+        assert main(shlex.split(words)) == 0
 
 
 def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -> None:
