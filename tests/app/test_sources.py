@@ -47,11 +47,13 @@ def test_an_error_names_what_cannot_be_opened() -> None:
 
 def test_a_recording_of_a_data_set_has_its_truth(tmp_path: Path) -> None:
     folder = audiofolder(tmp_path)
-    with recorded(FileSource(folder / "audio" / "00_0.flac", block_size=480)) as opened:
+    file = FileSource(folder / "audio" / "00_0.flac", block_size=480)
+    with recorded(file, file.path, file.duration) as opened:
         truths = {opened.truth_of() for _ in opened}
     assert Touch.ROUGH in truths
 
 
 def test_a_recording_without_a_data_set_has_no_truth(tmp_path: Path) -> None:
-    with recorded(FileSource(write_sound(tmp_path / "a.wav"), block_size=480)) as opened:
+    file = FileSource(write_sound(tmp_path / "a.wav"), block_size=480)
+    with recorded(file, file.path, file.duration) as opened:
         assert {opened.truth_of() for _ in opened} == {-1}

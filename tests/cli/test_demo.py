@@ -49,3 +49,20 @@ def test_a_recording_may_replace_the_finger(tmp_path: Path, capsys: pytest.Captu
     sound = write_sound(tmp_path / "stroke.wav")
     assert main(["demo", "--out", str(tmp_path / "out"), "--recording", str(sound), "--json"]) == 0
     assert Path(json.loads(capsys.readouterr().out)["picture"]).exists()
+
+
+def test_a_recording_that_begins_in_contact_is_touch_as_it_is_in_feel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    samples = np.random.default_rng(0).normal(scale=0.1, size=(4 * 48_000, 2))
+    samples[2 * 48_000 :] *= 1e-3
+    soundfile.write(tmp_path / "touch.wav", samples.clip(-1, 1) + 0.05, 48_000)
+    command = ["demo", "--out", str(tmp_path), "--recording", str(tmp_path / "touch.wav"), "--json"]
+    assert main(command) == 0
+    live = read_timeline(Path(json.loads(capsys.readouterr().out)["timeline"]))
+    assert main(["feel", str(tmp_path / "touch.wav"), "--json", "--out", str(tmp_path)]) == 0
+    (felt,) = json.loads(capsys.readouterr().out)
+    inside = (live["time"] > 0.5) & (live["time"] < 1.8)
+    assert (live["touch"][inside] != Touch.NONE).mean() > 0.95
+    assert (live["touch"][live["time"] > 2.6] == Touch.NONE).all()
+    assert felt["contact"] == pytest.approx(0.5, abs=0.1)

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.app.prepare import Preparation, PreparedSource
+from tactophone.app.sources import recorded
+from tactophone.core.hand import each_finger
+from tactophone.core.settings import Finger, Settings
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import AudioBlock, ChangedSource, PipelineStep, Source
 from tactophone.lab.dataset.read import find_recording
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, take_of
-from tactophone.live.audio.files import FileSource
+from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.perception.detector import TouchDetector
@@ -89,6 +92,7 @@ class OpenRecording:
 def open_recording(
     path: str | Path, model: str | Model = "", *, profile: str = "paper", limits: Limits | None = None,
     fast_contact: bool = True, events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
+    block_size: int = 4096,
 ) -> OpenRecording:  # fmt: skip
     """Open a recording and a pipeline for it, as ``tactophone feel`` does.
 
@@ -101,6 +105,8 @@ def open_recording(
         As for `open_pipeline`, like the parameters after it.
     threshold_dbfs
         Level from which there is contact, in dB of full scale; by default just over the recording's noise floor.
+    block_size
+        Samples in each block of the sound.
 
     Raises
     ------
@@ -121,7 +127,7 @@ def open_recording(
                 print(prediction.end, prediction.touch.name)
         print(recording.notes)
     """
-    file = FileSource(path)
+    file = FileSource(path, block_size=block_size)
     known = find_recording(path)
     source = _Exchanged(file) if known and known.channels == ("air", "contact") else file
     preparation = Preparation.of(source)
@@ -182,3 +188,29 @@ class _Exchanged(ChangedSource):
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._source:
             yield replace(block, samples=np.ascontiguousarray(block.samples[:, ::-1]))
+
+
+def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:
+    """Open the recording of a finger's settings, ``capture.device``, with their model, tip, profile and threshold."""
+    return open_recording(
+        settings.capture.device, settings.detector.model, profile=settings.rendering.profile, tip=settings.capture.tip,
+        threshold_dbfs=settings.detector.threshold_dbfs, block_size=block_size,
+    )  # fmt: skip
+
+
+def corrected_source(settings: Settings) -> Source:
+    """Open the recordings of all fingers as one live source, corrected as `open_recording` does."""
+    opened = [open_settings(own, block_size=settings.capture.block_size) for own in each_finger(settings)]
+    sources = [recorded(each.sound, each.path, each.duration) for each in opened]
+    return CombinedSource(sources) if settings.is_hand else sources[0]
+
+
+def with_own_thresholds(settings: Settings) -> Settings:
+    """Return settings with the contact threshold of each finger's recording, where none is given."""
+
+    found = [open_settings(own).pipeline.detector.threshold.dbfs for own in each_finger(settings)]
+    if not settings.is_hand:
+        return replace(settings, detector=replace(settings.detector, threshold_dbfs=found[0]))
+    fingers = zip(settings.fingers, found, strict=True)
+    name = "detector.threshold_dbfs"
+    return replace(settings, fingers=tuple(Finger(each.name, (*each.settings, (name, own))) for each, own in fingers))

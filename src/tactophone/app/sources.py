@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from tactophone.core import extras
@@ -16,7 +17,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports would slow down --help
     from tactophone.core.types import AudioBlock, Source
-    from tactophone.live.audio.files import FileSource, RecordedSource
+    from tactophone.live.audio.files import RecordedSource
     from tactophone.live.runtime.wiring import OpenSource
 
 SETTLING = 0.5
@@ -61,21 +62,25 @@ def open_source(settings: Settings) -> "Source":
         if not own.capture.device:
             raise ConfigError("capture.source = 'file', but no file is named: give --source file:RECORDING")
     sources = [
-        recorded(FileSource(own.capture.device, block_size=capture.block_size, loop=capture.loop)) for own in fingers
+        recorded(file, file.path, file.duration)
+        for own in fingers
+        for file in [FileSource(own.capture.device, block_size=capture.block_size, loop=capture.loop)]
     ]
     return CombinedSource(sources) if settings.is_hand else sources[0]
 
 
-def recorded(source: "FileSource") -> "RecordedSource":
-    """Return a recording as a live source, with the labels of the data set that it belongs to."""
+def recorded(source: "Source", path: Path, duration: float) -> "RecordedSource":
+    """Return the sound of a recording as a live source, with the labels of the data set that the file belongs to."""
     from tactophone.lab.dataset.read import ground_truth
     from tactophone.lab.dataset.values import touch_at
     from tactophone.live.audio.files import RecordedSource
     from tactophone.signal.perception.resample import Resampler
 
     resampler = Resampler(source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels)
-    truth = ground_truth(source.path, duration=source.duration)
-    return RecordedSource(source, resample=resampler.push, label_at=partial(touch_at, segments=truth))
+    truth = ground_truth(path, duration=duration)
+    return RecordedSource(
+        source, duration=duration, resample=resampler.push, label_at=partial(touch_at, segments=truth)
+    )
 
 
 def _ros_source(topic: str) -> "Source":

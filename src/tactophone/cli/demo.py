@@ -83,12 +83,16 @@ def run(args: argparse.Namespace) -> int:
     output.make_folder(args.out)
     if not args.recording:
         output.log().print("a simulated finger strokes a smooth stone, then a rough one ...", style="dim")
-    settings = _with_sound(args, options.settings_of(args, USUAL))
+    given = options.settings_of(args, USUAL)
+    settings = _with_sound(args, given)
+    recorded = bool(args.recording) or (given.is_hand and settings is given)
     with nullcontext(settings.process.name) if settings.process.name else _free_name() as name:
-        return _demonstrate(args, change(settings, [*RECORDED, f"process.name={name}"]), name)
+        return _demonstrate(args, change(settings, [*RECORDED, f"process.name={name}"]), name, recorded=recorded)
 
 
-def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int:
+def _demonstrate(args: argparse.Namespace, settings: Settings, name: str, *, recorded: bool) -> int:
+    """Run both sides over the sound; one of the user's own recordings is opened as `tactophone feel` does."""
+    from tactophone.app.recordings import corrected_source, with_own_thresholds
     from tactophone.app.vibration_wav import RunRecorder, score_run
     from tactophone.lab.dataset.read import ground_truth
     from tactophone.live.audio.files import FileSource
@@ -100,7 +104,12 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     network = settings.simulation.network
     output.log().print(f"sending {duration:.0f} s of sound over {network}, in real time", style="dim")
     with (
-        runs.both_sides(settings, name=name, report=output.note) as sides,
+        runs.both_sides(
+            with_own_thresholds(settings) if recorded else settings,
+            name=name,
+            open_source=corrected_source if recorded else None,
+            report=output.note,
+        ) as sides,
         live.recorded(args, settings, name),
         page.shown(settings, name, page=page.wanted(args, settings)),
         PredictionLog(name, timeline, report=output.warn),

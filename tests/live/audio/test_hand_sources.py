@@ -24,7 +24,7 @@ def test_fingers_stand_side_by_side_and_the_shortest_ends_the_hand(tmp_path: Pat
         path = tmp_path / f"{number}.wav"
         soundfile.write(path, np.full((size, channels), 0.25 * (number + 1)), 48_000, subtype="FLOAT")
         source = FileSource(path, block_size=256)
-        sources.append(RecordedSource(source, resample=same, label_at=partial(label, number)))
+        sources.append(RecordedSource(source, duration=source.duration, resample=same, label_at=partial(label, number)))
     with CombinedSource(sources) as hand:
         blocks = list(hand)
         sound = np.concatenate([block.samples for block in blocks])

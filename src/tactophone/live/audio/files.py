@@ -10,7 +10,7 @@ import soundfile
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource, Source
 
 FILE_LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
@@ -102,18 +102,19 @@ class FileSource:
 
 
 class RecordedSource(ChangedSource):
-    """A `tactophone.core.types.Source` that resamples a file to `LIVE_SAMPLE_RATE`.
+    """A `tactophone.core.types.Source` that resamples a recording of ``duration`` s to `LIVE_SAMPLE_RATE`.
 
     ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
     s of the recording, or -1 where it is unknown.
     """
 
     def __init__(
-        self, source: FileSource, *, resample: Callable[[FloatArray], FloatArray], label_at: Callable[[float], int]
-    ) -> None:
+        self, source: Source, *, duration: float, resample: Callable[[FloatArray], FloatArray],
+        label_at: Callable[[float], int],
+    ) -> None:  # fmt: skip
         super().__init__(source)
         self.sample_rate = LIVE_SAMPLE_RATE
-        self._resample, self._label_at, self._time, self._duration = resample, label_at, 0.0, source.duration
+        self._resample, self._label_at, self._time, self._duration = resample, label_at, 0.0, duration
 
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
