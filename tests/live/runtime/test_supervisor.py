@@ -4,12 +4,20 @@ import threading
 import time
 import uuid
 from collections.abc import Callable
+from typing import ClassVar
 
 import pytest
 
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.settings import Settings
-from tactophone.live.runtime.supervisor import SIDE_END_TIMEOUT, ProcessInfo, Supervisor, supervised
+from tactophone.live.runtime.supervisor import (
+    SIDE_END_TIMEOUT,
+    SIDE_TRANSITIONS,
+    ProcessInfo,
+    SideState,
+    Supervisor,
+    supervised,
+)
 from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -69,6 +77,37 @@ def test_a_stalled_process_is_killed_and_replaced(name: str) -> None:
         assert supervisor.running
         last = supervisor.pid
     assert not os.path.exists(f"/proc/{last}")
+
+
+class Followed(Supervisor):
+    """Notes each change of its state."""
+
+    moves: ClassVar[set[tuple[SideState, SideState]]] = set()
+
+    def __setattr__(self, name: str, value: object) -> None:
+        before = getattr(self, "state", value)
+        super().__setattr__(name, value)
+        if name == "state" and self.state != before:
+            self.moves.add((before, self.state))
+
+
+def fail_twice(settings: Settings, info: ProcessInfo) -> None:
+    """Run, die; die before telemetry; then run on."""
+    if info.restarts == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    live(settings, info, stall_after=30)
+
+
+def test_every_row_of_the_table_of_states_is_walked_and_no_other(name: str) -> None:
+    with Followed(fail_twice, Settings(), name=name) as supervisor:
+        assert eventually(lambda: supervisor.restarts == 2 and supervisor.state == "running")
+        os.kill(supervisor.pid, signal.SIGKILL)
+        assert eventually(lambda: supervisor.state == "restarting")
+    with pytest.raises(TactophoneError), Followed(fail_to_open, Settings(), name=f"{name}-2"):
+        pass
+    with Followed(end_at_once, Settings(), name=f"{name}-3") as supervisor:
+        assert supervisor.wait(20.0)
+    assert Followed.moves == {(state, after) for state, others in SIDE_TRANSITIONS.items() for after in others}
 
 
 def test_an_error_at_the_start_is_raised_in_one_line(name: str) -> None:

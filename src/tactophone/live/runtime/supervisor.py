@@ -3,6 +3,19 @@
 Everything that computes beside the sound (terminal, logs, supervision) stays out of the process with the audio
 callback: a busy Python thread there delays the callback through the interpreter lock. A process that dies or is killed
 by the watchdog is replaced by a new one, which starts muted: nothing restores vibration by itself.
+
+==========  ==============================================  ==========
+state       what happens                                    next state
+==========  ==============================================  ==========
+idle        `Supervisor.begin`                              starting
+starting    the process writes telemetry                    running
+starting    it dies after others have run                   restarting
+starting    an error, no progress, or the block is left     ended
+running     it dies, or the watchdog finds it stalled       restarting
+running     its sound ends, or the block is left            ended
+restarting  the delay is over                               starting
+restarting  the block is left                               ended
+==========  ==============================================  ==========
 """
 
 import contextlib
@@ -14,7 +27,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, TypeAlias
+from types import MappingProxyType
+from typing import Literal, Self, TypeAlias
 
 from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent, orphaned
@@ -75,6 +89,18 @@ Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
 """One side of the live system: runs until SIGTERM, or until its sound ends. Must be importable by a new process."""
 
 
+SideState = Literal["idle", "starting", "running", "restarting", "ended"]
+
+SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType({
+    "idle": frozenset({"starting"}),
+    "starting": frozenset({"running", "restarting", "ended"}),
+    "running": frozenset({"restarting", "ended"}),
+    "restarting": frozenset({"starting", "ended"}),
+    "ended": frozenset(),
+})  # fmt: skip
+"""The table above, as `tests/live/runtime/test_supervisor.py` walks it."""
+
+
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
@@ -84,11 +110,14 @@ class Supervisor:
     ``progress``, which may be replaced, is called with what the process does next, while it is awaited at its start.
 
     ``restarts``: number of new processes that had to be started.
+
+    ``state``: where the side stands in the table at the head of this file.
     """
 
     def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:
         self.name = name
         self.restarts = 0
+        self.state: SideState = "idle"
         self.progress: Callable[[str], None] = ignore
         self._main, self._settings, self._report = main, settings, report
         self._child: Child | None = None
@@ -118,6 +147,7 @@ class Supervisor:
         # A bare function, as `self` holds a thread and cannot be sent to another process.
         self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
         self._started = math.inf
+        self.state = "starting"
 
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
@@ -170,7 +200,7 @@ class Supervisor:
                     return  # its sound was so short that it has ended already
                 break
             if (watcher := self._watcher()) and watcher.pulse().beat > 0:
-                self._started = now
+                self._started, self.state = now, "running"
                 return
             if (ticks := _processor_time(child.pid)) != used:
                 used, progressed = ticks, now
@@ -192,9 +222,11 @@ class Supervisor:
         while not self._ended.is_set():
             reason = self._watch_process()
             if not reason:
+                self.state = "ended"
                 self._ended.set()
             if self._ended.is_set():
                 return
+            self.state = "restarting"
             # What ends soon after each start will most likely do so again: it is tried less and less often.
             short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
             self._restart_delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY) if short else RESTART_DELAY
@@ -218,7 +250,7 @@ class Supervisor:
                 return failures[-1] if how and failures else how
             if watcher is None:
                 if watcher := self._watcher():
-                    self._started = time.monotonic()
+                    self._started, self.state = time.monotonic(), "running"
             elif self._settings.process.watchdog and not self._tolerates(watchdog, watcher):
                 # It may be stopped in the middle of a period, where it could take no note of any gentler word.
                 child.kill()
@@ -243,6 +275,7 @@ class Supervisor:
         return watcher if watcher and watcher.pid == self.pid else None
 
     def _end(self) -> None:
+        self.state = "ended"
         if self._child:
             if math.isinf(self._started) and not self._watcher():
                 self._child.kill()  # while it starts it heeds nothing, and has nothing to lose

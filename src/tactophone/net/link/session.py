@@ -1,11 +1,18 @@
 """An encrypted session as values: datagrams and the time go in, events and datagrams come out; no socket, no clock.
 
-One end *calls* (the robot), the other *answers* (the operator). Every start of either end makes fresh keys::
+One end *calls* (the robot), the other *answers* (the operator). Every start of either end makes fresh keys:
 
-              call / valid hello                    both authenticated
-    idle  ─────────────────────────────▶ handshaking ─────────────▶ connected
-      ▲                                                                 │
-      └────── nothing authentic for `SESSION_TIMEOUT`, or goodbye ──────┘
+=============  ===============================================  =============
+state          what happens                                     next state
+=============  ===============================================  =============
+idle           a call, or a valid hello                         handshaking
+handshaking    the peer is authenticated                        connected
+handshaking    failure, or no answer in time                    idle
+connected      a call again, a renewal, or a valid hello        rehandshaking
+connected      silence for `SESSION_TIMEOUT`, or goodbye        idle
+rehandshaking  the handshake has ended, well or not             connected
+rehandshaking  the session ends first                           handshaking
+=============  ===============================================  =============
 
 A connected session continues undisturbed while another handshake runs beside it, and is replaced only by the same peer,
 once it has authenticated itself: a forged ClientHello has no effect, and another trusted robot is sent away. A caller
@@ -16,8 +23,10 @@ of a datagram gives its protocol (RFC 7983).
 
 import logging
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from types import MappingProxyType
+from typing import Literal
 
 import pylibsrtp
 
@@ -51,6 +60,16 @@ KEY_OVERLAP = 2.0
 
 CONFIRM_TIMEOUT = 10.0
 """Seconds that renewed keys wait for the caller's first packet, and that a handshake repeats its last flight."""
+
+SessionState = Literal["idle", "handshaking", "connected", "rehandshaking"]
+
+TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType({
+    "idle": frozenset({"handshaking"}),
+    "handshaking": frozenset({"connected", "idle"}),
+    "connected": frozenset({"rehandshaking", "idle"}),
+    "rehandshaking": frozenset({"connected", "handshaking"}),
+})  # fmt: skip
+"""The table above, as `tests/net/link/test_session_states.py` walks it."""
 
 _LAST_SAFE_SEQUENCE = 0xC000
 """Sequence number from which keys are not renewed: the receiver of a new stream takes its first packet as before the
@@ -237,6 +256,13 @@ class Session:
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
         self._keys = KeyRing()
         self._outgoing: list[tuple[bytes, Address]] = []
+
+    @property
+    def state(self) -> SessionState:
+        """Where the session stands in the table at the head of this file."""
+        if self._keys.current:
+            return "rehandshaking" if self._pending else "connected"
+        return "handshaking" if self._pending else "idle"
 
     @property
     def peer(self) -> str | None:
