@@ -1,12 +1,13 @@
 """Scores of a model on a data set, of recipes by cross-validation, and of many recipes beside each other."""
 
+import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tactophone.app.recordings import recording_predictor
-from tactophone.lab.dataset.splits import split
-from tactophone.lab.dataset.values import Dataset, tip_of
+from tactophone.lab.dataset.splits import KIN_SPLIT, split
+from tactophone.lab.dataset.values import Dataset, Problem, tip_of
 from tactophone.lab.evaluation.bootstrap import Estimate, estimate
 from tactophone.lab.evaluation.metrics import SCORING_RULES
 from tactophone.lab.evaluation.predict import TakePredictions, scores_of
@@ -43,6 +44,48 @@ def evaluate_model(model: str, dataset: Dataset, *, report: Progress = _ignore) 
     if (tip := tip_of(dataset.recordings)) and tip_mismatch(card, tip):
         warnings.append(f"beware: the model is for the tip {card.tip}, but the recordings are of {tip}")
     return make_report(takes, decision=card.decision), warnings
+
+
+FEWEST_CHECKED = 3
+"""Surfaces of each class, beside the one that is checked, from which its label is doubted."""
+
+OPPOSITE = 0.9
+"""Share of a surface's contact that a model of all others must call the opposite before its label is doubted."""
+
+
+def can_check_labels(dataset: Dataset) -> bool:
+    """Return whether there are surfaces enough of each class, and the extra ``train`` is installed."""
+    kept = dataset.labelled()
+    labels = [next(take.rough for take in kept.recordings if take.surface == surface) for surface in kept.surfaces]
+    enough = min(sum(labels), len(labels) - sum(labels)) > FEWEST_CHECKED
+    return enough and all(importlib.util.find_spec(module) for module in ("torch", "onnx", "sklearn"))
+
+
+def suspicious_labels(dataset: Dataset, *, report: Progress = _ignore) -> list[Problem]:
+    """Name each surface that a model of all other kinds calls the opposite of its label.
+
+    Each surface is predicted by the recipe ``texture``, trained without it and its kin. Raises `DatasetError` if no
+    sound is loud enough to be contact.
+    """
+    from tactophone.lab.dataset.checks import channels_of_all
+    from tactophone.lab.training.recipes import RecipeFile
+
+    kept = dataset.labelled()
+    recipe = RecipeFile().changed({"channels": channels_of_all(kept)}, where="dataset check")
+    found = evaluate_recipe(recipe, kept, how=KIN_SPLIT, report=report)["texture"]
+    return [
+        Problem(kept.root / row.name, "label", _doubt(row.label, row.two_class), fatal=False)
+        for row in found.by_surface
+        if row.two_class <= 1 - OPPOSITE
+    ]
+
+
+def _doubt(label: str, right: float) -> str:
+    other = "smooth" if label == "rough" else "rough"
+    return (
+        f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
+        "listen to it, and set it right"
+    )
 
 
 def evaluate_recipe(

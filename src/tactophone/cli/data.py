@@ -1,14 +1,14 @@
 """Options of verbs that read a data set, train on it, or run folds of it."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactophone.cli import output
+from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import DatasetError
-from tactophone.lab.dataset.checks import usable, with_channels
+from tactophone.lab.dataset.checks import channels_of_all, usable, with_channels
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import with_kin
 from tactophone.lab.dataset.values import Dataset
@@ -24,6 +24,18 @@ def add_filter(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE[,VALUE...]",
         help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
     )
+
+
+def add_labels(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--labels",
+        metavar="N=NAME[,...]",
+        help="what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or the data card beside them)",
+    )
+
+
+def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
+    return dict(options.assigned(args.labels.split(","), "--labels")) if args.labels else None
 
 
 def add_kin(parser: argparse.ArgumentParser) -> None:
@@ -47,14 +59,20 @@ def cache_of(args: argparse.Namespace) -> "Cache":
 
 
 def open_filtered(
-    folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None, segments: bool = False
+    folder: Path,
+    filters: list[str] | None,
+    *,
+    channels: int = 1,
+    kin: Path | None = None,
+    segments: bool = False,
+    labels: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
     Recordings with fewer ``channels`` are dropped where others have as many; those of several labels are kept with
     ``segments``. Raises `DatasetError` if nothing is left.
     """
-    dataset = open_dataset(folder)
+    dataset = open_dataset(folder, labels=labels)
     for text in filters or ():
         dataset = _filtered(dataset, text)
     kept, problems = usable(dataset)
@@ -65,6 +83,11 @@ def open_filtered(
     for problem in lacking:
         output.note(f"left out: {problem}")
     return with_kin(kept, kin) if kin else kept
+
+
+def is_mono(folder: Path) -> bool:
+    """Return whether the recordings of a data set have one channel alone."""
+    return channels_of_all(open_dataset(folder)) == 1
 
 
 def joined(datasets: Sequence[Dataset]) -> Dataset:

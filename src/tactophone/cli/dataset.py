@@ -10,6 +10,7 @@ from typing import Any
 import soundfile
 
 from tactophone.cli import options, output
+from tactophone.cli.data import add_labels, labels_of
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub = add("check", _check, "read every file and report what is wrong; exit 1 if a recording cannot be used")
     sub.add_argument("--calibration", type=Path, metavar="FILE",
         help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)")  # fmt: skip
+    add_labels(sub)
     options.add_json(sub, "print JSON instead of a table")
     sub = add("show", _show, "list surfaces, labels and recordings; with --plot, draw levels and spectrograms")
     sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
@@ -88,15 +90,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    dataset = open_dataset(args.folder)
+    dataset = open_dataset(args.folder, labels=labels_of(args))
     threshold_dbfs = Calibration.read(args.calibration).window_dbfs if args.calibration else DEFAULT_CONTACT_DBFS
     with output.progress("checking", 2 * len(dataset.recordings)) as update:
         single = check(dataset, progress=lambda done: update(completed=done))
         across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: update(advance=1))
     problems = (*single, *across)
+    if not any(problem.fatal for problem in problems):
+        problems += _wrong_labels(dataset)
     count = len(dataset.recordings)
     output.show({"recordings": count, "problems": problems}, _words(count, problems), as_json=args.json)
     return 1 if any(problem.fatal for problem in problems) else 0
+
+
+def _wrong_labels(dataset: Dataset) -> tuple[Problem, ...]:
+    """Return surfaces whose labels look wrong, where there are enough to tell and the extra ``train`` is installed."""
+    from tactophone.app.evaluation import can_check_labels, suspicious_labels
+
+    if not can_check_labels(dataset):
+        return ()
+    with output.progress("checking labels") as update:
+        report = lambda _what, done, total, note: update(completed=done, total=total, note=note)  # noqa: E731
+        return tuple(suspicious_labels(dataset, report=report))
 
 
 def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:

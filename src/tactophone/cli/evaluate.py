@@ -21,7 +21,7 @@ from tactophone.app.evaluation import (
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
-from tactophone.cli.train import add_recipe, recipe_of
+from tactophone.cli.train import add_recipe, recipe_for, recipe_of
 from tactophone.core.errors import ConfigError
 from tactophone.lab.dataset.splits import KIN_SPLIT, SPLITS
 from tactophone.signal.perception.model_file import read_model
@@ -35,6 +35,9 @@ EXAMPLES = (
     "tactophone evaluate --data recordings --recipe texture --baselines",
     "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1",
 )
+
+FLICKER = 60.0
+"""False bumps or dips a minute from which the decision is said to guess."""
 
 _MEASURES = {
     "balanced_accuracy": "balanced accuracy",
@@ -87,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         if args.model:
             raise ConfigError("--vary tries recipes: leave out the MODEL")
         return _vary(args)
-    recipe = recipe_of(args)
+    recipe = recipe_of(args) if args.model else recipe_for(args, args.data)
     channels = read_model(model_path(args.model)).card.channels if args.model else recipe.configured().channels
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     with _progress() as report:
@@ -126,6 +129,7 @@ def _progress() -> Iterator[Progress]:
 
 def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
     """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
+    from tactophone.lab.evaluation.bootstrap import FEWEST_SURFACES
     from tactophone.lab.evaluation.metrics import SCORING_RULES
 
     first = next(iter(reports.values()))
@@ -136,7 +140,7 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
         + (
             "In brackets: 90 % intervals, surfaces drawn anew.\n"
             if known
-            else "No intervals: one surface of a class says nothing of others.\n"
+            else f"No intervals: fewer than {FEWEST_SURFACES} surfaces of a class say too little of others.\n"
         )
     )
     yield from _table(
@@ -150,6 +154,10 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
             for name, report in reports.items()
         },
     )
+    if not known and any(name.startswith("permuted") for name in reports):
+        yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
+    if max(first.false_bumps, first.dips) > FLICKER:
+        yield "The decision changes more than once a second within a touch: it guesses on these surfaces.\n"
     bumps, dips = (f"{rate:.1f}" if math.isfinite(rate) else "-" for rate in (first.false_bumps, first.dips))
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
     unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))

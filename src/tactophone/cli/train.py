@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli import options, output
-from tactophone.cli.data import add_filter, joined, open_filtered
+from tactophone.cli.data import add_filter, add_labels, is_mono, joined, labels_of, open_filtered
 from tactophone.core.tips import TIP_NAMES
 from tactophone.lab.training.recipes import RECIPES, RecipeFile
 from tactophone.signal.perception.calibration import Calibration
@@ -19,11 +19,12 @@ EXAMPLES = (
 def add_recipe(parser: argparse._ActionsContainer) -> None:
     """Add ``--recipe``, and the options for which nobody should need a file."""
     add = parser.add_argument
-    add("--recipe", metavar="NAME|FILE.toml", default="paper-fast",
-        help=f"one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
+    add("--recipe", metavar="NAME|FILE.toml", default="texture",
+        help=f"%(default)s unless given; one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
         f"{', '.join(RecipeFile.__struct_fields__[:-1])} (docs/guide/training.md)")  # fmt: skip
-    add("--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
-        "from variant in a recipe file (default: 2)")  # fmt: skip
+    add("--channels", type=int, choices=(1, 2),
+        help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
+        "them from variant")  # fmt: skip
     add(
         "--tip",
         choices=TIP_NAMES,
@@ -43,6 +44,20 @@ def recipe_of(args: argparse.Namespace) -> RecipeFile:
     return recipe.changed(given | options.assigned(args.set), where="--set")
 
 
+def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
+    """Return the recipe that the options describe, for one microphone where the recordings have one and no option says.
+
+    Raises `DatasetError` as `open_dataset` does.
+    """
+    recipe = recipe_of(args)
+    is_network = RECIPES[recipe.recipe].features == "magnitudes"
+    chosen = args.channels or any(text.startswith(("channels=", "variant=")) for text in args.set)
+    if chosen or args.recipe.endswith(".toml") or not is_mono(folder):
+        return recipe
+    change = {"variant": "one-channel"} if is_network else {"channels": 1}
+    return recipe.changed(change, where="the recordings have one channel")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
@@ -50,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--also", type=Path, action="append", default=[], metavar="DIR",
         help="train on this data set too, all of it that is labelled; repeatable")  # fmt: skip
     add_filter(parser)
+    add_labels(parser)
     add_recipe(parser)
     add("--from", type=Path, dest="start", metavar="MODEL",
         help="continue from this model's parameters instead of random ones (recipe paper)")  # fmt: skip
@@ -61,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     calibration = Calibration.read(args.calibration) if args.calibration else None
-    recipe = recipe_of(args).configured(start=args.start, calibration=calibration)
-    dataset = open_filtered(args.data, args.filter, channels=recipe.channels)
+    recipe = recipe_for(args, args.data).configured(start=args.start, calibration=calibration)
+    dataset = open_filtered(args.data, args.filter, channels=recipe.channels, labels=labels_of(args))
     dataset = joined([dataset, *(open_filtered(folder, None, channels=recipe.channels) for folder in args.also)])
     surfaces = {(recording.surface, recording.rough) for recording in dataset.recordings if recording.labelled}
     rough = sum(each for _, each in surfaces)

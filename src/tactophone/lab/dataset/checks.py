@@ -8,6 +8,7 @@ fall together: the lag is where the levels correlate best, measured in the first
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -94,6 +95,15 @@ def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
     problems = check(dataset)
     bad = {problem.path for problem in problems if problem.fatal}
     return dataset.where(lambda recording: recording.path not in bad), problems
+
+
+def channels_of_all(dataset: Dataset) -> int:
+    """Return 2 if every recording that can be read has two channels or more, else 1."""
+    found = set()
+    for recording in dataset.recordings:
+        with suppress(DatasetError), open_sound(recording.path) as file:
+            found.add(int(file.channels))
+    return 1 if not found or 1 in found else 2
 
 
 def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem, ...]]:

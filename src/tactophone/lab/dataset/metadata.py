@@ -6,6 +6,8 @@ entries, in seconds, separated by spaces.
 """
 
 import csv
+import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -14,13 +16,16 @@ from tactophone.core.processes import atomic_write
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
 
 FILE_NAME = "metadata.csv"
+LABELS_FILE = "labels.toml"
 PARTS = ("train", "validation", "test")
 """Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it; kept as property ``split``."""
 
 _COLUMNS = ("file_name", "surface", "label", "channels", "take", "scenario", "session", "tier", "segments")
 
 
-def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = None) -> Dataset:
+def read_metadata(
+    folder: Path, *, surface_of: Callable[[Path], str] | None = None, labels: Mapping[str, str] | None = None
+) -> Dataset:
     """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
 
     ``surface_of`` names the surface of a file, by its path from the folder, where the manifest has no column
@@ -28,14 +33,32 @@ def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = No
     """
     recordings: list[Recording] = []
     problems: list[Problem] = []
+    names = label_names(folder) if labels is None else labels
     for manifest in manifests_in(folder):
         for line, cells in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
             row = dict(cells)
             if surface_of and not row.get("surface"):
                 row["surface"] = surface_of(Path(row["file_name"]))
+            row["label"] = names.get(row.get("label", ""), row.get("label", ""))
             if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
                 recordings.append(parsed)
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
+
+
+def label_names(folder: Path) -> Mapping[str, str]:
+    """Return what numbered labels of a folder mean: by its ``labels.toml``, or its Hugging Face data card.
+
+    Raises `DatasetError` if ``labels.toml`` is no table of numbers and names.
+    """
+    if (own := folder / LABELS_FILE).is_file():
+        try:
+            return {key: str(name) for key, name in tomllib.loads(own.read_text("utf-8")).items()}
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise DatasetError(f'{own}: {error}; write a line such as 0 = "smooth" for each label') from error
+    card = folder / "README.md"
+    text = card.read_text("utf-8", errors="replace") if card.is_file() else ""
+    match = re.search(r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text)
+    return dict(re.findall(r"['\"]?(\d+)['\"]?: *['\"]?([\w -]+)", match[1])) if match else {}
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:

@@ -1,7 +1,7 @@
 """Which layout a folder has, and which data set a file belongs to."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
@@ -22,8 +22,11 @@ _SEARCH_DEPTH = 3
 """Folders above a file that are searched for its manifest: the authors' ``opus/stereo/`` lies two deep."""
 
 
-def open_dataset(path: Path | str) -> Dataset:
-    """Read the manifest of a data set in any layout, by its folder or the CSV file in it; no sound is opened.
+def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -> Dataset:
+    """Read a data set in any layout, by its folder or the CSV file in it.
+
+    A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names what numbers in the column
+    ``label`` mean; by default ``labels.toml`` or the class names in a Hugging Face data card do.
 
     Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise: they are in
     ``Dataset.problems``.
@@ -32,10 +35,20 @@ def open_dataset(path: Path | str) -> Dataset:
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
     if not folder.is_dir():
         raise DatasetError(f"{path}: no such folder; name the folder that holds {FILE_NAME}")
+    if manifests_in(folder):
+        return read_metadata(folder, surface_of=_surface_of, labels=labels)
     if read := _reader(folder):
         return read(folder)
     if inner := _inner(folder):
         raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
+    found = read_lab_folder(folder)
+    if found.air_of:
+        raise DatasetError(
+            f"{folder}: each microphone is in a file of its own; "
+            f"join them first: `tactophone dataset import {folder} NEW`"
+        )
+    if found.dataset.recordings:
+        return found.dataset
     raise DatasetError(
         f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
         f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
@@ -54,11 +67,8 @@ def find_importable(path: Path | str) -> LabFolder:
         guessed: list[Path] = []
 
         def surface_of(name: Path) -> str:
-            """The folder of a file below ``train``, ``rough`` and the like, or the file's name without the take."""
             guessed.append(name)
-            outer = (*PARTS, *LABEL_NAMES, "audio", "data", "wav")
-            folders = [part for part in name.parts[:-1] if part.lower() not in outer]
-            return "/".join(folders) or surface_and_take(name.stem)[0]
+            return _surface_of(name)
 
         return LabFolder(read_metadata(folder, surface_of=surface_of), guessed=bool(guessed))
     if folder.is_dir() and not _reader(folder) and not _inner(folder):
@@ -68,6 +78,13 @@ def find_importable(path: Path | str) -> LabFolder:
         if problems := found.dataset.problems:
             raise DatasetError(f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}")
     return LabFolder(open_dataset(path))
+
+
+def _surface_of(name: Path) -> str:
+    """Return the folder of a file below ``train``, ``rough`` and the like, or the file's name without the take."""
+    outer = (*PARTS, *LABEL_NAMES, "audio", "data", "wav")
+    folders = [part for part in name.parts[:-1] if part.lower() not in outer]
+    return "/".join(folders) or surface_and_take(name.stem)[0]
 
 
 def find_recording(path: Path | str) -> Recording | None:

@@ -2,8 +2,8 @@
 
 Windows of one surface are not independent samples, so surfaces are drawn, with replacement. Rough and smooth ones are
 drawn apart, so that no draw lacks a class (stratified percentile bootstrap; Efron & Tibshirani, "An Introduction to
-the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4). One surface
-of a class says nothing of others: then there are no draws, and no interval.
+the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4). Fewer than
+five surfaces of a class say too little of others: then a score has no interval.
 """
 
 import math
@@ -28,6 +28,11 @@ from tactophone.lab.evaluation.metrics import (
 from tactophone.lab.evaluation.predict import TakePredictions
 
 DRAWS = 1000
+
+FEWEST_SURFACES = 5
+"""Surfaces of each class that an interval needs: of two, a draw holds one alone in half of all cases, and the interval
+comes out far too narrow."""
+
 COVERAGE = 0.90
 
 LEAST_RISE = 0.02
@@ -124,6 +129,7 @@ def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
     """Compute every score of :func:`tactophone.lab.evaluation.metrics.measure`, each with its interval."""
     table, called = count_by_surface(scores, bins=SCORE_BINS)
     strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
+    draws = 0 if any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata) else draws
     drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch, is_unknown
-from tactophone.lab.evaluation.bootstrap import DRAWS, Estimate, bootstrap, estimate
+from tactophone.lab.evaluation.bootstrap import DRAWS, FEWEST_SURFACES, Estimate, bootstrap, estimate
 from tactophone.lab.evaluation.events import decided_touches, dips_per_minute, false_bumps_per_minute
 from tactophone.lab.evaluation.metrics import SCORING_RULES, Floats, Rule, balanced_accuracy, rough_score
 from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
@@ -96,7 +96,8 @@ def rendered_scores(predictions: Iterable[TakePredictions], rule: DecisionRule, 
     if not table.any():
         raise DatasetError("no recording has contact with a surface labelled smooth or rough: nothing can be scored")
     strata = [np.flatnonzero(table[:, label].any(axis=-1)) for label in (0, 1)]
-    return Rendered(**bootstrap(table, _shares, strata=strata, draws=draws))
+    few = any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata)
+    return Rendered(**bootstrap(table, _shares, strata=strata, draws=0 if few else draws))
 
 
 def _shares(counts: Floats) -> Mapping[str, Floats]:

@@ -102,7 +102,7 @@ def configure(
 class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
     """What a recipe file may hold: the name of a recipe, and the options that differ from its defaults."""
 
-    recipe: str = "paper-fast"
+    recipe: str = "texture"
 
     @classmethod
     def read(cls, path: Path) -> "RecipeFile":
