@@ -57,7 +57,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "model": {
         "model": "show a model file's card, or import the paper authors' models",
         "train": "train a detector on labelled recordings; resumes after an interruption",
-        "finetune": "improve a model on new objects without losing accuracy on the old; measured before and after",
+        "finetune": "adapt a model to new objects, and show what it costs on the old ones",
         "set-threshold": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model",
     },
     "lab": {

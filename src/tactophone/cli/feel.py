@@ -42,7 +42,7 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
         yield "  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items())
     for kind, path in felt.files.items():
         yield f"  {kind:10} {path!s}"
-    yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound"
+    yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.3g} x real time"
     if not summary.contact:
         cause, command = _no_contact(felt)
         yield output.styled("bold red", "NO CONTACT was found: nothing vibrates.")

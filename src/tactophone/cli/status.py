@@ -39,7 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if parser.get_default("verb") == "status":
         options.add_json(parser)
         return
-    parser.add_argument("name", nargs="?", help="of the run, as `tactophone status` shows it; default: all operators'")
+    parser.add_argument(
+        "name", nargs="?",
+        help="of the run, as `tactophone status` shows it (default: every run here that can vibrate; arm takes "
+        "the only one)")  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,7 +62,14 @@ def run(args: argparse.Namespace) -> int:
     if not watchers:
         others = f"; of {', '.join(names)} none is an operator's" if names else ""
         raise TactophoneError(f"no operator process here to ask: start `tactophone receive` or loopback{others}")
-    return max([_ask(watcher, args.verb) for watcher in watchers])
+    if args.verb == "arm" and len(watchers) > 1:
+        found = ", ".join(watcher.name for watcher in watchers)
+        raise TactophoneError(f"{len(watchers)} runs can vibrate here ({found}): name the one to arm")
+    code = max([_ask(watcher, args.verb) for watcher in watchers])
+    if len(watchers) > 1:
+        done = {"stop": "stopped", "mute": "muted"}[args.verb]
+        output.note(f"{done} {len(watchers)} runs; `tactophone arm NAME` lets one vibrate again")
+    return code
 
 
 def _run(watcher: Watcher) -> Run:
