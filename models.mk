@@ -58,3 +58,24 @@ tips: sets
 	  --objects $(OBJECTS-$(seed)) --seed $(seed) $(SETS)/$(tip)-$(seed) &&)) true
 	$(BIN)/python benchmarks/tip_sounds.py $(foreach set,train 201 202,$(TIPS:%=$(SETS)/%-$(set))) --out $(MODELS)/tips.npz
 	$(BIN)/python benchmarks/tip_sounds.py $(TIPS:%=$(SETS)/%-test) $(TIPS:%=$(SETS)/%-301)
+
+# Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast: about 4 h on two
+# cores. Every training is cached by hash, so that it can be stopped and goes on. PAPER_DATA takes real recordings in the
+# authors' layout (`tactophone dataset fetch authors`); `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'`
+# is a small one.
+PAPER         = build/paper
+PAPER_SECONDS = 30
+PAPER_RECIPES = examples/recipes/tables/*.toml
+PAPER_DATA    = $(PAPER)/data
+comma := ,
+empty :=
+.PHONY: paper
+paper: $(READY)  ## the paper's tables, in build/paper/tables.txt
+	mkdir -p $(PAPER)
+	$(if $(filter $(PAPER)/data,$(PAPER_DATA)),$(BIN)/python -m tactophone simulate dataset $(PAPER_DATA) --authors-layout --opus --seconds $(PAPER_SECONDS) && $(BIN)/python -m tactophone simulate competition $(PAPER_DATA) --authors-layout)
+	{ echo "$$(date -u +%F), commit $$(git rev-parse --short HEAD), seed 0"; \
+	  $(BIN)/python -m tactophone benchmark --table1 --table2 --data $(PAPER_DATA) --cache $(PAPER)/cache \
+	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))) && \
+	  $(BIN)/python -m tactophone benchmark --table3 && \
+	  $(BIN)/python -m tactophone benchmark --ablations examples/recipes/ablations --data $(PAPER_DATA) --cache $(PAPER)/cache; \
+	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER)/tables.txt

@@ -128,3 +128,23 @@ def test_fine_tuned_trains_on_fewer_objects_and_a_stone_of_the_competition() -> 
 def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="authors' layout"):
         predict_held_out(surfaces(tmp_path), ["texture"], Cache(tmp_path / "cache"))
+
+
+def test_a_recipe_file_is_a_row_and_its_training_is_cached(dataset: Dataset, tmp_path: Path) -> None:
+    recipes = Path(__file__).parents[3] / "examples" / "recipes" / "tables"
+    assert len(list(recipes.glob("*.toml"))) == 9
+    files = []
+    for name in ("paper-fine-tuned", "authors-general"):
+        small = (recipes / f"{name}.toml").read_text().replace("hop = 1\n", "hop = 21\nepochs = 1\nbatch_size = 200\n")
+        (tmp_path / f"{name}.toml").write_text(small)
+        files.append(str(tmp_path / f"{name}.toml"))
+    cache, trained = Cache(tmp_path / "cache"), []
+    found = predict_held_out(dataset, files, cache, report=trained.append)
+    assert list(found) == trained == ["paper-fine-tuned", "authors-general"]
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*") if path.is_file()}
+    assert kept
+    again = predict_held_out(dataset, files, cache)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*") if path.is_file()} == kept
+    for name in trained:
+        assert np.array_equal(found[name][0].probabilities, again[name][0].probabilities)
+    assert [row.name for row in table_two(found)][-2:] == trained

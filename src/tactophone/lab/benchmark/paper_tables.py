@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 from tactophone.lab.benchmark.folds import Cache, cross_validate
-from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
+from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, file_method, methods_for
 from tactophone.lab.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.lab.dataset.splits import Fold, split
 from tactophone.lab.dataset.values import Dataset, Recording, Segment, stretches
@@ -118,8 +118,9 @@ def predict_held_out(
 ) -> dict[str, list[TakePredictions]]:
     """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
 
-    Without ``names`` they are the paper's three variants and ``texture``. ``report`` is called with each method's name
-    before it trains. Raises `DatasetError` if there are no held-out recordings.
+    Without ``names`` they are the paper's three variants and ``texture``; a name may be that of a recipe file.
+    ``report`` is called with each method's name before it trains. Raises `DatasetError` if there are no held-out
+    recordings.
     """
     kept = dataset.labelled()
     if not any(take.known("split") not in ("train", "") for take in kept.recordings):
@@ -132,9 +133,15 @@ def predict_held_out(
         take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
     )
     predictions = {}
-    for method in methods_for(replace(kept, recordings=recordings), names or METHODS):
+    files = [Path(name) for name in names if name.endswith(".toml")]
+    others = [name for name in names if not name.endswith(".toml")]
+    known = methods_for(replace(kept, recordings=recordings), others or METHODS) if others or not files else ()
+    for method in (*known, *map(file_method, files)):
         report(method.name)
-        train, with_kin = training_takes(recordings, method.name)
+        fine_tuned = isinstance(method, NetworkMethod) and method.recipe.settings.variant == "fine-tuned"
+        # A recipe file labels its windows by its own threshold, not by the segments that the tables score by.
+        source = kept.recordings if method not in known else recordings
+        train, with_kin = training_takes(source, FINE_TUNED if fine_tuned else method.name)
         test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
         name = method.name + KIN_NOTE * with_kin
         predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
