@@ -26,7 +26,7 @@ def on_config(config: Any) -> Any:
 
 def on_files(files: Files, *, config: Any) -> Files:
     """Add the mark and the palette of the pages; the site's dark scheme is called slate."""
-    palette = (SHARED / "palette.css").read_text(encoding="utf-8")
+    palette = (SHARED.parents[2] / "core" / "palette.css").read_text(encoding="utf-8")
     palette = palette.replace(':root[data-theme="dark"]', '[data-md-color-scheme="slate"]')
     files.append(File.generated(config, "assets/palette.css", content=palette))
     files.append(File.generated(config, "assets/mark.svg", abs_src_path=str(SHARED / "mark.svg")))

@@ -14,7 +14,8 @@ RUNTIME = REPOSITORY / "tests" / "node" / "node_modules" / "onnxruntime-web" / "
 STATIC = REPOSITORY / "src" / "tactophone" / "faces" / "web" / "static"
 PARTS = (
     *(HERE / name for name in ("index.html", "page.css", "page.js", "model.js")),
-    *(STATIC / name for name in ("palette.css", "capture.js", "fingertip.js", "speaker.js")),
+    STATIC.parents[2] / "core" / "palette.css",
+    *(STATIC / name for name in ("capture.js", "fingertip.js", "speaker.js")),
     REPOSITORY / "src" / "tactophone" / "signal" / "perception" / "models" / "stylus.onnx",
     *(RUNTIME / name for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")),
 )

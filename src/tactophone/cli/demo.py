@@ -169,7 +169,9 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
             (sound,) = write_demonstration(args.out, seed=seed, tip=tip)
         return change(settings, [f"capture.device={sound}"])
     if args.recording:
-        raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
+        raise ConfigError(
+            "--recording applies to a single finger; with --fingers, set device = FILE in each finger's table"
+        )
     if all(own.capture.device for own in each_finger(settings)):
         return settings
     from tactophone.lab.simulation.demonstration import write_demonstration

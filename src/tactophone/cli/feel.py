@@ -27,7 +27,7 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     yield output.styled("bold", f"{felt.path!s}", f": {summary.duration:.1f} s{label}")
     yield f"  model      {felt.pipeline.detector.name}{', for one channel' if felt.chosen_for_mono else ''}"
     if felt.chosen_for_mono:
-        yield "  (taken as the contact microphone; of a rod with its microphone on it, give --tip stylus)"
+        yield "  (mono: treated as the contact microphone; for a rod with its own microphone, pass --tip stylus)"
     shares = (summary.contact, summary.rough, summary.unknown)
     contact, rough, unknown = (output.percent(share, unknown="none") for share in shares)
     yield f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"

@@ -13,7 +13,7 @@ MICROPHONES = ("contact", "air")
 
 
 def fingers_of(channels: int) -> int:
-    """Return the number of fingers in sound of so many channels; a single one is a finger without an air microphone."""
+    """Return how many fingers this many channels hold; mono counts as one finger without an air microphone."""
     return max(1, channels // len(MICROPHONES))
 
 

@@ -164,7 +164,8 @@ class Call:
 
     mailbox: str = _setting(
         "ws://relay.magic-wormhole.io:4000/v1",
-        "magic-wormhole mailbox that passes a call's encrypted first words; the default is one person's, best effort",
+        "magic-wormhole mailbox that passes a call's encrypted first words; the default server is run by a volunteer, "
+        "without guarantees",
     )
     stun: str = _setting(
         "stun.l.google.com:19302,stun.cloudflare.com:3478",

@@ -65,6 +65,7 @@ def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
         response.headers.update(HEADERS)
 
+    inner.router.add_get("/static/palette.css", page(files("tactophone.core") / "palette.css"))
     inner.router.add_static("/static", str(STATIC))
     outer = web.Application(middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES)
     outer.add_subapp(f"/{access.token}", inner)

@@ -17,7 +17,7 @@ from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-_PALETTE = (files("tactophone") / "faces" / "web" / "static" / "palette.css").read_text(encoding="utf-8")
+_PALETTE = (files("tactophone.core") / "palette.css").read_text(encoding="utf-8")
 TOUCH_COLOURS = {touch: re.findall(rf"--{touch.name.lower()}: (#\w+)", _PALETTE)[0] for touch in Touch}
 """Of the pages' light theme, whose file says them for pages and figures alike."""
 

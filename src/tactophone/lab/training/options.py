@@ -100,7 +100,7 @@ class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     window: Annotated[float, Meta(ge=0.02, le=2)] | None = None
     residual: bool | None = None
     normalised: bool | None = None
-    """From `variant` on, of the paper's network: see :class:`NetworkSettings`; by default as the recipe has them."""
+    """The options from `variant` on apply only to the paper's network; unset ones keep the recipe's value."""
 
     def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
         """Return the codec of the options: packets of 10 ms, a bandwidth in Hz (by default the codec's narrowest)."""

@@ -1,8 +1,8 @@
 """JACK clients that outlive their server.
 
 How JACK fails was measured (docs/research/attack.md) and explains this file. A process callback that raises is never
-called again, without a message: so no exception may leave it. A server that ends calls back once and leaves a client
-that returns stale values: so that client is closed, and a new one made when the server is back. The last period of a
+called again, without a message: so no exception may leave it. A server calls back once on shutdown; afterwards the
+client returns stale values: so that client is closed, and a new one made when the server is back. The last period of a
 client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.live.runtime.watchdog`.
 
 libjack 1.9.21 cancels the threads of a client that it closes, asynchronously: in the middle of Python, or waiting for

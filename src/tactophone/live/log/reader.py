@@ -20,7 +20,7 @@ HEALTH_INTERVAL = 5.0
 """Seconds between two messages with counters and gauges."""
 
 SETTLED_DB = 1.0
-"""Less than this is no change of a threshold's."""
+"""Threshold changes below this (dB) are not reported."""
 
 READER_SILENCE = 0.1
 """Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
@@ -29,7 +29,7 @@ READER_BACKLOG = 100
 """Predictions of a finger that may wait for their reader, about a second; older ones are of no use to a device."""
 
 FASTEST_DRIFT = 1e-4
-"""Greatest part by which a microphone's clock and this machine's run apart: cheap quartzes stay within 100 ppm."""
+"""Largest relative drift between the microphone's clock and ours: cheap quartzes stay within 100 ppm."""
 
 _INFO, _WARNING = 2, 3
 

@@ -278,7 +278,7 @@ class Supervisor:
         self.state = "ended"
         if self._child:
             if math.isinf(self._started) and not self._watcher():
-                self._child.kill()  # while it starts it heeds nothing, and has nothing to lose
+                self._child.kill()  # a starting process cannot answer yet, and killing it loses no data
             self._child.terminate()
             self._child.end(SIDE_END_TIMEOUT)
             remove_memory(self.name)

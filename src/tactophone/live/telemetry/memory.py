@@ -182,7 +182,9 @@ def _opened(path: Path) -> BinaryIO:
     fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
     if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(fingers):
         file.close()
-        raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
+        raise TactophoneError(
+            f"{_run(path)} was started by another version of Tactophone; install the same version on both sides"
+        )
     return file
 
 

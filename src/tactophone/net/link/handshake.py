@@ -3,7 +3,7 @@
 OpenSSL works on memory buffers only. The newest flight is retransmitted unchanged until the peer answers it: DTLS drops
 duplicates. OpenSSL's own retransmissions depend on the wall clock, and are removed (`NewRecords`).
 
-An answerer spends time and memory on few hellos (`Admission`). One with the label of a trusted caller (`call_label`)
+`Admission` bounds the work that unauthenticated hellos can cause. One with the label of a trusted caller (`call_label`)
 has places of its own. Anybody else may still call, so that an untrusted robot gets its refusal, but shares few places
 and little time with all other strangers.
 """

@@ -6,8 +6,8 @@ model's card. `TouchDetector` joins it with the contact gate. Predictions are bi
 
 Several fingers share the calls of the graph, with a window of each. A detector takes a block of sound as a generator.
 Where windows fall due it yields them, and it is sent their predictions. So whoever has several detectors collects what
-all of them wait for (`process_together`), and a single detector is the case of one. What a call computes for a finger
-depends on the other fingers in it by its last bits alone.
+all of them wait for (`process_together`), and a single detector is the case of one. Batching other
+fingers into the same call changes a finger's result only in the last bits.
 """
 
 import math
@@ -287,11 +287,11 @@ FULL_OF_CONTACT = 0.5
 contact: else the noise in it would be classified."""
 
 PAUSE = 0.01
-"""Seconds of held silence for which the last decision stands where sound stopped at once: with the 32 ms over which the
-gate measures, rough ends within about 40 ms of its sound."""
+"""How long (s) the last decision survives an abrupt silence. With the gate's 32 ms window, rough ends at most about
+40 ms after its sound."""
 
 FADED_PAUSE = 0.08
-"""The same where sound faded, as it does where a stroke turns; that silence lasts for 29 ms (p50) to 71 (p90)."""
+"""As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms (median) to 71 ms (p90)."""
 
 FADING, FADED_DB = 0.03, 12.0
 """Sound has faded where no window of the last 30 ms was 12 dB over the threshold."""

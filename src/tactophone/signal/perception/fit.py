@@ -2,7 +2,7 @@
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
 Quiet windows that stand out of the noise count as touch too: the gate of a hard tip's model hears little of a soft tip.
-Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
+After noise and gain are removed, the touch is compared with simulated touches of the model's tip, and of soft and
 hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
 ``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
 """
@@ -36,7 +36,7 @@ OVER_DB, QUIET_DB = 5.0, 3.0
 the second figure it may be silence."""
 
 FALL_DB, RISE_DB = 1.0, 0.02
-"""The most by which that noise follows a window down, and up; while the gate says touch, only down."""
+"""Largest change of the noise estimate per window (dB), down and up. During touch it may only fall."""
 
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""

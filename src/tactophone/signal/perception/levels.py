@@ -3,7 +3,7 @@
 There are three rules. The paper states an RMS level; its authors' code takes the mean of the absolute value, which is
 2 dB lower for Gaussian noise; ``banded`` leaves out hum and motors.
 
-`StepLevels` keeps sound that a packet brings after its last whole step for the next packet. Steps of 0.25 ms divide
+`StepLevels` carries a partial step over to the next packet. Steps of 0.25 ms divide
 packets of 2.5 ms. At a period of 64 samples they leave a remainder of 4 samples; with steps of 1 ms, clicks were
 detected 0.3 ms later (p50; docs/research/processor-time.md).
 """

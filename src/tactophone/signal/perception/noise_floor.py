@@ -59,7 +59,7 @@ SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType({"banded": 1.0, "rms"
 rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum and motors in it; on simulated touches 3.4 (median)."""
 
 WINDOW_SPREAD_DB = 1.6
-"""The same of a window's banded level, which covers half the band of the gate's and varies more (0.9 at most)."""
+"""As `SPREAD_DB`, for the banded level of a window. It covers half the gate's band and varies more (up to 0.9)."""
 
 STEADY_SHARE = 0.5
 """Of that spread: standard deviation of the cells' means within which they agree, as a cell holds six levels that do
