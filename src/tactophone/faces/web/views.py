@@ -65,7 +65,7 @@ def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
         response.headers.update(HEADERS)
 
-    inner.router.add_get("/static/palette.css", page(files("tactophone.core") / "palette.css"))
+    inner.router.add_get("/static/palette.css", page(files("tactophone.core") / "palette.css", "text/css"))
     inner.router.add_static("/static", str(STATIC))
     outer = web.Application(middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES)
     outer.add_subapp(f"/{access.token}", inner)
@@ -73,9 +73,9 @@ def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -
     return outer
 
 
-def page(path: Traversable) -> Handler:
+def page(path: Traversable, kind: str = "text/html") -> Handler:
     async def handler(request: web.Request) -> web.StreamResponse:
-        return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
+        return web.Response(text=path.read_text(encoding="utf-8"), content_type=kind)
 
     return handler
 
