@@ -158,7 +158,7 @@ def cut_with_dimensions(axes: Axes) -> None:
     measure(axes, (top[0], flat[1]), (top[0], underside(FINGER)), f"{underside(FINGER) - flat[1]:.1f}", (4, 0))
     measure(axes, (-FINGER.tip, top[1]), top, f"{FINGER.tip - FINGER.end:.1f}", (0, 6))
     names = {
-        "pad": (tilted * 0.6, (-18, -14)), "piezo disc": (-0.2 * FINGER.axis + 4 * FINGER.forward, (-22, -2)),
+        "pad": (tilted * 0.6, (-18, -14)), "piezo disc": (-0.2 * FINGER.axis + 4 * FINGER.forward, (-20, -3)),
         "silicone": (-2 * FINGER.axis - 2 * FINGER.forward, (14, -10)),
         "core of the phalanx": (-4.5 * FINGER.axis, (24, -15)), "MEMS board": (port, (-16, 22)),
     }  # fmt: skip
@@ -183,7 +183,7 @@ def save(path: Path, size: tuple[float, float], *panels: tuple[str, Painter]) ->
         paint(axes)
         axes.set_aspect("equal")
         axes.autoscale_view()
-        axes.margins(0.06)
+        axes.margins(0.09)
         axes.set_axis_off()
         axes.set_title(title, fontsize=10, loc="left")
     figure.tight_layout()
