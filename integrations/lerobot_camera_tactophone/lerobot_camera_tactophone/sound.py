@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lerobot_camera_tactophone.picture import Picture
 from tactophone import AudioBlock
-from tactophone.app.replay import SoundDecoder, decoded_sessions
+from tactophone.app.replay import SoundDecoder, decoded_blocks
 from tactophone.core.prediction_fields import prediction_of
 from tactophone.live.log.mcap import LoggedPrediction, read_log
 from tactophone.live.telemetry.records import read_records
@@ -57,7 +57,7 @@ class LoggedSound:
 
     def __init__(self, log: Path, picture: Picture, *, fps: int) -> None:
         self._picture, self._step = picture, 48_000 // fps
-        self._sound = np.concatenate([two(block) for blocks in decoded_sessions(read_log(log)) for block in blocks])
+        self._sound = np.concatenate([two(block) for _, block in decoded_blocks(read_log(log))])
         found = [entry for entry in read_log(log) if isinstance(entry, LoggedPrediction)]
         self._predictions = [entry for entry in found if entry.finger == 0]
         self._position, self._next = 0, 0
