@@ -1,6 +1,7 @@
 """The documentation builds, fetches nothing, and refers only to what exists."""
 
 import importlib.util
+import itertools
 import re
 import runpy
 import shlex
@@ -161,3 +162,25 @@ def test_the_readme_is_short_and_begins_with_a_picture_and_two_commands() -> Non
     assert "![" in first_screen
     assert "make demo" in first_screen
     assert "make test" in first_screen
+
+
+@pytest.mark.parametrize("page", ["safety", "threat-model"])
+def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(page: str) -> None:
+    texts = {path: path.read_text() for path in (ROOT / "tests").rglob("*.py")}
+    defined = set(re.findall(r"def (test_\w+)", "".join(texts.values())))
+    lines = (ROOT / "docs/reference" / f"{page}.md").read_text().splitlines()
+    heads = [number for number, line in enumerate(lines) if line.rstrip().endswith("| test |")]
+    assert heads
+    for head in heads:
+        for line in itertools.takewhile(lambda text: text.startswith("|"), lines[head + 2 :]):
+            named = re.findall(r"`([^`]+)`", line.rstrip("| ").rpartition(" | ")[2])
+            files = [
+                name.split("::")[0] for name in named if name.startswith(("tests/", "benchmarks/", "integrations/"))
+            ]
+            tests = [name.rpartition("::")[2] for name in named if name.rpartition("::")[2].startswith("test_")]
+            assert files or tests, line
+            for file in files:
+                assert (ROOT / file.split()[0]).exists(), file
+            for test in tests:
+                known = test in defined or any(path.name == test for path in texts) or test.endswith("_when")
+                assert known, f"{test} in: {line}"

@@ -131,3 +131,13 @@ def test_a_release_states_where_source_issues_and_documentation_are(tmp_path: Pa
     assert urls["Source"] == "https://host/owner/name"
     assert urls["Issues"] == "https://host/owner/name/issues"
     assert urls["Documentation"].startswith("https://host/owner/name/")
+
+
+def test_the_libraries_of_a_call_are_imported_by_its_own_process_alone() -> None:
+    source = Path(__file__).parents[1] / "src/tactophone"
+    users = {
+        path.relative_to(source).parent.as_posix()
+        for path in source.rglob("*.py")
+        if re.search(r"^\s*(?:import|from) (?:wormhole|twisted|aioice)\b", path.read_text(), re.MULTILINE)
+    }
+    assert users == {"net/call"}

@@ -1,6 +1,7 @@
 """Parsers of files and of the page's messages: what another program, or somebody else, may have written."""
 
 import atexit
+import contextlib
 import io
 import json
 import shutil
@@ -12,21 +13,32 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
+from tactophone.app import lerobot
 from tactophone.core.errors import TactophoneError
+from tactophone.core.hand import each_finger, with_fingers
 from tactophone.core.settings import Settings, change, read_settings
+from tactophone.core.types import Prediction, Touch
+from tactophone.faces.bridges.foxglove import _Viewer
 from tactophone.faces.web.dashboard import parse_request
 from tactophone.faces.web.game_rules import read_results
+from tactophone.lab.dataset.layouts import import_biotac
 from tactophone.lab.dataset.read import open_dataset
+from tactophone.lab.dataset.roughness import measure_heights, read_heights
 from tactophone.lab.recording.safe_writer import _read_entry
+from tactophone.lab.training.recipes import RecipeFile
 from tactophone.live.audio.files import FileSource
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE, Identity, Peers
+from tactophone.signal.haptics.limits import Limits, peak_amplitude
+from tactophone.signal.haptics.profiles import PROFILES, ActuatorResponse, open_profile, parse_levels
 from tactophone.signal.perception.calibration import Calibration
-from tactophone.signal.perception.model_file import ModelCard, read_model
+from tactophone.signal.perception.model_file import ModelCard, check_graph, read_model
 from tactophone.signal.perception.models import default_model, model_path
 
 from .target import Run, Target
+
+ROOT = Path(__file__).parents[2]
 
 
 def _file(name: str, read: Callable[[Path], object]) -> Run:
@@ -36,6 +48,7 @@ def _file(name: str, read: Callable[[Path], object]) -> Run:
 
     def run(data: bytes) -> None:
         path = folder / name
+        path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         path.chmod(0o600)
         read(path)
@@ -148,7 +161,115 @@ def recordings() -> tuple[Sequence[bytes], Run]:
     return seeds, _file("take.wav", read)
 
 
+def heights() -> tuple[Sequence[bytes], Run]:
+    roughness = np.random.default_rng(0).standard_normal(4_000) * 1e-6
+    plain, packed = io.BytesIO(), io.BytesIO()
+    np.save(plain, roughness)
+    np.savez_compressed(packed, heights=roughness[:500], step=1e-5)
+    runs = [_file(f"heights{ending}", _measure) for ending in (".npy", ".npz", ".png", ".csv")]
+    seeds = [b"\0" + plain.getvalue(), b"\1" + packed.getvalue(), b"\0" + packed.getvalue()]
+    return [*seeds, b"\3" + "\n".join(map(str, roughness[:300])).encode()], _chosen(runs)
+
+
+def _measure(path: Path) -> None:
+    found, step = read_heights(path)
+    if found.size < 20_000:
+        with contextlib.suppress(ValueError), np.errstate(all="ignore"):
+            measure_heights(found, step=step or 1e-5)
+
+
+def _chosen(runs: Sequence[Run]) -> Run:
+    """Return a function that gives the input to one of several, by its first byte."""
+    return lambda data: runs[data[0] % len(runs)](data[1:]) if data else None
+
+
+def responses() -> tuple[Sequence[bytes], Run]:
+    def run(data: bytes) -> None:
+        response = ActuatorResponse(levels=parse_levels(data.decode(errors="replace")))
+        for name in PROFILES:
+            profile = open_profile(name, response)
+            assert 0 <= peak_amplitude(profile) <= 1
+            rough = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, 0.5, -20.0, 0.0, 0.2)
+            command = Limits().bound(profile.command(rough))
+            assert 0 <= command.amplitude <= 0.5
+            assert 35 <= command.frequency <= 1000
+
+    return [b"40:-12,160:0,250:-6"], run
+
+
+def labs() -> tuple[Sequence[bytes], Run]:
+    """The published CSV of a BioTac, and the labels of its surfaces."""
+    columns = ",".join(f"pac{number}" for number in range(1, 23))
+    table = f"{columns}\n" + "\n".join(",".join(["2000"] * 22) for _ in range(30))
+    folder = Path(tempfile.mkdtemp(prefix="tactophone-fuzz-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "in/slate").mkdir(parents=True)
+
+    def read(place: str) -> Run:
+        def run(data: bytes) -> None:
+            (folder / "in/slate/a.csv").write_text(table)
+            (folder / "in/labels.csv").unlink(missing_ok=True)
+            (folder / "in" / place).write_bytes(data)
+            import_biotac(folder / "in", folder / "out")
+
+        return run
+
+    labels = b"surface,label\nslate,rough\n"
+    return [b"\0" + table.encode(), b"\1" + labels], _chosen([read("slate/a.csv"), read("labels.csv")])
+
+
+def hands() -> tuple[Sequence[bytes], Run]:
+    toml = (
+        b'[thumb]\ncontact = 1\nair = "system:capture_2"\nprofile = "dualsense"\nceiling = 0.4\n[index]\n'
+        b'threshold_dbfs = -34\nport = "x"\nchannel = 2\nmodel = "paper"\n'
+    )
+    return [toml], _file("hand.toml", lambda path: each_finger(with_fingers(Settings(), str(path))))
+
+
+def recipes() -> tuple[Sequence[bytes], Run]:
+    seeds = [path.read_bytes() for path in sorted((ROOT / "examples/recipes").rglob("*.toml"))]
+    return seeds or [b"hop = 64\nepochs = 1\n"], _file("recipe.toml", RecipeFile.read)
+
+
+def graphs() -> tuple[Sequence[bytes], Run]:
+    names = [model_path(name).read_bytes() for name in ("paper", default_model())]
+    return [names[0][-30_000:], names[1][:60_000]], check_graph
+
+
+def foxglove_requests() -> tuple[Sequence[bytes], Run]:
+    viewer = _Viewer(None, {"a": 1, "b": 2}, {})  # type: ignore[arg-type]
+    seeds = [
+        b'{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}',
+        b'{"op":"unsubscribe","subscriptionIds":[1]}',
+    ]
+    return seeds, lambda data: viewer.obey(data.decode(errors="replace"))
+
+
+def robot_frames() -> tuple[Sequence[bytes], Run]:
+    """The files of a robot's data set (LeRobot): its table of features, and the head of its frames."""
+    import pyarrow
+    from pyarrow import parquet
+
+    buffer = io.BytesIO()
+    frames = {"timestamp": np.zeros(30, np.float32), "episode_index": np.zeros(30, np.int64)}
+    parquet.write_table(pyarrow.table(frames), buffer)
+    info = json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}}).encode()
+    runs = [
+        _file("meta/info.json", lambda path: lerobot._read_info(path.parents[1])),
+        _file("frames.parquet", lambda path: lerobot._count_frames([path])),
+    ]
+    return [b"\0" + info, b"\1" + buffer.getvalue()], _chosen(runs)
+
+
 TARGETS = {
+    "heights": Target(heights, (TactophoneError,)),
+    "responses": Target(responses, (TactophoneError,)),
+    "labs": Target(labs, (TactophoneError,)),
+    "hands": Target(hands, (TactophoneError,)),
+    "recipes": Target(recipes, (TactophoneError,)),
+    "graphs": Target(graphs, (ValueError,)),
+    "foxglove_requests": Target(foxglove_requests),
+    "robot_frames": Target(robot_frames, (TactophoneError,)),
     "peers": Target(peers, (TactophoneError,)),
     "identities": Target(identities, (TactophoneError,)),
     "page_requests": Target(page_requests),

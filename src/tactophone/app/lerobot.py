@@ -160,12 +160,15 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
     for message in read_messages(log):
         if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION_TOPIC.kind:
             continue
-        entries = msgspec.json.decode(message.data, type=dict[str, Any])
-        entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
-        entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS))
-        name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
-        row = [float(entries.get(key, 0.0)) for key in LEROBOT_COLUMNS]
-        found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
+        try:
+            entries = msgspec.json.decode(message.data, type=dict[str, Any])
+            entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
+            entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS))
+            name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
+            row = [float(entries.get(key, 0.0)) for key in LEROBOT_COLUMNS]
+            found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
+        except (msgspec.DecodeError, KeyError, ValueError, TypeError, AttributeError) as error:
+            raise DatasetError(f"{log}: a prediction cannot be read ({error!r:.80}); was the file changed?") from None
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")
     fingers = [

@@ -1,10 +1,12 @@
 """Where the other end of a call may make this machine send."""
 
+import asyncio
+
 import pytest
 
 pytest.importorskip("aioice")
 
-from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, allowed
+from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, Finder, allowed
 from tactophone.net.call.messages import Address
 
 
@@ -28,3 +30,15 @@ def test_few_addresses_are_tried_fewer_of_one_machine_and_no_service() -> None:
     found = allowed(many)
     assert [each.priority for each in found] == list(range(60, 60 - MOST_ADDRESSES, -1))
     assert allowed([address("10.2.0.1", 53)]) == []
+
+
+def test_an_end_that_wants_the_relay_alone_names_no_other_address() -> None:
+    async def offered(*, relay_only: bool) -> int:
+        finder = Finder(controls=True, stun=None, turn=None, relay_only=relay_only)
+        try:
+            return len((await finder.gather("unknown")).addresses)
+        finally:
+            await finder.close()
+
+    assert asyncio.run(offered(relay_only=False)) > 0
+    assert asyncio.run(offered(relay_only=True)) == 0

@@ -356,5 +356,7 @@ def _read_pac(path: Path) -> NDArray[np.float64] | None:
             return None
         columns = [names.index(name) for name in PAC]
         values = np.loadtxt((line.replace(";", ",") for line in file), delimiter=",", usecols=columns, ndmin=2)
+    if not values.size or not np.isfinite(values).all():
+        raise ValueError("no values, or some that are no numbers")
     pac = values.reshape(-1) / BIOTAC_FULL_SCALE
     return np.asarray(np.clip(pac - pac.mean(), -1, 1))

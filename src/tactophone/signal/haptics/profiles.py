@@ -119,6 +119,10 @@ def known(value: float, typical: float) -> float:
     return typical if math.isnan(value) else value
 
 
+MOST_HZ, MOST_DB = 20_000.0, 200.0
+"""Bounds of a measured response: no actuator is above, and powers of ten stay finite."""
+
+
 def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
     """Parse levels written as ``40:-12,160:0``; `ConfigError` for another form, or frequencies that do not rise.
 
@@ -132,7 +136,7 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}") from None
     frequencies = [frequency for frequency, _ in levels]
     rising = all(low < high for low, high in itertools.pairwise([0.0, *frequencies]))
-    if not rising or not all(math.isfinite(number) for pair in levels for number in pair):
+    if not rising or not all(high <= MOST_HZ and abs(level) <= MOST_DB for high, level in levels):  # also where NaN
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}")
     return levels
 
