@@ -4,8 +4,9 @@
 
 The bed's stiffness follows from the printed dimensions (``hardware/dimensions.py``) and the silicone's modulus, which
 follows from the data sheets' stress at 100 % strain, 55, 69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and
-disc weigh 2 g in place of 6. Loss factors stay. The bed leans by 30 degrees, so that a finger with its tip 30 degrees
-down presses along the bed's axis, and one that lies flat, or stands at 60 degrees, 30 degrees from it.
+disc weigh 2 g, with a ring of brass 5 g, in place of 6. Loss factors stay. The bed leans by 30 degrees, so that a
+finger with its tip 30 degrees down presses along the bed's axis, and one that lies flat, or stands at 60 degrees, 30
+degrees from it.
 """
 
 import argparse
@@ -31,24 +32,26 @@ QUIET = ("long_medium", "short_light", "wiggle")
 SILICONE = {"Shore 00-10": 0.095e6, "Shore 00-30": 0.12e6, "Shore 10 A": 0.26e6, "Shore 20 A": 0.58e6}
 """Young's modulus in Pa."""
 
-MASS = 2e-3
-"""Of pad, ring and disc, in kg."""
+PRINTED, BRASS = 2e-3, 5e-3
+"""Of pad, ring and disc in kg, with the ring printed or cut from brass tube."""
 
 LEAN = 30.0
 """Of the printed bed, in degrees."""
 
 ROWS = [
-    ("Shore 00-30", LEAN),
-    ("Shore 00-30", 0.0),  # as at 60: 30 degrees from the bed's axis
-    *((name, LEAN) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
-    *((None, tilt) for tilt in (0.0, 30.0, 60.0)),
+    ("Shore 00-30", LEAN, BRASS),
+    ("Shore 00-30", 0.0, BRASS),  # as at 60: 30 degrees from the bed's axis
+    ("Shore 00-30", LEAN, PRINTED),
+    ("Shore 00-30", 0.0, PRINTED),
+    *((name, LEAN, BRASS) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
+    *((None, tilt, 0.0) for tilt in (0.0, 30.0, 60.0)),
 ]
-"""Bed, and tilt of the finger in degrees, tip down. Without a bed it is the finger of training, whose bed is flat."""
+"""Bed, tilt of the finger in degrees, tip down, and mass. Without a bed it is that of training, which is flat."""
 
 TRAINED = finger.TIPS[DEFAULT_TIP]
 
 
-def printed(modulus: float) -> finger.Tip:
+def printed(modulus: float, mass: float) -> finger.Tip:
     """Return the default tip on the printed bed."""
     hardware = Path(__file__).parents[1] / "hardware" / "dimensions.py"
     spec = importlib.util.spec_from_file_location("dimensions", hardware)
@@ -58,9 +61,9 @@ def printed(modulus: float) -> finger.Tip:
     spec.loader.exec_module(dimensions)
     bed, parts = dimensions.Finger(), TRAINED.finger
     along, across = bed.bed_stiffness * modulus, bed.bed_shear * modulus
-    lighter = MASS / parts.pad_mass
+    lighter = mass / parts.pad_mass
     parts = parts._replace(
-        pad_mass=MASS,
+        pad_mass=mass,
         pad_stiffness=along,
         pad_damping=parts.pad_damping * (along / parts.pad_stiffness * lighter) ** 0.5,
         shear_stiffness=across,
@@ -73,9 +76,9 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     model = read_model(model_path("texture"))
     predict, takes = recording_predictor(model), [take for take in TAKES if take.name in QUIET]
-    print("| bed | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|")
-    for bed, tilt in ROWS:
-        tip = printed(SILICONE[bed]) if bed else TRAINED
+    print("| bed | mass | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|--:|")
+    for bed, tilt, mass in ROWS:
+        tip = printed(SILICONE[bed], mass) if bed else TRAINED
         finger.TIPS = MappingProxyType({**finger.TIPS, DEFAULT_TIP: tip})
         lean = tilt - LEAN if bed else tilt
         jobs = plan_dataset(catalogue()[23:33], RenderOptions(duration=6.0, seed=31, tilt=abs(lean)), takes=takes)
@@ -86,7 +89,10 @@ def main() -> None:
             found = make_report([predict(take) for take in takes_of_it], decision=model.card.decision)
         shown = found.rendered
         scores = (shown.balanced_accuracy, shown.smooth_as_rough, shown.gaps, found.rules["two-class"]["auc"])
-        print(f"| {bed or 'as in training'} | {tilt:g}° | {' | '.join(map(str, scores))} |", flush=True)
+        print(
+            f"| {bed or 'as in training'} | {1e3 * mass or 6:g} g | {tilt:g}° | {' | '.join(map(str, scores))} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
