@@ -45,7 +45,7 @@ def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -
         "lra",
         (Finger(),),
     )
-    with pytest.raises(ConfigError, match="there are thumb, index"):
+    with pytest.raises(ConfigError, match="names thumb, index"):
         options.settings_of(parser.parse_args(["--fingers", str(path)]))
 
 
