@@ -30,7 +30,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def by_the_product(model: str, path: Path, threshold_dbfs: float = -40.0) -> list[Prediction]:
     samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
-    detector = open_detector(model, sample_rate=rate, fast_contact=False)
+    detector = open_detector(model, sample_rate=rate, contact="window")
     detector.threshold.dbfs = threshold_dbfs
     whole: list[AudioBlock] = list(blocks(samples, 480, sample_rate=rate))
     return [prediction for block in whole for prediction in detector.push(block)] + detector.flush()

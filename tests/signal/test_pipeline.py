@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import ConfigError
-from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray, HapticCommand, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    ContactRule,
+    ContactThreshold,
+    FloatArray,
+    HapticCommand,
+    Prediction,
+    Touch,
+)
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.profiles import PROFILES, PaperProfile, Stimulus, open_profile
 from tactophone.signal.pipeline import Hand, Pipeline, open_pipeline
@@ -24,8 +32,8 @@ def model(tmp_path: Path) -> str:
     return str(write_tiny_model(tmp_path / "tiny.onnx"))
 
 
-def pipeline_of(model: str, *, fast_contact: bool = True, sample_rate: int = RATE) -> Pipeline:
-    return open_pipeline(model, sample_rate=sample_rate, channels=1, fast_contact=fast_contact)
+def pipeline_of(model: str, *, contact: ContactRule = "bands", sample_rate: int = RATE) -> Pipeline:
+    return open_pipeline(model, sample_rate=sample_rate, channels=1, contact=contact)
 
 
 def stimulus(touch: Touch, roughness: float) -> Prediction:
@@ -43,10 +51,10 @@ def processed(
     return steps + list(zip(step.predictions, step.commands, strict=True))
 
 
-@pytest.mark.parametrize("fast_contact", [True, False])
+@pytest.mark.parametrize("contact", ["bands", "level", "window"])
 @pytest.mark.parametrize("size", ODD_SIZES)
-def test_any_block_size_gives_the_same_bits(model: str, size: int, fast_contact: bool) -> None:
-    pipeline = pipeline_of(model, fast_contact=fast_contact)
+def test_any_block_size_gives_the_same_bits(model: str, size: int, contact: ContactRule) -> None:
+    pipeline = pipeline_of(model, contact=contact)
     samples = strokes()
     samples[RATE * 7 // 4] = np.nan
     whole = processed(pipeline, samples, len(samples))
@@ -77,12 +85,12 @@ def test_a_touch_that_ended_is_no_longer_rendered(model: str) -> None:
         command.time for prediction, command in processed(pipeline_of(model), strokes()) if prediction.roughness > 0.5
     )
     assert 1.0 < last_rough < 1.04
-    by_window = processed(pipeline_of(model, fast_contact=False), strokes())
+    by_window = processed(pipeline_of(model, contact="window"), strokes())
     assert max(command.time for prediction, command in by_window if prediction.roughness > 0.5) > 1.2
 
 
 def test_without_the_gate_it_is_the_detector_alone(model: str) -> None:
-    pipeline = pipeline_of(model, fast_contact=False)
+    pipeline = pipeline_of(model, contact="window")
     predictions = [prediction for prediction, _ in processed(pipeline, strokes())]
     pipeline.reset()
     detector = pipeline.detector.detector

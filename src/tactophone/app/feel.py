@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tactophone.app.plot import draw_recording
 from tactophone.app.recordings import open_recording
@@ -13,7 +13,7 @@ from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import PipelineStep, TouchEvent
+from tactophone.core.types import ContactRule, PipelineStep, TouchEvent
 from tactophone.lab.dataset.read import ground_truth
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.telemetry.timeline import read_timeline
@@ -62,7 +62,7 @@ class Felt:
 
 
 def feel(
-    path: Path, folder: Path, settings: Settings, *, stem: str = "", fast_contact: bool = True, plot: bool = False,
+    path: Path, folder: Path, settings: Settings, *, stem: str = "", plot: bool = False,
     timeline_json: bool = False, report: Callable[[int, int], None] = lambda done, size: None,
 ) -> Felt:  # fmt: skip
     """Process a recording and write its vibration, timeline and, if wanted, a figure.
@@ -72,9 +72,7 @@ def feel(
     folder, stem
         Where the files go, and how their names begin: by default as the recording's.
     settings
-        Model, threshold, events, tip, profile and ceiling are used.
-    fast_contact
-        As for `open_pipeline`.
+        Model, contact, threshold, events, tip, profile and ceiling are used.
     report
         Called with the samples processed and their number.
 
@@ -84,7 +82,8 @@ def feel(
     detector, tip, profile = settings.detector, settings.capture.tip, settings.rendering.profile
     recording = open_recording(
         path, detector.model, profile=profile, limits=Limits(ceiling=settings.rendering.ceiling),
-        fast_contact=fast_contact, events=detector.events, tip=tip, threshold_dbfs=detector.threshold_dbfs,
+        contact=cast(ContactRule, detector.contact), events=detector.events, tip=tip,
+        threshold_dbfs=detector.threshold_dbfs, margin_db=detector.margin_db,
     )  # fmt: skip
     pipeline, outputs = recording.pipeline, OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json)
     passthrough = PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None

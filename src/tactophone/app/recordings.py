@@ -1,7 +1,7 @@
 """One way to open a recording, so that `feel`, `classify`, `evaluate` and `demo` decide alike.
 
 A recording is read before it is processed: what is wrong with its sound is corrected (`tactophone.app.prepare`), and
-its contact threshold lies just over its own noise floor. A live run cannot look ahead; its threshold follows the noise.
+contact begins at its own noise floor, which is followed from there as in a live run.
 """
 
 import math
@@ -16,7 +16,7 @@ from tactophone.app.sources import recorded
 from tactophone.core.hand import each_finger
 from tactophone.core.settings import Finger, Settings
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import AudioBlock, ChangedSource, PipelineStep, Source
+from tactophone.core.types import AudioBlock, ChangedSource, ContactRule, PipelineStep, Source
 from tactophone.lab.dataset.read import find_recording
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, take_of
@@ -91,8 +91,8 @@ class OpenRecording:
 
 def open_recording(
     path: str | Path, model: str | Model = "", *, profile: str = "paper", limits: Limits | None = None,
-    fast_contact: bool = True, events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
-    block_size: int = 4096,
+    contact: ContactRule = "bands", events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
+    margin_db: float = math.nan, block_size: int = 4096,
 ) -> OpenRecording:  # fmt: skip
     """Open a recording and a pipeline for it, as ``tactophone feel`` does.
 
@@ -105,6 +105,8 @@ def open_recording(
         As for `open_pipeline`, like the parameters after it.
     threshold_dbfs
         Level from which there is contact, in dB of full scale; by default just over the recording's noise floor.
+    margin_db
+        How far over its noise a band is heard; by default 5 dB.
     block_size
         Samples in each block of the sound.
 
@@ -133,7 +135,7 @@ def open_recording(
     preparation = Preparation.of(source)
     pipeline = open_pipeline(
         model, sample_rate=file.sample_rate, channels=len(preparation.channels), limits=limits,
-        profile="paper" if profile in PASSTHROUGH else profile, fast_contact=fast_contact, follow_floor=False,
+        profile="paper" if profile in PASSTHROUGH else profile, contact=contact, follow_floor=contact == "bands",
         events=events, tip=tip,
     )  # fmt: skip
     detector, floor = pipeline.detector, None
@@ -143,14 +145,16 @@ def open_recording(
         preparation = replace(preparation, offset=(0.0,) * len(preparation.offset), hum=None)
     if not math.isnan(threshold_dbfs):
         detector.threshold.dbfs = threshold_dbfs
-    elif card:
+    elif card and isinstance(detector, TouchDetector):
         floor = _measured(source, preparation, card)
         # Sound that is rendered itself keeps its level.
         if not card.imported and profile not in PASSTHROUGH:
             louder = preparation.amplified(floor.loudest_dbfs)
             if louder != preparation:
                 preparation, floor = louder, _measured(source, louder, card)
-        detector.threshold.dbfs = floor.threshold_dbfs
+        detector.begin(floor)
+        if detector.floor and not math.isnan(margin_db):
+            detector.floor.margin_db = margin_db
     notes = preparation.notes(file.channels, used=card.channels if card else file.channels)
     known_misfits = {}
     if card and file.sample_rate < card.sample_rate:

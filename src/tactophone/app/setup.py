@@ -33,7 +33,11 @@ NOT_ASKED = ("no-tap", "faint-stroke")
 """Findings of a calibration that are about steps which are not part of this."""
 
 CHECK_STEPS = (
-    (SimulatedAct("rest", 5.0), "Silence: touch nothing and keep still"),
+    (
+        SimulatedAct("rest", 10.0),
+        "Touch nothing. A robot: move it in the air all the time, with three starts and stops, grippers and wrists "
+        "too. A hand: keep still",
+    ),
     (SimulatedAct("stroke", 5.0), "A stroke: stroke an object that you will use, to and fro, at medium pressure"),
     (SimulatedAct("tap", 3.0), "Taps: tap on it about twice a second"),
 )
@@ -197,7 +201,7 @@ def check_microphones(
 
 def _misfits(name: str, sounds: SetUpSounds, *, threshold_dbfs: float) -> list[Finding]:
     """Return what of the sound does not fit a shipped model: a missing band, noise, another tip."""
-    detector = open_detector(name, sample_rate=sounds.sample_rate, fast_contact=False)
+    detector = open_detector(name, sample_rate=sounds.sample_rate, contact="window")
     detector.threshold.dbfs = threshold_dbfs
     sound = np.concatenate((sounds.silence, *(each for _, _, each in sounds.objects)))
     detector.push(AudioBlock(sound, sounds.sample_rate))

@@ -92,8 +92,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="paper", metavar="NAME",
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip
-    add("--contact", choices=("fast", "window"), default="fast",
-        help="detect contact within milliseconds, or by the model's whole window as in the paper")  # fmt: skip
     options.add_figure(parser)
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
     for name in options.flags_of("feel"):
@@ -133,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
 def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
     with output.progress("processing", note=path.name) as update:
         felt = feel(
-            path, args.out, settings, stem=stem, fast_contact=args.contact == "fast", plot=args.plot,
+            path, args.out, settings, stem=stem, plot=args.plot,
             timeline_json=args.json, report=lambda done, size: update(completed=done, total=size),
         )  # fmt: skip
     if felt.tip_warning:

@@ -198,6 +198,17 @@ class Detector:
         math.nan, "level of the contact gate; nan: from the calibration, or just over the noise floor", unit="dBFS",
         span=(-120, 0), flag="--threshold", verbs="feel try",
     )  # fmt: skip
+    contact: str = _setting(
+        "bands",
+        "what decides on contact: bands within milliseconds, each over its own noise, so that motors are none; "
+        "the level alone; or the level of the model's window, as in the paper",
+        choices=("bands", "level", "window"), flag="--contact", verbs="feel",
+    )  # fmt: skip
+    margin_db: float = _setting(
+        math.nan,
+        "how far over its noise a band is heard, for a loud robot; nan: from the calibration, or 5",
+        unit="dB", span=(3, 12),
+    )  # fmt: skip
     events: bool = _setting(
         False, "detect taps, strokes and slips too; the profile events always does", flag="--events", verbs="feel"
     )

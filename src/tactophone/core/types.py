@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeAlias, runtime_checkable
+from typing import Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,6 +265,10 @@ class ChangedSource:
 
     def __exit__(self, *_: object) -> None:
         self._source.__exit__(None, None, None)
+
+
+ContactRule: TypeAlias = Literal["bands", "level", "window"]
+"""What decides on contact: the bands of the contact gate, its level alone, or the level of a whole window."""
 
 
 class ContactThreshold:

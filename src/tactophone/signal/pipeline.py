@@ -15,7 +15,7 @@ import numpy as np
 
 from tactophone.core.microphones import check_channels
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.core.types import AudioBlock, ContactRule, Detector, HapticCommand, PipelineStep, Prediction, Profile
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.detector import push_together
@@ -173,7 +173,7 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
 
 def open_pipeline(
     model: str | Model = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
-    fast_contact: bool = True, follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
+    contact: ContactRule = "bands", follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
 ) -> Pipeline:  # fmt: skip
     """Open a pipeline for sound of a given rate and channel count.
 
@@ -190,8 +190,9 @@ def open_pipeline(
         Name of a rendering profile.
     limits
         Bounds of the commands; by default a ceiling of half of full drive.
-    fast_contact
-        Detect contact within milliseconds (`signal.perception.contact`); if false, by the window, as in the paper.
+    contact
+        What decides on contact: ``bands`` or ``level``, within milliseconds (`signal.perception.contact`), or
+        ``window``, as in the paper.
     follow_floor
         Let the contact threshold follow the noise floor, until another is assigned (`ContactThreshold`); if false, it
         is the model's own.
@@ -210,9 +211,7 @@ def open_pipeline(
     check_channels(channels)
     name = model or default_model(tip)
     own = None if isinstance(name, Model) else open_registered(name, sample_rate=sample_rate, channels=channels)
-    detector: Detector = own or open_detector(
-        name, sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
-    )
+    detector: Detector = own or open_detector(name, sample_rate=sample_rate, contact=contact, follow_floor=follow_floor)
     merger = None
     if events or profile == "events":
         merger = open_events(sample_rate=sample_rate, channels=channels, tip=tip)

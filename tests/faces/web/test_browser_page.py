@@ -62,7 +62,7 @@ def scratches(*, seconds: float = 8.0) -> FloatArray:
 
 
 def by_the_product(sound: FloatArray, rate: int = RATE) -> list[Prediction]:
-    detector = open_detector("stylus", sample_rate=rate, fast_contact=False)
+    detector = open_detector("stylus", sample_rate=rate, contact="window")
     detector.threshold.dbfs = THRESHOLD_DBFS
     whole = blocks(sound[:, None], 480, sample_rate=rate)
     return [prediction for block in whole for prediction in detector.push(block)]

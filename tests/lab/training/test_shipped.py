@@ -75,7 +75,7 @@ def test_a_model_that_works_without_air_is_its_own_fallback() -> None:
 
 def test_the_stylus_uses_the_air_microphone_where_there_are_two() -> None:
     sound = hiss(2)
-    alone, both = (open_detector("stylus", sample_rate=RATE, fast_contact=False) for _ in range(2))
+    alone, both = (open_detector("stylus", sample_rate=RATE, contact="window") for _ in range(2))
     air = np.ascontiguousarray(sound[:, 1:])
     assert both.push(AudioBlock(sound, RATE)) == alone.push(AudioBlock(air, RATE))
 

@@ -1,10 +1,12 @@
+import math
+
 import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.contact import CLEAR_DB, Contact, ContactGate
 from tactophone.signal.perception.levels import LoudnessRule
-from tactophone.signal.perception.noise_floor import NoiseFloor, measure_floor
+from tactophone.signal.perception.noise_floor import LOWEST_DBFS, SPREAD_DB, NoiseFloor, RecordingFloor, measure_floor
 from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 THRESHOLD_DBFS = -40.0
@@ -33,42 +35,74 @@ def test_any_block_size_gives_the_same_changes(size: int) -> None:
     assert changes_in(samples, size) == changes_in(samples, len(samples))
 
 
-class StepwiseGate(ContactGate):
-    """Evaluates each step by itself, as none waits for another."""
-
-    def _take(self, powers: np.ndarray) -> list[Contact]:
-        contacts = []
-        for power in powers:
-            self._powers[self._filled] = power
-            self._filled += 1
-            contacts += self._evaluate()
-        return contacts
-
-    def _stays(self, slow: list[float], fast: list[float]) -> bool:
-        return False
-
-
-@pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])
-@pytest.mark.parametrize("rate", [16_000, 44_100, 48_000])
-def test_steps_that_wait_change_nothing(rate: int, rule: LoudnessRule) -> None:
+def restless(rate: int) -> np.ndarray:
+    """Noise with twenty bursts of any level and length, and samples that are invalid."""
     samples = noise(level_dbfs=THRESHOLD_DBFS - 8, duration=4 * rate / 48_000, channels=1)
     random = np.random.default_rng(1)
-    for start in random.integers(0, len(samples), 20):
+    for start in random.integers(rate, len(samples), 20):
         part = samples[start : start + random.integers(1, rate // 4)]
         part += random.normal(0, 10 ** (random.uniform(-60, -5) / 20), part.shape)
     samples[3 * rate : 3 * rate + 100] = np.nan
+    return samples
 
-    def reports(kind: type[ContactGate]) -> list[tuple[Contact, float]]:
-        gate, found = kind(THRESHOLD_DBFS, sample_rate=rate, rule=rule, floor=NoiseFloor(-30), hold=0.1), []
-        for number, block in enumerate(blocks(samples, 57, sample_rate=rate)):
-            found += [(contact, contact.threshold_dbfs) for contact in gate.push(block)]
-            if number == len(samples) // 114:
-                gate.threshold.dbfs = -37.0
-        return found
 
-    found = reports(ContactGate)
-    assert found == reports(StepwiseGate)
+@pytest.mark.parametrize("bands", [False, True])
+@pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])
+@pytest.mark.parametrize("rate", [2_000, 16_000, 44_100, 48_000])
+def test_any_block_size_gives_the_same_changes_while_the_threshold_follows(
+    rate: int, rule: LoudnessRule, bands: bool
+) -> None:
+    samples = restless(rate)
+
+    def reports(size: int) -> list[tuple[Contact, float]]:
+        floor = NoiseFloor(-30, spread_db=SPREAD_DB[rule])
+        gate = ContactGate(THRESHOLD_DBFS, sample_rate=rate, rule=rule, floor=floor, bands=bands, hold=0.1)
+        found = [each for block in blocks(samples, size, sample_rate=rate) for each in gate.push(block)]
+        return [(contact, contact.threshold_dbfs) for contact in found]
+
+    found = reports(57)
+    assert found == reports(len(samples)) == reports(701)
     assert {(contact.touching, contact.held) for contact, _ in found} == {(0, 0), (1, 0), (1, 1)}
+
+
+def following(samples: np.ndarray, *, bands: bool = True, rate: int = 48_000) -> list[Contact]:
+    gate = ContactGate(-38, sample_rate=rate, rule="banded", floor=NoiseFloor(-38), bands=bands, hold=0.1)
+    return gate.push(AudioBlock(samples.astype(np.float32), rate))
+
+
+def test_motion_that_raises_all_sound_a_little_is_no_touch() -> None:
+    samples = noise(level_dbfs=-60, duration=4.0, channels=1)
+    samples[2 * 48_000 :] *= 10 ** (3 / 20)
+    by_level, by_bands = (
+        np.mean([each.touching for each in following(samples, bands=bands) if each.time > 2.1])
+        for bands in (False, True)
+    )
+    assert by_level > 0.9
+    assert by_bands < 0.1
+
+
+def test_a_touch_is_known_at_once_though_the_bands_take_longer() -> None:
+    samples = noise(level_dbfs=-60, duration=2.0, channels=1)
+    samples[48_000:] += noise(level_dbfs=-35, duration=1.0, channels=1, seed=1)
+    found = following(samples)
+    first = next(each.time for each in found if each.touching)
+    assert 1.0 < first < 1.003
+    assert all(each.touching and not each.held for each in found if each.time > first)
+
+
+def test_an_assigned_threshold_turns_the_bands_off() -> None:
+    samples = noise(level_dbfs=-60, duration=2.0, channels=1)
+    samples[48_000:] += noise(level_dbfs=-58, duration=1.0, channels=1, seed=1)
+    gate = ContactGate(-38, sample_rate=48_000, rule="banded", floor=NoiseFloor(-38), bands=True, hold=0.1)
+    gate.threshold.dbfs = -70.0
+    assert all(each.touching for each in gate.push(AudioBlock(samples, 48_000)) if each.time > 0.1)
+
+
+def test_a_recording_without_a_floor_is_contact_throughout() -> None:
+    gate = ContactGate(-38, sample_rate=48_000, rule="banded", floor=NoiseFloor(-38), bands=True, hold=0.1)
+    gate.begin(RecordingFloor(LOWEST_DBFS, math.nan, -20.0))
+    samples = noise(level_dbfs=-40, duration=1.0, channels=1)
+    assert all(each.touching for each in gate.push(AudioBlock(samples, 48_000)) if each.time > 0.05)
 
 
 @pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])

@@ -48,7 +48,7 @@ def test_a_touch_is_detected_within_milliseconds_at_any_gain(gain_db: float) -> 
 def test_an_assigned_threshold_wins_and_stays() -> None:
     detector = open_detector("texture", sample_rate=RATE, follow_floor=True)
     detector.threshold.dbfs = -3.0
-    assert not detector.floors
+    assert detector.floor is None
     found = detector.push(AudioBlock(sound(), RATE))
     assert detector.threshold.dbfs == -3.0
     assert {p.touch for p in found} == {Touch.NONE}

@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
 
-from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, LOWEST_DBFS, NoiseFloor, margin_db
+from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, LOWEST_DBFS, RISE_TOUCHED, NoiseFloor, margin_db
 
 SPREAD_DB = 0.4
+NO_BANDS = np.zeros(0, np.float32)
 
 
 def noise(level_dbfs: float, seconds: float, *, slope: float = 0.0, seed: int = 0) -> np.ndarray:
-    count = round(100 * seconds)
-    return level_dbfs + slope * np.arange(count) / 100 + np.random.default_rng(seed).normal(0, SPREAD_DB, count)
+    count = round(200 * seconds)
+    return level_dbfs + slope * np.arange(count) / 200 + np.random.default_rng(seed).normal(0, SPREAD_DB, count)
 
 
 def stroke(level_dbfs: float, seconds: float) -> np.ndarray:
-    time = np.arange(round(100 * seconds)) / 100
+    time = np.arange(round(200 * seconds)) / 200
     return level_dbfs + 6 * np.sin(2 * np.pi * 1.3 * time) + np.random.default_rng(1).normal(0, 2, len(time))
 
 
@@ -20,7 +21,7 @@ def follow(floor: NoiseFloor, levels: np.ndarray) -> np.ndarray:
     contact = np.zeros(len(levels), bool)
     for at, level in enumerate(levels.tolist()):
         contact[at] = level >= floor.threshold_dbfs
-        floor.push(level, touching=bool(contact[at]))
+        floor.push(level, NO_BANDS, touching=bool(contact[at]), loud=bool(contact[at]))
     return contact
 
 
@@ -36,7 +37,7 @@ def test_silence_is_silence_and_a_stroke_10_db_over_it_is_a_touch_at_any_gain(le
 def test_noise_that_creeps_up_is_followed_and_does_not_deafen() -> None:
     floor = NoiseFloor(-38.0)
     contact = follow(floor, noise(-60, 60, slope=0.3))
-    assert contact[100:].mean() < 0.05
+    assert contact[200:].mean() < 0.05
     assert follow(floor, stroke(-42 + 14, 5)).mean() > 0.9
 
 
@@ -52,31 +53,31 @@ def test_faint_strokes_under_the_threshold_do_not_creep_the_floor_up() -> None:
     follow(floor, noise(-60, 3))
     before = floor.threshold_dbfs
     for level in stroke(-60, 30).tolist():
-        floor.push(level, touching=False)
+        floor.push(level, NO_BANDS, touching=False, loud=False)
     assert floor.threshold_dbfs < before + 4
 
 
-def test_a_touch_freezes_the_floor_and_a_stroke_is_never_noise() -> None:
+def test_a_touch_hardly_moves_the_floor_and_a_stroke_is_never_noise() -> None:
     floor = NoiseFloor(-38.0)
     follow(floor, noise(-60, 3))
     before = floor.threshold_dbfs
     assert follow(floor, stroke(-35, 60)).mean() > 0.99
-    assert floor.threshold_dbfs == before
+    assert floor.threshold_dbfs <= before + 60 * RISE_TOUCHED
 
 
 def test_noise_that_jumps_up_and_stays_is_noise_after_ten_seconds() -> None:
     floor = NoiseFloor(-38.0)
     follow(floor, noise(-60, 3))
     assert follow(floor, noise(-45, 9)).all()
-    assert follow(floor, noise(-45, 10))[300:].mean() < 0.02
+    assert follow(floor, noise(-45, 10))[600:].mean() < 0.02
 
 
 def test_a_source_that_pauses_or_a_dead_microphone_leaves_the_floor_alone() -> None:
     floor = NoiseFloor(-38.0)
     follow(floor, noise(-60, 3))
     before = floor.threshold_dbfs
-    follow(floor, np.full(500, -200.0))
-    follow(floor, np.full(100, np.nan))
+    follow(floor, np.full(1000, -200.0))
+    follow(floor, np.full(200, np.nan))
     assert floor.threshold_dbfs == before
     assert follow(floor, noise(-60, 5, seed=3)).mean() < 0.02
 

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Generator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,15 @@ import pytest
 from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import DecisionRule
-from tactophone.signal.perception.detector import FADED_DB, FADED_PAUSE, LANDED, PAUSE, TouchDetector
+from tactophone.signal.perception.detector import (
+    FADED_DB,
+    FADED_PAUSE,
+    LANDED,
+    PAUSE,
+    TOUCH_TRANSITIONS,
+    TouchDetector,
+    TouchState,
+)
 
 RATE, HOP = 8000, 80
 
@@ -19,7 +28,7 @@ RATE, HOP = 8000, 80
 class Scripted:
     """Predicts from a list, every 10 ms."""
 
-    name, hop, latency, bandwidth, floor = "scripted", 0.01, 0.0, 4000.0, None
+    name, hop, latency, bandwidth, contact_at = "scripted", 0.01, 0.0, 4000.0, None
 
     card = SimpleNamespace(decision=DecisionRule())
 
@@ -121,3 +130,31 @@ def test_a_landing_is_not_rough() -> None:
     early = {each.touch for each in found if begin <= each.end < begin + LANDED - 0.001}
     assert early == {Touch.SMOOTH}
     assert found[-1].touch is Touch.ROUGH
+
+
+def test_the_state_moves_as_the_table_says_and_reaches_every_state() -> None:
+    random, seen = np.random.default_rng(3), set[tuple[TouchState, TouchState]]()
+    for seed in range(40):
+        touches = [Touch(int(each)) for each in np.repeat(random.integers(0, 3, 40), random.integers(1, 12, 40))]
+        loud = np.repeat(random.random(len(touches) // 2 + 1) < 0.6, 2)[: len(touches)]
+        sound = np.repeat(loud, HOP)[:, None] * 0.1 * np.random.default_rng(seed).standard_normal((len(loud) * HOP, 1))
+        scripted = Scripted(touches, level_dbfs=random.choice([-20.0, -45.0]))
+        gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
+        detector = TouchDetector(scripted, gate, window=0.032)
+        watch(detector, seen, random)
+        detector.push(AudioBlock(sound.astype(np.float32), RATE))
+    assert all(after in TOUCH_TRANSITIONS[state] for state, after in seen), seen
+    assert {state for state, _ in seen} == set(TouchState)
+
+
+def watch(detector: TouchDetector, seen: set[tuple[TouchState, TouchState]], random: np.random.Generator) -> None:
+    """Note the state before and after each update, of which some are faulty."""
+    revise = detector._revise
+
+    def follow(prediction: Prediction) -> Prediction:
+        before = detector.state
+        found = revise(replace(prediction, faulty=bool(random.random() < 0.02)))
+        seen.add((before, detector.state))
+        return found
+
+    detector._revise = follow  # type: ignore[method-assign]

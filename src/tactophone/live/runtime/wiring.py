@@ -19,7 +19,7 @@ from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.core.settings import Link, Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ContactRule, Detector, FloatArray, Source
 from tactophone.core.version import __version__
 from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand
@@ -115,15 +115,22 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     model = chosen.model or default_model(settings.capture.tip)
     calibration = read_calibration(chosen.calibration, channels)
     own = open_registered(model, sample_rate=LIVE_SAMPLE_RATE, channels=channels)
-    plain = None if own else open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
+    rule = cast(ContactRule, chosen.contact)
+    plain = (
+        None if own else open_detector(model, sample_rate=LIVE_SAMPLE_RATE, contact=rule, follow_floor=rule != "window")
+    )
     detector: Detector = own or cast(TouchDetector, plain)
     if chosen.check_microphones and plain:
         reference = calibration.reference if calibration else None
         detector = with_fallback(
-            plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference
+            plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference, contact=rule
         )
     if not math.isnan(chosen.threshold_dbfs):
         detector.threshold.dbfs = chosen.threshold_dbfs
+    elif rule == "bands":
+        if plain and plain.floor:  # bands follow the noise, whatever was calibrated
+            measured = calibration.margin_db if calibration else plain.floor.margin_db
+            plain.floor.margin_db = measured if math.isnan(chosen.margin_db) else chosen.margin_db
     elif calibration and plain and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
         # A model whose rule was not calibrated follows the noise floor.
         detector.threshold.dbfs = level

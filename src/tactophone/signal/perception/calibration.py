@@ -33,7 +33,7 @@ from tactophone.signal.perception.health import (
     SignalStatistics,
 )
 from tactophone.signal.perception.levels import LoudnessRule
-from tactophone.signal.perception.noise_floor import FLOOR_HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, FLOOR_HOLD, measure_floor
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
 CLIPPED = 0.05
@@ -65,6 +65,8 @@ class Calibration:
     """`stroke_dbfs` and `peak_dbfs`: median level and highest peak while stroked."""
     banded_dbfs: float = math.inf
     """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it."""
+    margin_db: float = BAND_MARGIN_DB
+    """How far over its noise a band is heard: as little as the robot's own motion allows."""
 
     def threshold_for(self, rule: LoudnessRule) -> float | None:
         """Return the contact threshold for a model's rule, if it was measured."""

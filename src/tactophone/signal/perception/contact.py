@@ -5,21 +5,29 @@ just landed. So the gate measures the level four thousand times a second, beside
 opens it by the level over 4 ms; any other by the level over 32 ms, because motor noise and hum sometimes rise 5 dB for
 4 ms, but not for 32. The gate closes when the longer level has fallen under the threshold.
 
-The threshold follows the noise floor (`signal.perception.noise_floor`) unless it was given or calibrated. A touch
-is held over a silence as short as that of a finger that has just landed, or of a stroke that turns.
+A level cannot tell motors from touch: a moving robot raises it by 3 dB, and the gate opens 2 dB over the floor. So
+sixteen bands decide, each over its own floor: motors raise few of them, and little; a touch raises many. Their
+windows are longer, so the level gate alone counts for the first 50 ms after it opens.
+
+The threshold follows the noise floor (`signal.perception.noise_floor`) unless it was given or calibrated; then the
+level decides alone. A touch is held over a silence as short as that of a finger that has just landed, or of a stroke
+that turns.
 
 The paper has no such gate (it compares the level of the whole window): `feel --contact window` turns it off.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import repeat
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
-from tactophone.signal.perception.levels import LoudnessRule, StepLevels
-from tactophone.signal.perception.noise_floor import FLOOR_WINDOW, RATE, NoiseFloor
+from tactophone.signal.perception.levels import BANDS_HOP, BANDS_WINDOW, BandLevels, LoudnessRule, StepLevels
+from tactophone.signal.perception.noise_floor import FLOOR_WINDOW, HIGHEST_DBFS, NoiseFloor, RecordingFloor
 
 FAST, SLOW = 0.004, FLOOR_WINDOW
 """Seconds that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
@@ -34,14 +42,20 @@ that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a tou
 SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
 
-GATE_HEARTBEAT = 1 / RATE
+GATE_HEARTBEAT = 2 * BANDS_HOP
 """Seconds between two reports while nothing changes: downstream, no report means that something has stopped."""
 
 MOST_STEPS = 64
 """Steps of a longer block that are taken at once."""
 
-ROUNDING = 1e-3
-"""Share of a level, far over the error of sums, by which a threshold must be missed for steps to wait."""
+BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
+"""Mean over the bands of what exceeds floor and margin that begins contact, and that ends it."""
+
+EARLY = 0.05
+"""Seconds from the opening of the level gate in which its word counts alone: the bands' windows are 64 ms long."""
+
+DISTRUST = 1.0
+"""Seconds after an opening that no band confirmed in which another counts for nothing: motors open the level gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +93,8 @@ class ContactGate:
         Of the sound to come, in Hz.
     floor
         Where there is one, the threshold begins at its own and follows it, until another threshold is assigned.
+    bands
+        Let the bands decide, each over its own floor, once the floor is known; not by a threshold that was assigned.
     hold
         Seconds that contact lasts on over silence.
 
@@ -102,19 +118,21 @@ class ContactGate:
         sample_rate: int,
         rule: LoudnessRule = "rms",
         floor: NoiseFloor | None = None,
+        bands: bool = False,
         hold: float = 0.0,
     ) -> None:
         self._levels = StepLevels(rule, sample_rate=sample_rate)
         self._sample_rate = sample_rate
         count = self._levels.count
-        self._fast, self._slow, self._heartbeat = count(FAST), count(SLOW), count(GATE_HEARTBEAT)
+        self._fast, self._slow, self._hop = count(FAST), count(SLOW), count(BANDS_HOP)
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
-        # Powers of the steps that the slow level covers, then of those that wait and of new ones.
-        self._powers = np.zeros(self._slow + self._heartbeat + MOST_STEPS)
+        self._early, self._distrust = count(EARLY), count(DISTRUST)
+        self._bands = BandLevels(sample_rate, hop=self._hop * self._levels.step_size) if bands else None
+        # Powers of the steps that the slow level covers, then of new ones.
+        self._powers = np.zeros(self._slow + MOST_STEPS)
         self._windows = sliding_window_view(self._powers[1:], self._slow)
         self._slow_weights, self._fast_weights = (np.full(steps, 1 / steps) for steps in (self._slow, self._fast))
         self.threshold, self.floor = ContactThreshold(threshold_dbfs, follows_floor=floor is not None), floor
-        self._set(threshold_dbfs, threshold_dbfs - RELEASE_DB)
         self.reset()
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
@@ -129,124 +147,140 @@ class ContactGate:
         """Return to the initial state: no contact; the floor is measured anew."""
         self._levels.reset()
         self._powers[:] = 0
-        self._filled, self._room, self._steps = self._slow, 0.0, 0
-        self._touching = self._held = False
-        self._lasted = self._quiet = 0
-        if self.floor and self.threshold.follows_floor:
+        self._steps = self._lasted = self._quiet = 0
+        # Of the level: whether it says contact, and only holds it; whether its word counts before the bands can tell.
+        self._open = self._held = self._invalid = False
+        self._believed, self._believed_from = False, 0
+        # Of the bands: whether they are loud now, and the steps since.
+        self._heard, self._silent_for = False, self._hold + 1
+        self._reported = False, False
+        if self._bands:
+            self._bands.reset()
+        if self.floor:
             self.floor.reset()
+        self._set(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
+        if self.floor and self.threshold.follows_floor:
             self._move(self.floor)
+
+    def begin(self, recording: RecordingFloor) -> None:
+        """Begin at the floor of a recording; where it has none or the level decides, with its threshold."""
+        if self.floor and self._bands and recording.known:
+            self.floor.begin(recording)
+            self._move(self.floor)
+        else:
+            self.threshold.dbfs = recording.threshold_dbfs
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every ``GATE_HEARTBEAT`` s."""
         threshold = self.threshold
         if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
-            # Another was assigned. The steps that wait are from before, and change nothing by the threshold in force.
-            if self._filled > self._slow:
-                self._evaluate()
-            self._room = 0.0
-            self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)
-        powers = self._levels.push(block)
-        if len(powers) <= MOST_STEPS:
-            return self._take(powers)
-        pieces = (powers[start : start + MOST_STEPS] for start in range(0, len(powers), MOST_STEPS))
-        return [contact for piece in pieces for contact in self._take(piece)]
+            self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)  # another was assigned
+        rows = iter(self._bands.push(block.samples[:, CONTACT]) if self._bands else repeat(_NO_BANDS))
+        powers, contacts = self._levels.push(block), list[Contact]()
+        for start in range(0, len(powers), MOST_STEPS):
+            contacts += self._take(powers[start : start + MOST_STEPS], rows)
+        return contacts
 
-    def _take(self, powers: FloatArray) -> list[Contact]:
-        """Keep the steps; evaluate them as soon as they could change anything."""
-        if not len(powers):
-            return []
-        filled = self._filled + len(powers)
-        self._powers[self._filled : filled] = powers
-        self._filled = filled
-        self._room -= sum(powers.tolist())
-        until_heartbeat = self._heartbeat - self._steps % self._heartbeat
-        # A comparison with NaN is false: invalid samples are evaluated at once.
-        if self._room > 0 and filled - self._slow < until_heartbeat:
-            return []
-        return self._evaluate()
-
-    def _evaluate(self) -> list[Contact]:
-        """Evaluate all steps that wait, one after another, and return what changed."""
+    def _take(self, powers: FloatArray, rows: Iterator[FloatArray]) -> list[Contact]:
+        """Evaluate new steps one after another, and a row of the bands at each hop; return what changed."""
         # Each level is a sum of its own, so that it is the same at any block size.
-        count = self._filled - self._slow
+        count = len(powers)
+        self._powers[self._slow : self._slow + count] = powers
         windows = self._windows[:count]
         slow = np.vecdot(windows, self._slow_weights).tolist()
         fast = np.vecdot(windows[:, -self._fast :], self._fast_weights).tolist()
-        self._powers[: self._slow] = self._powers[count : self._filled]
-        self._filled = self._slow
+        self._powers[: self._slow] = self._powers[count : count + self._slow]
         contacts, start = list[Contact](), 0
         while start < count:
-            # A heartbeat may move the thresholds.
-            end = start + self._heartbeat - self._steps % self._heartbeat
+            end = min(count, start + self._hop - self._steps % self._hop)
             if self._stays(slow[start:end], fast[start:end]):
-                taken = len(slow[start:end])
-                self._steps += taken
-                self._lasted += taken
-                self._quiet = 0 if self._touching else self._quiet + taken
-                found = [self._report(slow[start:end][-1], changed=False)]
+                self._steps += end - start
+                self._lasted += end - start
+                self._quiet = 0 if self._open else self._quiet + end - start
             else:
-                found = list(map(self._step, slow[start:end], fast[start:end]))
-            contacts += [contact for contact in found if contact]
+                for each in map(self._step, slow[start:end], fast[start:end]):
+                    contacts += each
+            if self._steps % self._hop == 0:
+                contacts += self._end_hop(slow[end - 1], next(rows))
             start = end
-        self._room = self._room_after(slow[-1], fast[-1])
         return contacts
 
-    def _room_after(self, slow: float, fast: float) -> float:
-        """Return the sum of powers up to which further steps can change nothing until the next heartbeat.
-
-        A level is the mean of the powers of its steps. Without contact, new steps can raise it by their sum over its
-        length at most, as what falls out of it is no less than 0: so it stays under a threshold until that sum exceeds
-        the length times what it is under it.
-        """
-        if self._held:
-            return 0.0
-        if self._touching:
-            # The steps that the slow level will still cover then may be enough to keep the touch.
-            kept = self._powers[self._heartbeat : self._slow] @ self._slow_weights[self._heartbeat :]
-            return math.inf if kept >= self._close_under * (1 + ROUNDING) else 0.0
-        opening = min(self._slow * (self._open_from - slow), self._fast * (self._clear_from - fast))
-        return (1 - ROUNDING) * opening
-
     def _stays(self, slow: list[float], fast: list[float]) -> bool:
-        """Whether these steps plainly change nothing, so that none needs a look of its own."""
-        if self._touching:
+        """Whether the level plainly says of these steps what it said before, so that none needs a look of its own."""
+        # A comparison with NaN is false: invalid samples are looked at, and the first step after them.
+        if self._invalid:
+            return False
+        if self._open:
             return not self._held and all(level >= self._close_under for level in slow)
-        return max(slow) < self._open_from and max(fast) < self._clear_from
+        return all(level < self._open_from for level in slow) and all(level < self._clear_from for level in fast)
 
-    def _step(self, slow: float, fast: float) -> Contact | None:
-        touching, held = self._touching, self._held
+    def _step(self, slow: float, fast: float) -> list[Contact]:
+        was_open, held = self._open, self._held
         self._steps += 1
         self._lasted += 1
         # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
+        self._invalid = not slow >= 0
         loud = slow >= self._open_from or fast >= self._clear_from
-        if not loud and touching and not held:
+        if not loud and was_open and not held:
             # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST_GATED_TOUCH` at least.
             loud = slow >= self._close_under or (self._lasted < self._shortest and fast >= 0)
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
-        self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold
-        self._touching = loud or self._held
-        if self._touching and not touching:
-            self._lasted = 0
-        return self._report(slow, changed=self._touching is not touching or self._held is not held)
+        self._held = not loud and was_open and slow >= 0 and self._quiet <= self._hold
+        self._open = loud or self._held
+        if self._open and not was_open:
+            self._lasted, self._believed = 0, self._steps >= self._believed_from
+        return self._report()
 
-    def _report(self, slow: float, *, changed: bool) -> Contact | None:
-        """Return the state if it changed or a heartbeat is due."""
-        if self._steps % self._heartbeat == 0:
-            if self.floor and self._following:
-                self._follow(self.floor, slow)
-        elif not changed:
-            return None
-        time = self._steps * self._levels.step_size / self._sample_rate
-        return Contact(time, self._touching, self._held, self._threshold_dbfs)
-
-    def _follow(self, floor: NoiseFloor, slow: float) -> None:
+    def _end_hop(self, slow: float, bands: FloatArray) -> list[Contact]:
+        """Ask the bands, and let the floor follow."""
         level_dbfs = 20 / self._levels.power * math.log10(slow) if slow > 0 else math.nan
-        # Until the window is full of sound, the level is that of its zeros.
-        floor.push(level_dbfs if self._steps >= self._slow else math.nan, touching=self._touching)
-        if floor.threshold_dbfs != self._threshold_dbfs:
-            self._move(floor)
+        if self._by_bands and self.floor:
+            self._hear(self.floor, bands)
+        touching, _ = self._decide()
+        if self.floor and self._following:
+            # Until the windows are full of sound, part of the levels is that of their zeros.
+            full = self._steps * self._levels.step_size >= BANDS_WINDOW * self._sample_rate
+            self.floor.push(level_dbfs if full else math.nan, bands, touching=touching, loud=self._open)
+            if self.floor.threshold_dbfs != self._threshold_dbfs:
+                self._move(self.floor)
+        return self._report(due=self._steps % (2 * self._hop) == 0)
+
+    def _hear(self, floor: NoiseFloor, bands: FloatArray) -> None:
+        over = float(np.maximum(bands - floor.bands - floor.margin_db, 0.0).mean())
+        self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)  # false where it is NaN
+        self._silent_for = 0 if self._heard else self._hold + 1 if math.isnan(over) else self._silent_for + self._hop
+        if self._open and self._believed and self._lasted >= self._early:
+            self._believed = False
+            if self._silent_for > self._hold:
+                # The level said contact, and no band agreed: its next word counts for nothing.
+                self._believed_from = self._steps + self._distrust
+
+    @property
+    def _by_bands(self) -> bool:
+        # Sound as loud as the highest threshold is touch, not noise, however steady it is.
+        known = self.floor is not None and self.floor.known and self._threshold_dbfs < HIGHEST_DBFS
+        return known and self._bands is not None and self._following
+
+    def _decide(self) -> tuple[bool, bool]:
+        """Return whether there is contact, and whether it is only held."""
+        if not self._by_bands:
+            return self._open, self._held
+        early = self._open and self._believed
+        touching = not self._invalid and (early or self._silent_for <= self._hold)
+        return touching, touching and (self._held or not self._open or not (early or self._heard))
+
+    def _report(self, *, due: bool = False) -> list[Contact]:
+        """Return the state if it changed or a heartbeat is due."""
+        decided = self._decide()
+        if decided == self._reported and not due:
+            return []
+        self._reported = decided
+        return [Contact(self._steps * self._levels.step_size / self._sample_rate, *decided, self._threshold_dbfs)]
 
     def _move(self, floor: NoiseFloor) -> None:
         self.threshold.follow(floor.threshold_dbfs)
         self._set(floor.threshold_dbfs, floor.release_dbfs)
+
+
+_NO_BANDS = np.zeros(0, np.float32)

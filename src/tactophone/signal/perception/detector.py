@@ -10,10 +10,12 @@ all of them wait for (`process_together`), and a single detector is the case of 
 fingers into the same call changes a finger's result only in the last bits.
 """
 
+import enum
 import math
-from collections import Counter
-from collections.abc import Callable, Generator, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -27,7 +29,7 @@ from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.health import InvalidSampleFilter
 from tactophone.signal.perception.levels import LOUDNESS
 from tactophone.signal.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
-from tactophone.signal.perception.noise_floor import NoiseFloor
+from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
 from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler, Windower
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
@@ -89,7 +91,7 @@ def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
 def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
     """Return the prediction of a window of each detector, all of one network."""
     sound = [window.T for _, _, window in due]
-    measured = [detector.measure(each) for each, (detector, _, _) in zip(sound, due, strict=True)]
+    measured = [detector.measure(each, end) for each, (detector, end, _) in zip(sound, due, strict=True)]
     found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
     return [
         detector.decide(end, *level, *each)
@@ -120,8 +122,8 @@ class WindowDetector:
         Level from which there is contact; the model's own, until another is assigned.
     margin_db
         How far under the threshold a window still counts as contact.
-    floor
-        The noise by the window's own measure of level. While the threshold follows the noise floor, it decides.
+    contact_at
+        Returns the state of the contact gate at a time in s, where there is a gate.
     hop, bandwidth, latency
         Seconds between two predictions; the highest frequency, in Hz, that the model uses; seconds from a window's end
         until it can be classified.
@@ -147,7 +149,7 @@ class WindowDetector:
         self.name, self.hop, self.bandwidth = card.name, float(card.hop / card.sample_rate), card.sample_rate / 2
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
-        self.floor: NoiseFloor | None = None
+        self.contact_at: Callable[[float], Contact] | None = None
         self.fit: FitCheck | None = None
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self._sample_rate = sample_rate
@@ -166,8 +168,6 @@ class WindowDetector:
     @property
     def threshold_dbfs(self) -> float:
         """Level of a window from which there is contact now."""
-        if self.floor and self.threshold.follows_floor:
-            return self.floor.threshold_dbfs
         return self.threshold.dbfs - self.margin_db
 
     def reset(self) -> None:
@@ -180,8 +180,6 @@ class WindowDetector:
         self._missing = self._resampler.missing_until(self._windower.next_end)
         self._decision.reset()
         self.state[:] = 0
-        if self.floor:
-            self.floor.reset()
         if self.fit:
             self.fit.reset()
 
@@ -237,14 +235,18 @@ class WindowDetector:
         first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def measure(self, sound: FloatArray) -> tuple[float, bool]:
-        """Return the level of the first channel of a window, ``(channels, samples)``, and whether that is contact."""
+    def measure(self, sound: FloatArray, end: int) -> tuple[float, bool]:
+        """Return the level of the first channel of a window, ``(channels, samples)``, and whether that is contact.
+
+        ``end`` is the sample after its last one.
+        """
         level_dbfs = self._level_of(sound[CONTACT])
-        loud = level_dbfs >= self.threshold_dbfs
-        if self.floor and self.threshold.follows_floor:
-            self.floor.push(level_dbfs, touching=loud)
+        # As the gate stood when this window could be known, however many blocks later it is read.
+        gate = self.contact_at(end / self.card.sample_rate + self.latency) if self.contact_at else None
+        threshold_dbfs = gate.threshold_dbfs - self.margin_db if gate else self.threshold_dbfs
+        loud = level_dbfs >= threshold_dbfs
         if self.fit:
-            self.fit.push(sound, touching=loud)
+            self.fit.push(sound, touching=gate.touching if gate else loud)
         return level_dbfs, loud
 
     def decide(
@@ -316,6 +318,36 @@ LONGEST_GAP = 0.25
 _NO_PREDICTION = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
 
 
+class TouchState(enum.Enum):
+    """What a touch detector with a gate says at an update, and why."""
+
+    ABSENT = "no contact: none"
+    FAULTY = "the sound or the model's output is invalid: none"
+    LANDING = "contact, but the window is not yet full enough of it: smooth"
+    SMOOTH = "the windows say smooth"
+    ROUGH = "the windows say rough, or are not yet evidence enough against it"
+    PAUSED = "held over a short silence: the last decision stands"
+    HELD = "held over a longer silence: smooth at most, as contact may be over"
+
+
+TOUCH_TRANSITIONS: Mapping[TouchState, frozenset[TouchState]] = MappingProxyType(
+    {
+        # A touch is never rough at once: a false bump is worse than a missed one.
+        TouchState.ABSENT: frozenset(TouchState) - {TouchState.ROUGH},
+        # Invalid windows are withheld while the gate may go on touching.
+        TouchState.FAULTY: frozenset(TouchState),
+        TouchState.LANDING: frozenset(TouchState),
+        # Between two touches there is an update without contact, so landing never follows a decision. Only a window
+        # too quiet for the gate's threshold, early in a touch, brings it back.
+        TouchState.SMOOTH: frozenset(TouchState),
+        TouchState.ROUGH: frozenset(TouchState) - {TouchState.LANDING},
+        TouchState.PAUSED: frozenset(TouchState),
+        TouchState.HELD: frozenset(TouchState),
+    }
+)
+"""States of `TouchDetector` from one update to the next; what is missing never happens."""
+
+
 class TouchDetector:
     """Returns a prediction at every window and whenever contact begins or ends.
 
@@ -342,6 +374,7 @@ class TouchDetector:
         detector.threshold = self.threshold
         if gate:
             gate.threshold = self.threshold
+            detector.contact_at = self._contact_at
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
         self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
         self._first = self._next = 0
@@ -353,10 +386,17 @@ class TouchDetector:
         return self.detector.fit.misfit if self.detector.fit else None
 
     @property
-    def floors(self) -> list[NoiseFloor]:
-        """The noise floors that gate and window detector follow; none where the threshold was given."""
-        floors = (self._gate and self._gate.floor, self.detector.floor) if self.threshold.follows_floor else ()
-        return [floor for floor in floors if floor]
+    def floor(self) -> NoiseFloor | None:
+        """The noise floor that gate and windows follow; none where the threshold was given."""
+        return self._gate.floor if self._gate and self.threshold.follows_floor else None
+
+    def begin(self, recording: RecordingFloor) -> None:
+        """Begin at the floor of the recording that is to come; without a gate, with its threshold."""
+        if self._gate:
+            self._gate.begin(recording)
+        else:
+            self.threshold.dbfs = recording.threshold_dbfs
+        self._begin(self._next)
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
@@ -376,10 +416,12 @@ class TouchDetector:
         self._next = block.end
         if not self.threshold.follows_floor:
             self._threshold_dbfs = self.threshold.dbfs
+        # The gate first: windows read what it said at their time.
+        contacts = self._gate.push(block) if self._gate else []
+        self._contacts.extend(contacts)
         predictions = yield from self.detector.process(block)
         if self._gate is None:
             return [self._revise(self._shifted(prediction)) for prediction in predictions]
-        contacts = self._gate.push(block)
         return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
 
     def flush(self) -> list[Prediction]:
@@ -392,7 +434,16 @@ class TouchDetector:
             self._gate.reset()
         self._begin(0)
 
+    def _contact_at(self, time: float) -> Contact:
+        # Windows come in order, so what is older than the one asked for is asked for no more.
+        contacts = self._contacts
+        while len(contacts) > 1 and contacts[1].time <= time:
+            contacts.popleft()
+        return contacts[0]
+
     def _begin(self, start: int) -> None:
+        self._contacts = deque([Contact(0.0, False, threshold_dbfs=self.threshold.dbfs)])
+        self.state = TouchState.ABSENT
         self._first = self._next = start
         self._shift = 0.0
         self._newest = _NO_PREDICTION
@@ -459,6 +510,7 @@ class TouchDetector:
         if self._gate is None:
             return prediction
         if not self._touching or prediction.faulty:
+            self.state = TouchState.ABSENT if not self._touching else TouchState.FAULTY
             return _overruled(prediction, Touch.NONE)
         now = prediction.end + self.latency
         paused = self._held and now - self._held_since < self._pause
@@ -466,15 +518,20 @@ class TouchDetector:
         # A held touch may already be over, so it is rendered as smooth at most: a rough vibration would outlast the
         # contact. So is a window that still holds more of what was before the touch.
         if not paused and (self._held or not usable):
+            self.state = TouchState.HELD if self._held else TouchState.LANDING
             return _overruled(prediction, Touch.SMOOTH)
         # The level of a touch falls between two strokes, and where one turns: the last decision stands.
+        decided = TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
         if paused or prediction.touch is Touch.NONE:
+            self.state = TouchState.PAUSED if paused else decided
             return _overruled(prediction, self._decided, self._roughness)
         if prediction.touch is Touch.ROUGH and now - self._since < LANDED:
+            self.state = TouchState.LANDING
             return _overruled(prediction, Touch.SMOOTH)
         if prediction.touch is not self._decided:
             self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness
+        self.state = TouchState.ROUGH if prediction.touch is Touch.ROUGH else TouchState.SMOOTH
         return prediction
 
     def _shifted(self, prediction: Prediction) -> Prediction:

@@ -13,7 +13,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from tactophone.core.microphones import AIR, CONTACT
-from tactophone.core.types import AudioBlock, Prediction, Touch
+from tactophone.core.types import AudioBlock, ContactRule, Prediction, Touch
 from tactophone.signal.perception.detector import Processing, TouchDetector, process_together
 from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.health import FaultDetector, FaultKind, Reference, SensorFault
@@ -65,6 +65,7 @@ def with_fallback(
     channels: int,
     model: str = "paper",
     reference: Reference | None = None,
+    contact: ContactRule = "bands",
 ) -> "FallbackDetector":
     """Add fallbacks to a detector of a model; with two microphones, one for the contact microphone alone stands by.
 
@@ -72,7 +73,7 @@ def with_fallback(
     """
     name = fallback_model(model) if channels > 1 else None
     follows = detector.threshold.follows_floor
-    spare = open_detector(name, sample_rate=sample_rate, follow_floor=follows) if name else None
+    spare = open_detector(name, sample_rate=sample_rate, contact=contact, follow_floor=follows) if name else None
     return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
 
 
@@ -94,7 +95,7 @@ class FallbackDetector:
         self._main, self._spare, self._fault_detector = main, spare, fault_detector
         self.threshold = main.threshold
         self._spare_in_use = False
-        self._floors: deque[list[NoiseFloor]] = deque(maxlen=REMEMBERED_CELLS)
+        self._floors: deque[NoiseFloor] = deque(maxlen=REMEMBERED_CELLS)
         self._left = fault_detector.cell_size  # samples until the fault detector measures again
         self._next = 0
         self._choose()
@@ -164,10 +165,9 @@ class FallbackDetector:
     def _process(self, part: AudioBlock) -> Processing:
         active = self.active
         if active is not self._main:
-            if not self._spare_in_use:
+            if not self._spare_in_use and active.floor and self._main.floor:
                 # The spare has not run until now, so it knows nothing of the noise yet.
-                for own, known in zip(active.floors, self._main.floors, strict=False):
-                    own.adopt(known)
+                active.floor.adopt(self._main.floor)
             if not self.threshold.follows_floor:
                 active.threshold.dbfs = self.threshold.dbfs
         self._spare_in_use = active is not self._main
@@ -180,12 +180,11 @@ class FallbackDetector:
         if not part.concealed and self._fault_detector.push(part):
             self._choose()
             # While the contact microphone is faulty, the noise floor stays what it was before the fault was found.
-            floors = self.active.floors
-            if self.mode <= FallbackMode.ONE_CHANNEL:
-                self._floors.append([copy.copy(floor) for floor in floors])
-            elif self._floors:
-                for floor, before in zip(floors, self._floors[0], strict=False):
-                    floor.adopt(before)
+            if floor := self.active.floor:
+                if self.mode <= FallbackMode.ONE_CHANNEL:
+                    self._floors.append(copy.copy(floor))
+                elif self._floors:
+                    floor.adopt(self._floors[0])
         return revised
 
     def _revised(self, prediction: Prediction) -> Prediction:

@@ -1,8 +1,12 @@
 """Whether the sound of a touch fits the model: a missing band, noise, another tip.
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
+<<<<<<< HEAD
 Quiet windows that stand out of the noise count as touch too: the gate of a hard tip's model hears little of a soft tip.
 After noise and gain are removed, the touch is compared with simulated touches of the model's tip, and of soft and
+=======
+Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
+>>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
 ``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
 """
@@ -31,6 +35,7 @@ LEAST, EVERY, LONG = 15, 8, 60
 """Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s), and before one on noise, or on the
 tip while noise is unknown (1.8 s)."""
 
+<<<<<<< HEAD
 OVER_DB, QUIET_DB = 5.0, 3.0
 """A channel that is so much louder than the noise, in the median of its bands, is touch whatever the gate says; up to
 the second figure it may be silence."""
@@ -38,6 +43,8 @@ the second figure it may be silence."""
 FALL_DB, RISE_DB = 1.0, 0.02
 """Largest change of the noise estimate per window (dB), down and up. During touch it may only fall."""
 
+=======
+>>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
 
@@ -120,7 +127,7 @@ class FitCheck:
         self._since = RINGING
         # Running means over windows of touch: levels, their squares, impulses of the slope.
         self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
-        self._noise, self._floor = np.zeros(1), np.full(1, np.inf)
+        self._noise = np.zeros(1)
 
     def push(self, sound: FloatArray, *, touching: bool) -> None:
         """Take the next window, ``(channels, samples)``."""
@@ -130,11 +137,7 @@ class FitCheck:
         level = self._band_levels(sound)
         if level.max() < SILENT_DB:
             return
-        loud = np.sort(level, axis=1)[:, 5:7].sum(axis=1) / 2  # the median of 12 bands: `np.median` takes 30 us longer
-        floor = np.where(np.isfinite(self._floor), self._floor, loud)
-        self._floor = floor + np.clip(loud - floor, -FALL_DB, 0 if touching else RISE_DB)
-        over = (loud - self._floor).max()
-        self._since = 0 if touching or (over > OVER_DB and self._quiet >= LEAST_NOISE) else self._since + 1
+        self._since = 0 if touching else self._since + 1
         if not self._since:
             self._touched += 1
             weight = max(1 / self._touched, 1 / TOUCH_MEMORY)
@@ -142,7 +145,7 @@ class FitCheck:
             self._touch = tuple(old + weight * (each - old) for old, each in zip(self._touch, new, strict=True))
             if self._touched >= LEAST and self._touched % EVERY == 0:
                 self.misfit = self._judge()
-        elif self._since > RINGING and over < QUIET_DB:
+        elif self._since > RINGING:
             self._quiet += 1
             self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from tactophone.core.errors import ModelError, did_you_mean
 from tactophone.core.plugins import DETECTORS, load, registered
 from tactophone.core.tips import DEFAULT_TIP, TIPS
-from tactophone.core.types import Detector
+from tactophone.core.types import ContactRule, Detector
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
-from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
+from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, NoiseFloor
 
 PAPER_MONO = "paper-mono"
 """Replaces the paper's network where only the contact microphone works."""
@@ -76,7 +76,7 @@ def fallback_model(name: str) -> str | None:
 
 
 def open_detector(
-    name: str | Model, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
+    name: str | Model, *, sample_rate: int, contact: ContactRule = "bands", follow_floor: bool = False
 ) -> TouchDetector:
     """Open a shipped model or a model file, for sound of a rate.
 
@@ -86,12 +86,12 @@ def open_detector(
         As :func:`model_path` takes it; or a model that was read.
     sample_rate
         In Hz.
-    fast_contact
-        Whether contact is detected within milliseconds, by a contact gate with the model's threshold; otherwise by the
-        level of whole windows, as in the paper.
+    contact
+        What decides on contact: a gate, by ``bands`` or by its ``level`` alone, within milliseconds; or the level of a
+        whole ``window``, as in the paper.
     follow_floor
         Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
-        threshold ends that.
+        threshold ends that, and the level decides.
 
     Raises
     ------
@@ -105,9 +105,9 @@ def open_detector(
         tip = card.tip if name in {each.model for each in TIPS.values()} else ""
         detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
     return (
-        with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor)
-        if fast_contact
-        else TouchDetector(detector)
+        TouchDetector(detector)
+        if contact == "window"
+        else with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor, bands=contact == "bands")
     )
 
 
@@ -119,13 +119,14 @@ def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector |
     return detector
 
 
-def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False) -> TouchDetector:
+def with_gate(
+    detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False, bands: bool = True
+) -> TouchDetector:
     """Join a detector and a contact gate of its model's threshold, which begins there and may follow the noise."""
-    floor, contact = None, detector.card.gate
-    if follow_floor:
-        # Each follows the noise by its own measure of level: the gate's bands are not exactly those of the windows.
-        spread_db = SPREAD_DB[contact.rule]
-        floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
-        detector.floor = NoiseFloor(contact.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
-    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=FLOOR_HOLD)
+    contact = detector.card.gate
+    floor = NoiseFloor(contact.threshold_dbfs, spread_db=SPREAD_DB[contact.rule]) if follow_floor else None
+    gate = ContactGate(
+        contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=FLOOR_HOLD,
+        bands=bands and follow_floor,
+    )  # fmt: skip
     return TouchDetector(detector, gate, window=detector.card.duration)

@@ -1,37 +1,42 @@
-"""The noise floor of a stream of levels, and the contact threshold that follows it; then the floor of a recording.
+"""The noise floor of the contact microphone: the one that gate and windows read; then the floor of a recording.
 
-A threshold in dBFS is right for one gain and one room. Noise differs from a touch in that it is steady: on simulated
-sound its level over 32 ms varies by half a decibel, that of a stroke by five or more. So the floor is the mean level of
-steady stretches without contact, and the threshold lies over it by a margin chosen for the desired false-alarm rate.
+A threshold in dBFS is right for one gain and one room. So sound is compared with its own noise: the level of each of
+sixteen bands, and that of the gate, has a floor that follows it. It settles where one level in six is quieter.
 
 What bounds it:
 
-- A touch freezes the floor, so that a long stroke is not learnt as noise.
-- It rises slowly (`RISE_DB`) and only while the level is steady, so that faint touches cannot creep it up.
+- A touch slows its rise, so that a long stroke is not learnt as noise.
 - Noise that becomes louder at once is contact at first. If it stays steady for `LONGEST_TOUCH` s it is noise; for
   `KNOWN_AGAIN` s if the floor has been as high before, as after a loose plug that was pushed back.
 - Digital silence is no floor: a source that pauses or a plug that is out must not make the gate open at its return.
-- The threshold stays between `LOWEST_DBFS` and `HIGHEST_DBFS`.
+- The gate's threshold stays between `LOWEST_DBFS` and `HIGHEST_DBFS`.
 
-A recording can be read twice, so that its threshold need not follow the noise: `measure_floor` finds one from the
-quietest steady stretches in the recording itself, the same from the first sample on.
+A recording can be read twice: `measure_floor` finds the floor of its quietest steady stretches, from which the live
+one begins.
 """
 
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.levels import LoudnessRule, StepLevels
+from tactophone.core.microphones import CONTACT
+from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BandLevels, LoudnessRule, StepLevels
+
+Floats = NDArray[np.float64]
 
 RATE = 100
-"""Levels a second, about."""
+"""Levels a second that a recording's floor is measured by, about."""
+
+CELL_HOPS = 40
+"""Levels of the live floor, 0.2 s, whose means tell whether contact is steady."""
 
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
@@ -46,24 +51,26 @@ START_RELEASE_DB = 3.0
 """The same in dB until the floor is known."""
 
 FLOOR_CELL = 20
-"""Levels, 0.2 s, that are evaluated together."""
+"""Levels of a recording, 0.2 s, that are evaluated together."""
 
-STEADY_CELLS = 5
-"""Cells, one second, that must agree before their level can be the floor."""
-
-START_CELLS = 2
-"""The same at the start, as recordings begin with half a second of silence or less."""
+START_HOPS = 80
+"""Levels, 0.4 s, in which the floor is first measured, as recordings begin with half a second of silence or less."""
 
 SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType({"banded": 1.0, "rms": 2.4, "mean_absolute": 2.4})
 """Standard deviation within a cell up to which it may be noise: on simulated silence it is 0.34 (at most 0.66) by the
 rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum and motors in it; on simulated touches 3.4 (median)."""
 
+<<<<<<< HEAD
 WINDOW_SPREAD_DB = 1.6
 """As `SPREAD_DB`, for the banded level of a window. It covers half the gate's band and varies more (up to 0.9)."""
 
 STEADY_SHARE = 0.5
 """Of that spread: standard deviation of the cells' means within which they agree, as a cell holds six levels that do
 not overlap (0.29 and 1.0 at most on simulated silence)."""
+=======
+STEADY_DB = 0.8
+"""Standard deviation of means over 0.2 s, five of them, in the median band up to which contact may be noise."""
+>>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 
 LONGEST_TOUCH = 10.0
 """Seconds of steady contact after which it is taken as noise; a hand cannot slide so evenly, an arm may."""
@@ -71,11 +78,27 @@ LONGEST_TOUCH = 10.0
 KNOWN_AGAIN = 1.0
 """The same where the floor has been as high before."""
 
-FALL_DB, RISE_DB = 2.0, 0.1
-"""Most that the floor moves in a cell: 10 dB and 0.5 dB a second."""
+FALL, RISE, RISE_TOUCHED = 10.0, 2.0, 0.2
+"""Most that the floor moves in dB/s: down, up, and up while touching."""
 
-FORGET_DB = 0.005
-"""By how much a cell lowers the highest floor that is remembered: 1.5 dB a minute."""
+APPROACH = 0.05
+"""Share of the difference to its level that the floor moves in a hop, within those bounds."""
+
+QUIETER = 0.25
+"""Quantile of the levels that is the floor at the start, and after contact that was noise."""
+
+SPREAD_SHARE = 0.002
+"""Share by which the estimate of the noise's variance follows a level: within 2.5 s."""
+
+FORGET_DB = 1.25e-4
+"""By how much a hop lowers the highest floor that is remembered: 1.5 dB a minute."""
+
+BAND_MARGIN_DB = 5.0
+"""How far over its floor a band is heard. It is an edge, not a plateau: with 4 dB the motors of the one robot arm that
+was recorded are heard for half of the time (docs/research/contact.md)."""
+
+LOWEST_FLOOR_DBFS = -125.0
+"""Of a band."""
 
 SAME_DB = 2.0
 """Noise that is so little over a floor remembered may be that noise again."""
@@ -100,93 +123,122 @@ FLOOR_WINDOW = 0.032
 
 
 class NoiseFloor:
-    """Follows the noise floor of a stream of levels, about `RATE` a second.
+    """Follows the level of the gate, and of the bands where there are any, every 5 ms.
 
-    ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of noise
-    within a cell, see `SPREAD_DB`.
+    ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of the
+    gate's level by which it may be noise, see `SPREAD_DB`.
 
     Attributes
     ----------
     threshold_dbfs, release_dbfs
-        The threshold now, and the level under which a touch ends.
+        The gate's threshold now, and the level under which a touch ends.
     known
         Whether the floor has been measured.
+    margin_db
+        How far a band must exceed its floor to be heard.
 
     >>> floor = NoiseFloor(-26.0)
     >>> for _ in range(100):
-    ...     floor.push(-60.0, touching=False)
-    >>> floor.known, -59.0 < floor.threshold_dbfs < -58.0
-    (True, True)
+    ...     floor.push(-60.0, np.full(16, -75.0), touching=False, loud=False)
+    >>> floor.known, -59.0 < floor.threshold_dbfs < -58.0, floor.bands[0]
+    (True, True, -75.0)
     """
 
     def __init__(self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"]) -> None:
         self._start_dbfs, self._spread_db = start_dbfs, spread_db
+        self.margin_db, self._begin = BAND_MARGIN_DB, None
         self.reset()
 
+    _begin: "RecordingFloor | None"
+
     def reset(self) -> None:
-        """Return to the initial state: the floor is unknown."""
+        """Return to the initial state: the floor is unknown, or that of the recording that is read."""
         self.threshold_dbfs = self._start_dbfs
         self.release_dbfs = self._start_dbfs - START_RELEASE_DB
         self.known = False
-        self._floor = self._highest = -math.inf
-        self._variance = LEAST_DB**2
-        self._cell: list[float] = []
-        self._touched = False
-        self._recent: deque[tuple[float, float]] = deque(maxlen=STEADY_CELLS)
-        self._contact_cells = 0
+        self._highest, self._variance = -math.inf, LEAST_DB**2
+        self._levels = np.zeros(0)
+        self._recent: deque[Floats] = deque(maxlen=5 * CELL_HOPS)
+        self._hops = self._touched = 0
+        if self._begin:
+            self.begin(self._begin)
+
+    def begin(self, recording: "RecordingFloor") -> None:
+        """Begin at the floor of a recording, now and after each reset."""
+        self._begin = recording
+        if recording.known:
+            self._learn(np.append(recording.bands_dbfs, recording.floor_dbfs - recording.spread_db))
+            self._variance = recording.spread_db**2
+            self._update()
+
+    @property
+    def bands(self) -> Floats:
+        """Floor of each band in dBFS."""
+        return self._levels[:-1]
 
     def adopt(self, other: "NoiseFloor") -> None:
         """Take over another's floor, measured on the same microphone by the same rule."""
         self.threshold_dbfs, self.release_dbfs, self.known = other.threshold_dbfs, other.release_dbfs, other.known
-        self._floor, self._highest, self._variance = other._floor, other._highest, other._variance
+        self.margin_db = other.margin_db
+        self._levels, self._highest, self._variance = other._levels.copy(), other._highest, other._variance
 
-    def push(self, level_dbfs: float, *, touching: bool) -> None:
-        """Take the next level; NaN stands for sound that is not to be used."""
+    def push(self, level_dbfs: float, bands: FloatArray, *, touching: bool, loud: bool) -> None:
+        """Take the next levels, whether there is contact, and whether the gate's own level says so.
+
+        A level of NaN stands for sound that is not to be used.
+        """
         if not level_dbfs > FLOOR_SILENT_DBFS:  # also where it is NaN
-            self._cell, self._touched = [], False
             self._recent.clear()
+            self._touched = 0
             return
-        self._cell.append(level_dbfs)
-        self._touched |= touching
-        if len(self._cell) < FLOOR_CELL:
+        levels = np.append(bands, level_dbfs)
+        self._recent.append(levels)
+        self._hops += 1
+        if not self.known:
+            if len(self._recent) >= START_HOPS and self._hops % CELL_HOPS == 0:
+                start = np.array(self._recent)[-START_HOPS:, -1]
+                if start.std() <= self._spread_db:
+                    self._variance = _bounded(float(start.var()))
+                    self._learn(np.quantile(np.array(self._recent)[-START_HOPS:], QUIETER, axis=0))
             return
-        mean, spread = statistics.fmean(self._cell), statistics.pstdev(self._cell)
-        touched, cell = self._touched, self._cell
-        self._cell, self._touched = [], False
-        self._recent.append((mean, spread))
-        self._contact_cells = self._contact_cells + 1 if touched else 0
-        if not self.known or touched:
-            self._learn_from_steady(mean)
-        else:
-            self._follow(mean, spread, cell)
+        self._touched = self._touched + 1 if touching or loud else 0
+        if self._touched and self._touched % CELL_HOPS == 0 and self._is_noise():
+            self._learn(np.quantile(self._recent, QUIETER, axis=0))
+            self._touched = 0
+        self._follow(levels, touching=touching, loud=loud)
 
-    def _learn_from_steady(self, mean: float) -> None:
-        """Take a steady level as the floor: at the start, or where contact has lasted for too long to be one."""
-        waited = self._contact_cells * FLOOR_CELL / RATE
-        enough = KNOWN_AGAIN if mean < self._highest + SAME_DB else LONGEST_TOUCH
-        least = STEADY_CELLS if self.known else START_CELLS
-        if is_steady(self._recent, spread_db=self._spread_db, least=least) and (not self.known or waited >= enough):
-            self._floor = statistics.fmean(mean for mean, _ in self._recent)
-            spreads = statistics.fmean(spread**2 for _, spread in self._recent)
-            self._variance = _bounded(spreads + statistics.pvariance([mean for mean, _ in self._recent]))
-            self.known = True
-            self._update()
+    def _is_noise(self) -> bool:
+        """Whether contact is so long and steady that it is none."""
+        if len(self._recent) < 5 * CELL_HOPS:
+            return False
+        means = np.array(self._recent).reshape(5, CELL_HOPS, -1).mean(axis=1)
+        enough = KNOWN_AGAIN if means[:, -1].mean() < self._highest + SAME_DB else LONGEST_TOUCH
+        waited = self._touched * BANDS_HOP >= enough
+        return waited and bool(np.median(means.std(axis=0)) <= STEADY_DB and means[:, -1].std() <= STEADY_DB)
 
-    def _follow(self, mean: float, spread: float, cell: list[float]) -> None:
-        """Move the floor a little towards a cell without contact."""
-        away = mean - self._floor
-        # Falling is always right, as nothing is quieter than silence; rising only where the cell looks like noise.
-        rise = RISE_DB if spread <= self._spread_db else 0.0
-        self._floor += min(max(0.2 * away, -FALL_DB), rise)
-        if abs(away) < MOST_DB:
-            square = statistics.fmean((level - mean) ** 2 for level in cell) + away**2
-            self._variance = _bounded(self._variance + 0.05 * (square - self._variance))
+    def _learn(self, levels: Floats) -> None:
+        self._levels, self.known = np.maximum(levels, LOWEST_FLOOR_DBFS), True
+        self._update()
+
+    def _follow(self, levels: Floats, *, touching: bool, loud: bool) -> None:
+        """Move the floor a little towards the levels; falling is always right, as nothing is quieter than silence."""
+        away = levels - self._levels
+        over = float(away[-1])
+        move = np.clip(APPROACH * away, -FALL * BANDS_HOP, (RISE_TOUCHED if touching else RISE) * BANDS_HOP)
+        if loud:
+            move[-1] = min(move[-1], RISE_TOUCHED * BANDS_HOP)
+        self._levels = np.maximum(self._levels + move, LOWEST_FLOOR_DBFS)
+        if not touching and over < 2 * MOST_DB:
+            # The floor lies a standard deviation under the mean, so half of the mean square over it is the variance.
+            self._variance = _bounded(self._variance + SPREAD_SHARE * (over * over / 2 - self._variance))
         self._update()
 
     def _update(self) -> None:
-        self._highest = max(self._floor, self._highest - FORGET_DB)
-        margin = margin_db(math.sqrt(self._variance), FALSE_ALARMS)
-        self.threshold_dbfs = min(max(self._floor + margin, LOWEST_DBFS), HIGHEST_DBFS)
+        spread = math.sqrt(self._variance)
+        floor = float(self._levels[-1]) + spread
+        self._highest = max(floor, self._highest - FORGET_DB)
+        margin = margin_db(spread, FALSE_ALARMS)
+        self.threshold_dbfs = min(max(floor + margin, LOWEST_DBFS), HIGHEST_DBFS)
         self.release_dbfs = self.threshold_dbfs - RELEASE_SHARE * margin
 
 
@@ -206,14 +258,6 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     z = statistics.NormalDist().inv_cdf(1 - chance)
     ninth = 1 / (9 * shape)
     return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + z * math.sqrt(ninth))
-
-
-def is_steady(cells: Sequence[tuple[float, float]], *, spread_db: float, least: int = STEADY_CELLS) -> bool:
-    """Whether the means and spreads of ``least`` cells or more are those of noise."""
-    if len(cells) < least:
-        return False
-    means, spreads = np.array(cells).T
-    return bool(means.std() <= STEADY_SHARE * spread_db and spreads.max() <= spread_db)
 
 
 def _bounded(variance: float) -> float:
@@ -244,6 +288,10 @@ class RecordingFloor:
     """Level of the noise; NaN where it is unknown."""
     loudest_dbfs: float
     """Greatest level over 32 ms."""
+    spread_db: float = LEAST_DB
+    """Standard deviation of the noise's level."""
+    bands_dbfs: tuple[float, ...] = ()
+    """Floor of each band where the noise is."""
 
     @property
     def known(self) -> bool:
@@ -257,29 +305,39 @@ def measure_floor(
 
     ``false_alarms`` is the wanted share of the time without contact that counts as contact.
     """
-    levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
-    parts = (levels[at : at + FLOOR_CELL] for at in range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2))
-    cells = [(statistics.fmean(part), statistics.pstdev(part)) for part in parts]
+    levels, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
+    starts = range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2)
+    cells = [
+        (statistics.fmean(part), statistics.pstdev(part), at) for at in starts if (part := levels[at : at + FLOOR_CELL])
+    ]
     loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
     same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
-    if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, _ in cells) + SAME_FLOOR_DB:
+    if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, *_ in cells) + SAME_FLOOR_DB:
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
-    floor = statistics.fmean(mean for mean, _ in same)
+    floor = statistics.fmean(mean for mean, *_ in same)
     inner = levels[FLOOR_FADE:-FLOOR_FADE]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
-    spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread in same))
+    spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread, _ in same))
     threshold = min(max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS)
-    return RecordingFloor(threshold, floor, loudest)
+    quiet = np.concatenate([bands[at : at + FLOOR_CELL] for _, _, at in same])
+    return RecordingFloor(threshold, floor, loudest, spread, tuple(np.quantile(quiet, QUIETER, axis=0).tolist()))
 
 
-def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> list[float]:
-    """Return the level over 32 ms in dBFS a hundred times a second, without digital silence."""
+def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> tuple[list[float], Floats]:
+    """Return the level over 32 ms in dBFS a hundred times a second, without digital silence, and those of the bands."""
     steps = StepLevels(rule, sample_rate=sample_rate)
-    powers = np.concatenate([np.zeros(0), *(steps.push(block) for block in blocks)])
-    if len(powers) < steps.count(FLOOR_WINDOW):
-        return []
-    totals = sliding_window_view(powers, steps.count(FLOOR_WINDOW))[:: steps.count(1 / RATE)].mean(axis=1).tolist()
-    levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
-    return [level for level in levels if level > FLOOR_SILENT_DBFS]
+    every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
+    bands = BandLevels(sample_rate, hop=every * steps.step_size)
+    measured = [(steps.push(block), bands.push(block.samples[:, CONTACT])) for block in blocks]
+    powers = np.concatenate([np.zeros(0), *(each for each, _ in measured)])
+    if len(powers) < covered:
+        return [], np.zeros((0, BANDS))
+    rows = np.array([row for _, some in measured for row in some]).reshape(-1, BANDS)
+    totals = sliding_window_view(powers, covered)[::every].mean(axis=1)
+    # The bands' windows are twice as long, and end nearly where the level's do.
+    ends = np.minimum((np.arange(len(totals)) * every + covered) // every, len(rows) - 1)
+    decibels = 20 / steps.power * np.log10(np.maximum(totals, 1e-30))
+    heard = decibels > FLOOR_SILENT_DBFS
+    return decibels[heard].tolist(), np.asarray(rows[ends][heard] if len(rows) else np.zeros((heard.sum(), BANDS)))
