@@ -1,12 +1,7 @@
 """Whether the sound of a touch fits the model: a missing band, noise, another tip.
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
-<<<<<<< HEAD
-Quiet windows that stand out of the noise count as touch too: the gate of a hard tip's model hears little of a soft tip.
-After noise and gain are removed, the touch is compared with simulated touches of the model's tip, and of soft and
-=======
 Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
->>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
 ``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
 """
@@ -35,16 +30,6 @@ LEAST, EVERY, LONG = 15, 8, 60
 """Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s), and before one on noise, or on the
 tip while noise is unknown (1.8 s)."""
 
-<<<<<<< HEAD
-OVER_DB, QUIET_DB = 5.0, 3.0
-"""A channel that is so much louder than the noise, in the median of its bands, is touch whatever the gate says; up to
-the second figure it may be silence."""
-
-FALL_DB, RISE_DB = 1.0, 0.02
-"""Largest change of the noise estimate per window (dB), down and up. During touch it may only fall."""
-
-=======
->>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
 

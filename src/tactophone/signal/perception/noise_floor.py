@@ -60,17 +60,8 @@ SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType({"banded": 1.0, "rms"
 """Standard deviation within a cell up to which it may be noise: on simulated silence it is 0.34 (at most 0.66) by the
 rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum and motors in it; on simulated touches 3.4 (median)."""
 
-<<<<<<< HEAD
-WINDOW_SPREAD_DB = 1.6
-"""As `SPREAD_DB`, for the banded level of a window. It covers half the gate's band and varies more (up to 0.9)."""
-
-STEADY_SHARE = 0.5
-"""Of that spread: standard deviation of the cells' means within which they agree, as a cell holds six levels that do
-not overlap (0.29 and 1.0 at most on simulated silence)."""
-=======
 STEADY_DB = 0.8
 """Standard deviation of means over 0.2 s, five of them, in the median band up to which contact may be noise."""
->>>>>>> 139cef5a (Decide on contact by bands over one noise floor, so that motion is no touch)
 
 LONGEST_TOUCH = 10.0
 """Seconds of steady contact after which it is taken as noise; a hand cannot slide so evenly, an arm may."""
