@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from rich.text import Text
 
 from tactophone.app.setup import Fitted
 from tactophone.cli import main
@@ -91,7 +92,7 @@ def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: 
     left_out = tuple(LeftOut(name, rough, right, right) for name, rough in (("tile", False), ("brick", True)))
     unchanged = Correction(np.zeros(1), np.ones(1), np.zeros(1), 1.0, 0.0)
     fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED_BOUNDARY, left_out), [], -40.0, "rubber", "rubber")
-    words = " ".join(part for part in _fitted(fitted) if isinstance(part, str))
+    words = " ".join(str(part) for part in _fitted(fitted) if isinstance(part, str | Text))
     assert ("no shipped model fits" in words) is says
     assert ("the wrong way round" in words) is (right == 0.1)
     assert words.endswith("a.onnx; use it as --tip rubber --model of `feel` and `receive`")

@@ -126,7 +126,7 @@ def listing(entries: Iterable[tuple[str, Any]], **style: Any) -> Table:
 def cell(value: Any) -> str | Text:
     if isinstance(value, float):
         return "-" if math.isnan(value) else f"{value:.3g}"
-    return value if isinstance(value, Text) else Text(str(value))  # text, never markup: "tactophone[jack]" is a word
+    return value if isinstance(value, Text) else Text(plain(str(value)))
 
 
 def styled(style: str, words: str, rest: str = "") -> Text:

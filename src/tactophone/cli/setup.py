@@ -43,7 +43,6 @@ EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
     "tactophone setup --check bench --source finger",
-    "tactophone setup --source finger --set simulation.gain_db=-20 --seconds 2 --yes",
 )
 
 
