@@ -2,8 +2,9 @@
 #
 #   docker build -t tactophone . && docker run --rm --shm-size 256m -v "$PWD/demo:/out" tactophone
 #
-# Built with buildah and run, in Debian 13 with Python 3.11 and no real-time rights, with 256 and with 64 MB of shared
-# memory: the demo's scores, then 40 of 40 impulses. That base stood in for Docker Hub's, and no Docker was there.
+# For x86-64; not built for arm64. Built with buildah and run, in Debian 13 with Python 3.11 and no real-time rights, with
+# 256 and with 64 MB of shared memory: the demo's scores, then 40 of 40 impulses. That base stood in for Docker Hub's, and
+# no Docker was there.
 FROM python:3.11-slim
 
 WORKDIR /tactophone
