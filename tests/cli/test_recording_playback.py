@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from pathlib import Path
 from uuid import uuid4
@@ -20,6 +21,7 @@ from tactophone.live.telemetry.memory import folder
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.pipeline import open_pipeline
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -56,6 +58,23 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(recordi
     assert [(each.sound_end, each.vibration_end) for each in seen] == [(13_230, 14_400)] * 2
     assert seen[0].state.source == "run.mcap"
     assert [finger.name for finger in seen[0].state.fingers] == names
+
+
+def test_a_page_pauses_and_moves_the_position(recording: Path) -> None:
+    pipeline = open_pipeline(sample_rate=44_100, channels=2)
+    take = playback.Take(recording.name, [recording], [pipeline])
+    with Telemetry("test-playback") as telemetry:
+        watcher = Watcher("test-playback")
+        sought: list[float | None] = []
+        playing = threading.Thread(target=lambda: sought.append(playback.play(take, telemetry, 0.1)))
+        watcher.ask("pause", 1.0)
+        playing.start()
+        eventually(lambda: watcher.snapshot().state.paused)
+        assert watcher.snapshot().state.duration == pytest.approx(0.3)
+        watcher.ask("seek", 0.25)
+        playing.join(5)
+        assert sought == [0.25]
+        assert playback.play(take, telemetry, 0.25) is None
 
 
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])

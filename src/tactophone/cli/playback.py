@@ -44,26 +44,53 @@ def play_on_page(settings: Settings, takes: Sequence[Take], *, name: str) -> Non
     with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
         output.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
-            play(take, telemetry)
+            position: float | None = 0.0
+            while position is not None:
+                position = play(take, telemetry, position)
 
 
-def play(take: Take, telemetry: Telemetry) -> None:
-    """Play a take once, in real time; of a hand, until its shortest recording ends."""
+def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | None:
+    """Play a take from a position in s, in real time; of a hand, until its shortest recording ends.
+
+    Returns the position that a page has asked for meanwhile, or ``None`` at the end.
+    """
     for pipeline in take.pipelines:
         pipeline.reset()
     playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
     with ExitStack() as stack:
         sources = [stack.enter_context(_source(path)) for path in take.paths]
-        state, begin = _state(take, sources[0]), time.monotonic()
+        state, begin = _state(take, sources[0]), time.monotonic() - position
         for blocks in zip(*sources, strict=False):
             end = blocks[0].end / blocks[0].sample_rate
+            if end <= position:
+                continue
             time.sleep(max(0.0, begin + end - time.monotonic()))
+            paused = time.monotonic()
+            state, sought = _obey(telemetry, state)
+            if sought is not None:
+                return sought
             now = time.monotonic()
+            begin += now - paused  # a pause moves all that follows
             for finger, (block, pipeline, playback) in enumerate(zip(blocks, take.pipelines, playbacks, strict=True)):
                 step = replace(pipeline.push(block), finger=finger)
                 telemetry.rendered(playback.push(step.commands, until=end), finger=finger)
                 telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
             telemetry.update(state, now=now)
+    return None
+
+
+def _obey(telemetry: Telemetry, state: State) -> tuple[State, float | None]:
+    """Carry out what pages ask; while paused, wait here. Returns where to go on, if a page has moved the position."""
+    while True:
+        for request in telemetry.requests(now := time.monotonic()):
+            if request.action == "seek":
+                return state, request.value
+            if request.action == "pause":
+                state = replace(state, paused=bool(request.value))
+        if not state.paused:
+            return state, None
+        telemetry.update(state, now=now)
+        time.sleep(BLOCK_DURATION)
 
 
 def _source(path: Path) -> FileSource:
@@ -81,5 +108,5 @@ def _state(take: Take, source: FileSource) -> State:
     )  # fmt: skip
     return State(
         role="replay", profiles=(fingers[0].profile,), source=take.title, link="replay", sample_rate=source.sample_rate,
-        channels=source.channels, fingers=fingers,
+        channels=source.channels, fingers=fingers, duration=source.duration,
     )  # fmt: skip

@@ -68,6 +68,10 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
         return Request(action)
     if action == "record":
         return RecordRequest(value is True)
+    if action in ("pause", "seek") and state.role == "replay":
+        longest = state.duration if action == "seek" else 1.0
+        known = isinstance(value, int | float) and 0 <= value <= longest
+        return Request(action, float(value)) if known else f"{action} must be from 0 to {longest:g}"
     if action in (*_LEVELS, "threshold_dbfs"):
         return _number(action, value, own)
     if action == "profile":

@@ -85,7 +85,9 @@ GAUGES: dict[str, str] = {
 }
 """Values that go up and down, with the description that a user reads; NaN until first set."""
 
-Action: TypeAlias = Literal["stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs"]
+Action: TypeAlias = Literal[
+    "stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs", "pause", "seek"
+]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 
 
@@ -96,7 +98,7 @@ class Request:
     action: Action
     """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
     full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
-    ``profile`` takes the profile's name in ``text``."""
+    ``profile`` takes the profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in s."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0
@@ -142,6 +144,9 @@ class State:
     sample_rate: int = LIVE_SAMPLE_RATE
     channels: int = 2
     """Channels of each finger's sound."""
+    duration: float = 0.0
+    """Of the recording that a replay plays, in s; 0 for everything live."""
+    paused: bool = False
     faults: tuple[Fault, ...] = ()
     fingers: tuple[FingerState, ...] = (FingerState(),)
     """At least one."""

@@ -103,6 +103,7 @@ function onMessage({ header, tables }) {
   events.append(tables.events, newest);
   appendScope(tables.scope);
   if (header.state) showState(header);
+  if (state?.role === "replay") timeline.transport(state, newest, (request) => feed.send(request));
   if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);
   if (!alive && state) controls.show(state, false);
 }

@@ -84,7 +84,7 @@ export class StateBar {
 
   /** The state, its words, and why. */
   #look() {
-    const { alive, age, armed, muted_because: why, role, starting } = this.#run;
+    const { alive, age, armed, muted_because: why, role, starting, paused } = this.#run;
     if (this.#lost === "disconnected" && LOCAL) return ["ended", "ended", "The run has ended."];
     if (this.#lost) return ["ended", this.#lost, "This page gets nothing from the run."];
     if (this.#waiting) return ["waiting", "waiting", `Waiting for the run “${this.#waiting}”: it appears here as soon as it starts.`];
@@ -99,7 +99,7 @@ export class StateBar {
       const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
       return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
     }
-    if (role === "replay") return ["waiting", "replay", "A recording plays: nothing here drives an actuator."];
+    if (role === "replay") return ["waiting", "replay", paused ? "Paused." : "A recording plays: nothing here drives an actuator."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
     return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence(why || "muted")];
   }

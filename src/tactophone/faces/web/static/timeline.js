@@ -47,6 +47,7 @@ export class Timeline {
   #rows = [];
   #events = [[], []];
   #frozen = null;
+  #transport = null;
   #pointed = null; // share of the width, of the cursor
 
   /** `node` is filled; `hint` is said while nothing is pointed at; a `fixed` timeline shows what it is given, whole. */
@@ -90,6 +91,31 @@ export class Timeline {
     put(this.#readout, this.#words());
     put(this.#node.querySelector(".faults"), this.counted ?? faults(this.#rows));
     this.#node.querySelector(".truth").hidden = !(this.#rows[TRUTH] ?? []).some((truth) => truth >= 0);
+  }
+
+  /** The transport of a replay: play, pause and a slider over the whole recording, which `send` asks for. */
+  transport({ duration, paused }, position, send) {
+    if (!duration) return;
+    if (!this.#transport) {
+      const made = (tag, properties) => Object.assign(document.createElement(tag), properties);
+      const play = made("button", { type: "button", id: "replay-pause" });
+      const slider = made("input", { type: "range", id: "replay-position", min: 0, step: 0.05, ariaLabel: "Position in the recording" });
+      const words = made("output", { id: "replay-time" });
+      play.addEventListener("click", () => send({ action: "pause", value: play.ariaPressed === "true" ? 0 : 1 }));
+      slider.addEventListener("change", () => send({ action: "seek", value: Math.min(slider.valueAsNumber, this.#transport.duration) }));
+      const row = made("div", { className: "transport" });
+      row.append(play, slider, words);
+      this.#node.append(row);
+      this.#transport = { play, slider, words };
+    }
+    const { play, slider, words } = this.#transport;
+    this.#transport.duration = duration;
+    slider.max = duration;
+    if (document.activeElement !== slider || !slider.matches(":active")) slider.value = position;
+    play.ariaPressed = paused;
+    put(play, paused ? "Play" : "Pause");
+    const clock = (time) => `${Math.floor(time / 60)}:${String(Math.floor(time % 60)).padStart(2, "0")}`;
+    put(words, `${clock(Math.min(position, duration))} / ${clock(duration)}`);
   }
 
   #addTools(tools) {
