@@ -79,7 +79,7 @@ def test_files_and_tests_that_pages_name_exist() -> None:
     missing = []
     for page in PAGES:
         for name, _, test in re.findall(
-            r"(?<!:)\b((?:tests|benchmarks|examples|scripts)/[\w/-]+\.py)(::(\w+))?", page.read_text()
+            r"(?<![:/])\b((?:tests|benchmarks|examples|scripts)/[\w/-]+\.py)(::(\w+))?", page.read_text()
         ):
             path = ROOT / name
             if not path.is_file() or (test and f"def {test}(" not in path.read_text()):

@@ -78,7 +78,7 @@ def suspicious_labels(dataset: Dataset, *, report: Progress = _ignore) -> list[P
     found = _opposite(evaluate_recipe(recipe, kept, how=KIN_SPLIT, report=report)["texture"])
     rest = kept.where(lambda take: take.surface not in found)
     if len(found) > 1 and len({take.rough for take in rest.recordings}) == len(SURFACE_LABELS):
-        # A wrong label misleads the models of others: whom it misled is right by a model that heard none of the doubted.
+        # A wrong label misleads the models of others: a model that heard none of the doubted tells who was misled.
         doubted = tuple(take for take in kept.recordings if take.surface in found)
         folds = [Fold("doubted", rest.recordings, doubted)]
         found = _opposite(make_report(cross_validate(method_of(recipe.configured()), folds))) or found

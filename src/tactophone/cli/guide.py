@@ -140,7 +140,7 @@ class GuidePage:
             time.sleep(LAST_LOOK)
             return
         self._finished = True
-        self.show(instruction="", picture="", state="finished", levels=[], buttons={DONE: "Done"})
+        self.show(state="", countdown=[], levels=[], buttons={DONE: "Done"})
         output.log().print("the page stays until Done is pressed on it, or Ctrl-C here")
         while self.pressed(1.0) != DONE:
             pass
@@ -164,7 +164,8 @@ class GuideScreen:
     def begin(self, step: int) -> None:
         """Mark a step as the one now; all before it are done."""
         if self.page is not None:
-            self.page.show(steps=self.steps, step=step)
+            coming = {"instruction": f"Next: {self.steps[step]}"} if step < len(self.steps) else {}
+            self.page.show(steps=self.steps, step=step, state="", countdown=[], **coming)
 
     def offer(self, buttons: Mapping[str, str]) -> None:
         """Show buttons, by name, on the page; a second press of the last ones is dropped."""
@@ -173,8 +174,8 @@ class GuideScreen:
                 pass
             self.page.show(buttons=dict(buttons))
 
-    def show(self, meters: Meters, instruction: str, state: str) -> None:
-        """Show an instruction, what to do now, and the levels of the microphones."""
+    def show(self, meters: Meters, instruction: str, state: str, countdown: Sequence[float] = ()) -> None:
+        """Show an instruction, what to do now, the levels of the microphones, and what is left of how many seconds."""
         levels = meters.levels()
         if self.live is not None:
             rows = meters.rows(levels)
@@ -182,7 +183,7 @@ class GuideScreen:
                 Group(Text(instruction, style="bold"), *rows, Text(f" {state}", style="cyan")), refresh=True
             )
         if self.page is not None:
-            self.page.show(instruction=instruction, state=state, levels=levels)
+            self.page.show(instruction=instruction, state=state, levels=levels, countdown=list(countdown))
 
     def pressed(self, timeout: float = 0.0) -> str:
         """Return the key or the button that was pressed, waiting up to ``timeout`` s for each; empty if none was."""
@@ -209,6 +210,6 @@ def record_step(
     def follow(block: AudioBlock, left: float) -> None:
         meters.push(block)
         if left > 0 and meters.due():
-            screen.show(meters, instruction, f"{left:.1f} s")
+            screen.show(meters, instruction, f"{left:.1f} s", (left, act.duration))
 
     return record_act(audio, blocks, act, follow=follow)

@@ -60,7 +60,16 @@ function showLevels(levels) {
   }
 }
 
-function showResult({ objects, before, after, words }) {
+/** What is left of a step, as a ring that runs out around the seconds. */
+function showCountdown([left, whole]) {
+  $("ring").hidden = left === undefined;
+  $("state").hidden = !$("ring").hidden;
+  if (left === undefined) return;
+  $("ring").style.setProperty("--left", Math.min(1, left / whole));
+  put($("seconds"), String(Math.ceil(left)));
+}
+
+function showResult({ objects, before, after, words, findings = [] }) {
   const share = (value) => (value === null ? "–" : percent(value));
   const rows = [...objects, { name: "balanced", rough: null, before, after }].map(({ name, rough, before, after }) => {
     const row = document.createElement("tr");
@@ -69,6 +78,7 @@ function showResult({ objects, before, after, words }) {
   });
   $("objects").replaceChildren(...rows);
   put($("summary"), words);
+  $("findings").replaceChildren(...findings.map((line) => element("li", line)));
   put($("instruction"), "Finished: the result is below, with what to run next.");
   $("result-panel").hidden = false;
 }
@@ -78,6 +88,7 @@ function show(update) {
   if ("instruction" in update) put($("instruction"), update.instruction);
   if (update.buttons) showButtons(update.buttons);
   if ("state" in update) put($("state"), update.state);
+  if (update.countdown) showCountdown(update.countdown);
   if (update.levels) showLevels(update.levels);
   if (update.findings) $("faults").replaceChildren(...update.findings.map((line) => element("p", line)));
   if (update.result) showResult(update.result);
