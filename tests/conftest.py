@@ -22,6 +22,9 @@ hypothesis.settings.register_profile("random", max_examples=1000, deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
+collect_ignore_glob = ["data/*"]  # programs that make the data: they need what the tests do not
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Start slow tests first, so that two workers end together."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
