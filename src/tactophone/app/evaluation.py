@@ -92,10 +92,8 @@ def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
 
 def _doubt(label: str, right: float) -> str:
     other = "smooth" if label == "rough" else "rough"
-    return (
-        f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
-        "listen to it, and set it right"
-    )
+    return (f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
+        "listen to it, and set it right")  # fmt: skip
 
 
 def evaluate_recipe(

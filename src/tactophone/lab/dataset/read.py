@@ -43,17 +43,13 @@ def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -
         raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
     found = read_lab_folder(folder)
     if found.air_of:
-        raise DatasetError(
-            f"{folder}: each microphone is in a file of its own; "
-            f"join them first: `tactophone dataset import {folder} NEW`"
-        )
+        raise DatasetError(f"{folder}: each microphone is in a file of its own; "
+            f"join them first: `tactophone dataset import {folder} NEW`")  # fmt: skip
     if found.dataset.recordings:
         return found.dataset
-    raise DatasetError(
-        f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
+    raise DatasetError(f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
         f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
-        "`tactophone dataset import` make it of folders named rough/ and smooth/"
-    )
+        "`tactophone dataset import` make it of folders named rough/ and smooth/")  # fmt: skip
 
 
 def find_importable(path: Path | str) -> LabFolder:

@@ -166,12 +166,9 @@ class RenderJob:
 
 
 def plan_dataset(
-    objects: Sequence[SimulatedObject],
-    options: RenderOptions,
-    *,
-    scenarios: bool = False,
+    objects: Sequence[SimulatedObject], options: RenderOptions, *, scenarios: bool = False,
     takes: Sequence[Take] = TAKES,
-) -> tuple[RenderJob, ...]:
+) -> tuple[RenderJob, ...]:  # fmt: skip
     """List the recordings: each object as the catalogue mounts it, movable ones with ``scenarios`` in all three."""
     return tuple(
         RenderJob(obj, mounting, take, options)

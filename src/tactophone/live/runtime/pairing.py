@@ -34,10 +34,8 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
     common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
-    return (
-        _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
-        _side(settings, replace(common, identity=str(folder / "operator")), name),
-    )
+    return (_side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
+        _side(settings, replace(common, identity=str(folder / "operator")), name))  # fmt: skip
 
 
 @contextmanager
