@@ -86,7 +86,8 @@ def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypa
     CALIBRATION.write(calibration)
     model = write_tiny_model(tmp_path / "tiny.onnx")
     codec = Codec("pcm16", channels=2, packet_size=120)
-    log = record(tmp_path / "run.mcap", model, f"detector.calibration={calibration}", codec=codec)
+    chosen = [f"detector.calibration={calibration}", "detector.contact=level"]
+    log = record(tmp_path / "run.mcap", model, *chosen, codec=codec)
     calibration.unlink()
     shown: list[playback.Take] = []
     monkeypatch.setattr(playback, "play_on_page", lambda settings, takes, name: shown.extend(takes))

@@ -131,7 +131,7 @@ class NoiseFloor:
     >>> floor = NoiseFloor(-26.0)
     >>> for _ in range(100):
     ...     floor.push(-60.0, np.full(16, -75.0), touching=False, loud=False)
-    >>> floor.known, -59.0 < floor.threshold_dbfs < -58.0, floor.bands[0]
+    >>> floor.known, -59.0 < floor.threshold_dbfs < -58.0, float(floor.bands[0])
     (True, True, -75.0)
     """
 
