@@ -135,27 +135,33 @@ def _faults(found: BenchResult) -> Iterator[Finding]:
     """Yield what is wrong, in words; comparisons with ``nan`` are false."""
     dullest, brightest = BRIGHTNESS_DB
     if found.brightness_db < dullest:
-        yield Finding("air-under-disc",
+        yield Finding(
+            "air-under-disc",
             f"the ball sounds dull ({found.brightness_db:+.1f} dB): air is under the disc, or its glue is thick; "
-            "glue another disc on another pad")  # fmt: skip
+            "glue another disc on another pad",
+        )
     if found.brightness_db > brightest:
         yield Finding(
             "low-impedance",
             f"the ball has no bass ({found.brightness_db:+.1f} dB): switch the contact input to instrument (1 MOhm)",
         )
     if found.stiffness > STIFFNESS * STIFFNESS_RATIO:
-        yield Finding("stiff-bed",
+        yield Finding(
+            "stiff-bed",
             f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too little: the silicone is too hard or too thin, or "
-            "something hard joins pad and phalanx; pour it again with Shore 00-30")  # fmt: skip
+            "something hard joins pad and phalanx; pour it again with Shore 00-30",
+        )
     if found.stiffness < STIFFNESS / STIFFNESS_RATIO:
         yield Finding(
             "soft-bed",
             f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too much: it holds bubbles, has not set, or came loose",
         )
     if found.motors_db > MOTORS_DB:
-        yield Finding("motors",
+        yield Finding(
+            "motors",
             f"motors raise the level by {found.motors_db:.0f} dB: something hard joins pad and phalanx, or the cable "
-            "runs beside a motor's")  # fmt: skip
+            "runs beside a motor's",
+        )
     if found.ball_dbfs > BALL_DBFS[1]:
         yield Finding("loud-ball", "the ball clips: turn the contact gain down, and repeat the test")
     if found.ball_dbfs < BALL_DBFS[0]:

@@ -92,8 +92,10 @@ def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
 
 def _doubt(label: str, right: float) -> str:
     other = "smooth" if label == "rough" else "rough"
-    return (f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
-        "listen to it, and set it right")  # fmt: skip
+    return (
+        f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
+        "listen to it, and set it right"
+    )
 
 
 def evaluate_recipe(

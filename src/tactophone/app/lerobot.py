@@ -26,8 +26,18 @@ from tactophone.core.types import EVENT_KINDS, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
 
-LEROBOT_COLUMNS = ("none", "smooth", "rough", "touch", "contact", "roughness", "level_dbfs", "amplitude", "frequency",
-    "event")  # fmt: skip
+LEROBOT_COLUMNS = (
+    "none",
+    "smooth",
+    "rough",
+    "touch",
+    "contact",
+    "roughness",
+    "level_dbfs",
+    "amplitude",
+    "frequency",
+    "event",
+)
 """Numbers of a prediction, as in `tactophone.core.prediction_fields.PREDICTION_FIELDS`."""
 
 LEROBOT_VALUES = ("valid", "age", *LEROBOT_COLUMNS)

@@ -62,8 +62,12 @@ def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
 
 def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
     in_contact = lines["contact"] > 0
-    share = np.divide(lines["rough"], lines["smooth"] + lines["rough"], out=np.full_like(lines["rough"], np.nan),
-        where=lines["smooth"] + lines["rough"] > 0)  # fmt: skip
+    share = np.divide(
+        lines["rough"],
+        lines["smooth"] + lines["rough"],
+        out=np.full_like(lines["rough"], np.nan),
+        where=lines["smooth"] + lines["rough"] > 0,
+    )
     axis.step(
         lines["time"], np.where(in_contact, share, np.nan), where="post", color=TOUCH_COLOURS[Touch.ROUGH],
         linewidth=1.1, label="roughness in contact",

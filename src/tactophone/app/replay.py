@@ -180,9 +180,11 @@ class LoggedEndpoint:
 
 
 def _differences(settings: Settings, logged: Settings) -> set[str]:
-    pairs = {"ceiling": (settings.rendering.ceiling, logged.rendering.ceiling),
+    pairs = {
+        "ceiling": (settings.rendering.ceiling, logged.rendering.ceiling),
         "profile": (settings.rendering.profile, logged.rendering.profile),
-        "detector": (settings.detector, logged.detector)}  # fmt: skip
+        "detector": (settings.detector, logged.detector),
+    }
     return {name for name, (chosen, before) in pairs.items() if chosen != before}
 
 
@@ -367,9 +369,13 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
     written = [{"vibration": files.waveform, "timeline": files.timeline} for files in outputs]
     for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
         files["figure"] = folder / f"{name}.replay.png"
-        draw_recording(files["figure"], timeline=files["timeline"], microphones=renderer.microphones,
+        draw_recording(
+            files["figure"],
+            timeline=files["timeline"],
+            microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}")  # fmt: skip
+            title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
+        )
     return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
 
 

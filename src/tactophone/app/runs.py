@@ -25,9 +25,12 @@ if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
 
 Report = Callable[[str], None]
 
-BRIDGES = {"foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765", "osc": "as OSC messages to HOST:PORT",
+BRIDGES = {
+    "foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765",
+    "osc": "as OSC messages to HOST:PORT",
     "ros": "on ROS 2 over DDS, in the domain of that number or of ROS_DOMAIN_ID",
-    "zenoh": "the same over Zenoh, as rmw_zenoh_cpp has it"}  # fmt: skip
+    "zenoh": "the same over Zenoh, as rmw_zenoh_cpp has it",
+}
 """Each bridge, and what its address is."""
 
 

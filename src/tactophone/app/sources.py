@@ -151,8 +151,13 @@ class AudioInput:
             from tactophone.lab.simulation.participant import SimulatedParticipant
 
             simulated = settings.simulation
-            self._participant = SimulatedParticipant(find(object_name), gain_db=simulated.gain_db,
-                air_gain_db=simulated.air_gain_db, seed=simulated.seed, tip=settings.capture.tip)  # fmt: skip
+            self._participant = SimulatedParticipant(
+                find(object_name),
+                gain_db=simulated.gain_db,
+                air_gain_db=simulated.air_gain_db,
+                seed=simulated.seed,
+                tip=settings.capture.tip,
+            )
             faults = [FaultSpan.parse(text.strip()) for text in simulated.faults.split(",") if text.strip()]
             self.source: Source = FaultySource(self._participant, faults)
         else:

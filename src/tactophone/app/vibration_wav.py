@@ -183,8 +183,10 @@ class OfflineRenderer:
         faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
         if self._last:
             tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
-            self._write(replace(tail, block=replace(self._last, samples=self._last.samples[:0])),
-                until=duration + VIBRATION_TAIL)  # fmt: skip
+            self._write(
+                replace(tail, block=replace(self._last, samples=self._last.samples[:0])),
+                until=duration + VIBRATION_TAIL,
+            )
         updates = sum(self._counts.values())
         contact = updates - self._counts[Touch.NONE]
         return RunSummary(

@@ -90,9 +90,14 @@ EXTRAS_OF_VERB = {
 }
 """What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
 
-_SHARED_MODULES = {"answer": "call", **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
-    **dict.fromkeys(("send", "receive", "loopback"), "live"), **dict.fromkeys(("model", "set-threshold"), "model"),
-    **dict.fromkeys(("devices", "settings"), "devices"), "try": "play"}  # fmt: skip
+_SHARED_MODULES = {
+    "answer": "call",
+    **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
+    **dict.fromkeys(("send", "receive", "loopback"), "live"),
+    **dict.fromkeys(("model", "set-threshold"), "model"),
+    **dict.fromkeys(("devices", "settings"), "devices"),
+    "try": "play",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -37,9 +37,11 @@ NOTES = (
     "recognising surfaces, not by roughness.",
 )
 
-EXAMPLES = ("tactophone benchmark --fast",
+EXAMPLES = (
+    "tactophone benchmark --fast",
     "tactophone benchmark --data recordings --methods texture,level --splits 4-fold",
-    "tactophone benchmark --table3 --rounds 100")  # fmt: skip
+    "tactophone benchmark --table3 --rounds 100",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,9 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
-    add("--splits", metavar="LIST",
+    add(
+        "--splits",
+        metavar="LIST",
         help="names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
-        "pressure, scenario and session where the data has them)")  # fmt: skip
+        "pressure, scenario and session where the data has them)",
+    )
     add(
         "--fast",
         action="store_true",
@@ -64,8 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_folds(parser)
     add("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     add("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
-    add("--table3", action="store_true",
-        help="print the paper's task with a simulated operator; --methods also takes paths of model files")  # fmt: skip
+    add(
+        "--table3",
+        action="store_true",
+        help="print the paper's task with a simulated operator; --methods also takes paths of model files",
+    )
     add(
         "--ablations",
         type=Path,

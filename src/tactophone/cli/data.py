@@ -59,9 +59,14 @@ def cache_of(args: argparse.Namespace) -> "Cache":
 
 
 def open_filtered(
-    folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None, segments: bool = False,
+    folder: Path,
+    filters: list[str] | None,
+    *,
+    channels: int = 1,
+    kin: Path | None = None,
+    segments: bool = False,
     labels: Mapping[str, str] | None = None,
-) -> Dataset:  # fmt: skip
+) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
     Recordings with fewer ``channels`` are dropped where others have as many; those of several labels are kept with

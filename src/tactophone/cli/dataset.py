@@ -30,9 +30,11 @@ from tactophone.signal.perception.calibration import Calibration
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""
 
-EXAMPLES = ("tactophone dataset show recordings --plot recordings.png",
+EXAMPLES = (
+    "tactophone dataset show recordings --plot recordings.png",
     "tactophone dataset check recordings --calibration calibration.toml",
-    "tactophone dataset import downloads recordings")  # fmt: skip
+    "tactophone dataset import downloads recordings",
+)
 
 
 PUBLISHED = {"biotac": import_biotac, "cluster": import_cluster}
@@ -70,8 +72,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    sub.add_argument("--format", choices=tuple(PUBLISHED), help="as published: BioTac's CSV with pac1 to "
-        "pac22; the Cluster Haptic Texture Dataset's sensor_data and texture_list.xlsx")  # fmt: skip
+    sub.add_argument(
+        "--format",
+        choices=tuple(PUBLISHED),
+        help="as published: BioTac's CSV with pac1 to "
+        "pac22; the Cluster Haptic Texture Dataset's sensor_data and texture_list.xlsx",
+    )
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")

@@ -32,8 +32,11 @@ if TYPE_CHECKING:
 
     Fingers = dict[str, tuple[RunScores, dict[str, Path]]]  # scores and files by name; a single finger has none
 
-EXAMPLES = ("tactophone demo", "tactophone demo --network internet --tip stylus --open",
-    "tactophone demo --fingers 5 --out hand --record hand/run.mcap")  # fmt: skip
+EXAMPLES = (
+    "tactophone demo",
+    "tactophone demo --network internet --tip stylus --open",
+    "tactophone demo --fingers 5 --out hand --record hand/run.mcap",
+)
 
 PATIENCE = 20.0
 """Seconds beyond the sound's length after which a hanging demonstration is ended."""
@@ -194,8 +197,12 @@ def _write(
     from tactophone.core.types import LIVE_SAMPLE_RATE
 
     ending = f"-{finger}" if finger else ""
-    files = {"picture": folder / f"demo{ending}.png", "microphones": source.path,
-        "vibration": folder / f"vibration{ending}.wav", "timeline": folder / "timeline.csv"}  # fmt: skip
+    files = {
+        "picture": folder / f"demo{ending}.png",
+        "microphones": source.path,
+        "vibration": folder / f"vibration{ending}.wav",
+        "timeline": folder / "timeline.csv",
+    }
     vibration = recorder.vibration(sample_rate=LIVE_SAMPLE_RATE)
     make_room(files["vibration"])
     soundfile.write(files["vibration"], vibration, LIVE_SAMPLE_RATE, subtype="PCM_24")

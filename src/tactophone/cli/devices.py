@@ -154,8 +154,14 @@ def as_toml(found: "MeasuredResponse") -> str:
     # The microphone's own response is in these levels; where they fall deep, full drive could not make up for it.
     pairs = zip(found.frequencies, found.levels_db, strict=True)
     levels = ",".join(f"{frequency:.1f}:{level:.1f}" for frequency, level in pairs if level > -40)
-    lines = ("# Written by `tactophone devices measure`.", "[actuator]", f"resonance = {found.resonance:.1f}",
-        f"lowest = {found.lowest:.1f}", f"highest = {found.highest:.1f}", f'response = "{levels}"')  # fmt: skip
+    lines = (
+        "# Written by `tactophone devices measure`.",
+        "[actuator]",
+        f"resonance = {found.resonance:.1f}",
+        f"lowest = {found.lowest:.1f}",
+        f"highest = {found.highest:.1f}",
+        f'response = "{levels}"',
+    )
     return "\n".join(lines) + "\n"
 
 

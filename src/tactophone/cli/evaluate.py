@@ -30,9 +30,11 @@ from tactophone.signal.perception.models import model_path
 if TYPE_CHECKING:
     from tactophone.lab.evaluation.report import Report
 
-EXAMPLES = ("tactophone evaluate texture --data recordings",
+EXAMPLES = (
+    "tactophone evaluate texture --data recordings",
     "tactophone evaluate --data recordings --recipe texture --baselines",
-    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1")  # fmt: skip
+    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1",
+)
 
 FLICKER = 60.0
 """False bumps or dips a minute from which the decision is said to guess."""
@@ -62,8 +64,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--note", metavar="NAME", help="write the scores into the model's card, under this name")
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
-    group.add_argument("--split", metavar="NAME",
-        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)")  # fmt: skip
+    group.add_argument(
+        "--split",
+        metavar="NAME",
+        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)",
+    )
     group.add_argument("--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
         "(without N: 1)")  # fmt: skip

@@ -5,9 +5,11 @@ from pathlib import Path
 
 from tactophone.cli import options, output
 
-EXAMPLES = ("tactophone export lerobot run.mcap --with robot-data --out felt-data",
+EXAMPLES = (
+    "tactophone export lerobot run.mcap --with robot-data --out felt-data",
     "tactophone export lerobot run.mcap --with robot-data --out felt-data --episode 3 --start 1767225600.25",
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data --into-state roughness,contact")  # fmt: skip
+    "tactophone export lerobot run.mcap --with robot-data --out felt-data --into-state roughness,contact",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,9 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from tactophone.app.lerobot import export
 
-    found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start,
-        into_state=args.into_state)  # fmt: skip
-    words = (f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
-        f"{found.frames} frames; {len(found.sound)} files of sound")  # fmt: skip
+    found = export(
+        args.log,
+        args.dataset,
+        args.out,
+        episode=args.episode,
+        start=args.start,
+        into_state=args.into_state,
+    )
+    words = (
+        f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
+        f"{found.frames} frames; {len(found.sound)} files of sound"
+    )
     output.show(found, [words], as_json=args.json)
     return 0

@@ -13,8 +13,11 @@ from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS
 
-EXAMPLES = ("tactophone feel stroke.wav --plot", "tactophone feel recordings/*.flac --out felt --profile lra",
-    "tactophone feel run.mcap --finger index --dashboard")  # fmt: skip
+EXAMPLES = (
+    "tactophone feel stroke.wav --plot",
+    "tactophone feel recordings/*.flac --out felt --profile lra",
+    "tactophone feel run.mcap --finger index --dashboard",
+)
 
 
 def _parts(felt: Felt) -> Iterator[output.Part]:

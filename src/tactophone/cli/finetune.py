@@ -36,8 +36,10 @@ MOST_LOST = 0.005
 
 HEADINGS = {"balanced_accuracy": "balanced accuracy", "false_positive_rate": "smooth as rough"}
 
-EXAMPLES = ("tactophone finetune general.onnx recordings --general simulated",
-    "tactophone finetune paper recordings --general simulated --strategy fine-tuned --out mine.onnx")  # fmt: skip
+EXAMPLES = (
+    "tactophone finetune general.onnx recordings --general simulated",
+    "tactophone finetune paper recordings --general simulated --strategy fine-tuned --out mine.onnx",
+)
 
 NEW, GENERAL = "new objects, held-out takes", "general test set"
 
@@ -64,8 +66,10 @@ def _parts(
             "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
         )
     rate = changes[GENERAL]["false_positive_rate"]
-    words = (f" elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing was written: "
-        "record smooth objects too, or add --anyway")  # fmt: skip
+    words = (
+        f" elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing was written: "
+        "record smooth objects too, or add --anyway"
+    )
     yield str(file) if file else output.styled("red", "refused:", words)
 
 

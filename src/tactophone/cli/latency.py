@@ -18,9 +18,11 @@ if TYPE_CHECKING:  # their imports take a second, which would slow down --help
     from tactophone.app.measurement.impulses import ImpulseLatency
     from tactophone.signal.perception.model_file import ModelCard
 
-EXAMPLES = ("tactophone latency --dummy",
+EXAMPLES = (
+    "tactophone latency --dummy",
     "tactophone latency --dummy --codec pcm16 --packet-duration 0.0025 --impulses 400",
-    "tactophone latency --impulse-port system:playback_2 --vibration-port system:capture_3 --json")  # fmt: skip
+    "tactophone latency --impulse-port system:playback_2 --vibration-port system:capture_3 --json",
+)
 
 PERCENTILES = (50, 95, 99)
 
@@ -90,9 +92,13 @@ SUMS = ("sum of the stages", "end to end", "window to finger")
 
 
 def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Iterator[dict[str, Any]]:
-    durations = {**measured.stages, "sum of the stages": _sum(measured), "end to end": measured.end_to_end,
+    durations = {
+        **measured.stages,
+        "sum of the stages": _sum(measured),
+        "end to end": measured.end_to_end,
         f"window of {card.name}, all of the new surface": np.array([card.duration]),
-        "window to finger": card.duration + measured.end_to_end}  # fmt: skip
+        "window to finger": card.duration + measured.end_to_end,
+    }
     if delays is not None:
         durations["decision: contact to vibration"] = np.array(delays.touch)
         durations["decision: edge to changed vibration"] = np.array(delays.edge)

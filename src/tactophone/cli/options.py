@@ -164,9 +164,12 @@ def add_actions(parser: argparse.ArgumentParser) -> Callable[..., argparse.Argum
 
 
 def add_fingers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--fingers", metavar="N|FILE",
+    parser.add_argument(
+        "--fingers",
+        metavar="N|FILE",
         help="a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
-        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)")  # fmt: skip
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)",
+    )
 
 
 def add_finger(parser: argparse.ArgumentParser) -> None:

@@ -169,8 +169,12 @@ def progress(description: str, total: float | None = None, *, note: str = "") ->
 
     Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
     """
-    columns = (BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}", markup=False))  # fmt: skip
+    columns = (
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}", markup=False),
+    )
     with Progress(
         TextColumn(description, markup=False), *columns, console=log(), transient=True, disable=not log().is_terminal
     ) as bar:

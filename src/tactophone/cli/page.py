@@ -92,8 +92,10 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
         "run, feels it, and can stop, mute and weaken it; only a page on this machine arms it."
     )
     if page.access.scheme == "http":
-        output.note("The page's traffic, its token too, can be read on the network: use a trusted one, or --https. "
-            "Without --https a phone has neither sound nor microphone there, only vibration.")  # fmt: skip
+        output.note(
+            "The page's traffic, its token too, can be read on the network: use a trusted one, or --https. "
+            "Without --https a phone has neither sound nor microphone there, only vibration."
+        )
 
 
 def qr_code(text: str) -> str:

@@ -33,8 +33,11 @@ SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=
 
 The watchdog protects from an actuator that a stalled process would keep driving; here there is none."""
 
-TRY_SOURCES = {"browser": "the microphone of a page, on this machine or on a phone",
-    "microphone": "this machine's own, by PortAudio", "finger": "the simulated finger"}  # fmt: skip
+TRY_SOURCES = {
+    "browser": "the microphone of a page, on this machine or on a phone",
+    "microphone": "this machine's own, by PortAudio",
+    "finger": "the simulated finger",
+}
 """What `try` listens to."""
 
 USUAL_OF_TRY = [*NEAR, "output.actuator=none"]

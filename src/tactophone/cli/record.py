@@ -26,10 +26,21 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.health import Reference
 
 RECORD_SCENARIOS = ("held", "table", "box")
-RECORD_KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT,
-    "\x04": Key.QUIT}  # fmt: skip
-STAGE_STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cyan",
-    Stage.COUNTDOWN: "bold yellow"}  # fmt: skip
+RECORD_KEYS = {
+    " ": Key.GO,
+    "\n": Key.GO,
+    "\r": Key.GO,
+    "r": Key.RETAKE,
+    "q": Key.QUIT,
+    "\x03": Key.QUIT,
+    "\x04": Key.QUIT,
+}
+STAGE_STYLES = {
+    Stage.RECORDING: "bold red",
+    Stage.PAUSED: "yellow",
+    Stage.REVIEW: "cyan",
+    Stage.COUNTDOWN: "bold yellow",
+}
 
 EXAMPLES = (
     "tactophone record slate --label rough --calibration calibration.toml",
@@ -43,8 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--label", required=True, choices=[label.name.lower() for label in SURFACE_LABELS], help="how it feels to you")
     add("--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)")
     add("--material", default="", metavar="NAME", help="its material")
-    add("--scenario", default="table", metavar="NAME",
-        help=f"how it is held: {', '.join(RECORD_SCENARIOS)}, or any other")  # fmt: skip
+    add(
+        "--scenario",
+        default="table",
+        metavar="NAME",
+        help=f"how it is held: {', '.join(RECORD_SCENARIOS)}, or any other",
+    )
     add("--session", default="", metavar="NAME", help="recording session (default: today's date)")
     add("--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to")
     add("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 CHANGES = ("detector.model", "rendering.profile", "rendering.ceiling")
 """What may differ from the run that was logged."""
 
-EXAMPLES = ("tactophone replay run.mcap", "tactophone replay run.mcap --out again --profile lra --plot",
-    "tactophone replay run.mcap --to-rosbag bag")  # fmt: skip
+EXAMPLES = (
+    "tactophone replay run.mcap",
+    "tactophone replay run.mcap --out again --profile lra --plot",
+    "tactophone replay run.mcap --to-rosbag bag",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,9 +15,11 @@ from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 if TYPE_CHECKING:
     from tactophone.lab.dataset.roughness import HeightReport
 
-EXAMPLES = ("tactophone roughness profile.npz --unit um",
+EXAMPLES = (
+    "tactophone roughness profile.npz --unit um",
     "tactophone roughness slate.npy --pixel 29.4e-6 --resolution 5",
-    "tactophone roughness slate.npz --write-metadata recordings --surface slate")  # fmt: skip
+    "tactophone roughness slate.npz --write-metadata recordings --surface slate",
+)
 
 
 def _listing(report: "HeightReport") -> Table:

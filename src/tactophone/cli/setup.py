@@ -39,8 +39,11 @@ if TYPE_CHECKING:
 QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
 
 
-EXAMPLES = ("tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
-    "tactophone setup --check --out calibration.toml", "tactophone setup --check bench --source finger")  # fmt: skip
+EXAMPLES = (
+    "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
+    "tactophone setup --check --out calibration.toml",
+    "tactophone setup --check bench --source finger",
+)
 
 
 def _fitted(result: Fitted) -> Iterator[output.Part]:
@@ -78,8 +81,10 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         }
         for channel, name in enumerate(MICROPHONES[: calibration.channels])
     ]
-    yield (f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
-        f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute")  # fmt: skip
+    yield (
+        f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
+        f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
+    )
     yield from _words(found.findings)
     if found.passed:
         name = str(file)
@@ -102,9 +107,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--model", default="", metavar="NAME|FILE",
         help="model of kind texture to start from; default: the shipped one for the tip")  # fmt: skip
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
-        add(f"--{label}", metavar="NAMES",
+        add(
+            f"--{label}",
+            metavar="NAMES",
             help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
-            f"{', '.join(names)})")  # fmt: skip
+            f"{', '.join(names)})",
+        )
     add("--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
         help="of sliding on each object, %(type)s")  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
@@ -241,8 +249,10 @@ def _estimate(fit: "SetUpFit") -> str:
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:
         words = "the wrong way round: check which objects are smooth" if after < 0.25 else "little better than chance"
-        return (f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
-            "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`")  # fmt: skip
+        return (
+            f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
+            "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
+        )
     if fit.keeps:
         return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
     return f"right on {output.percent(after)} of what it was not fitted to, over both kinds"

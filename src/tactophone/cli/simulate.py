@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from tactophone.lab.simulation.catalogue import SimulatedObject
     from tactophone.lab.simulation.takes import Take
 
-EXAMPLES = ("tactophone simulate objects",
+EXAMPLES = (
+    "tactophone simulate objects",
     "tactophone simulate dataset simulated --objects 0,5 --takes short_light,long_light --seconds 2",
-    "tactophone simulate competition competition --runs 1")  # fmt: skip
+    "tactophone simulate competition competition --runs 1",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,9 +12,12 @@ from tactophone.core.errors import TactophoneError, did_you_mean
 from tactophone.live.telemetry.layout import Action
 from tactophone.live.telemetry.watcher import Watcher, running
 
-EXAMPLES = {"status": ("tactophone status", "tactophone status --json"),
-    "stop": ("tactophone stop", "tactophone stop receive"), "mute": ("tactophone mute", "tactophone mute receive"),
-    "arm": ("tactophone arm", "tactophone arm receive")}  # fmt: skip
+EXAMPLES = {
+    "status": ("tactophone status", "tactophone status --json"),
+    "stop": ("tactophone stop", "tactophone stop receive"),
+    "mute": ("tactophone mute", "tactophone mute receive"),
+    "arm": ("tactophone arm", "tactophone arm receive"),
+}
 
 STATUS_TIMEOUT = 1.0
 """Seconds for a process to carry out a request; it looks for requests fifty times as often."""

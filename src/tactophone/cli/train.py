@@ -9,9 +9,11 @@ from tactophone.core.tips import TIP_NAMES
 from tactophone.lab.training.recipes import RECIPES, RecipeFile
 from tactophone.signal.perception.calibration import Calibration
 
-EXAMPLES = ("tactophone train recordings --recipe texture --out finger.onnx",
+EXAMPLES = (
+    "tactophone train recordings --recipe texture --out finger.onnx",
     "tactophone train recordings --also simulated --filter tier=core",
-    "tactophone train recordings --recipe paper.toml --from general.onnx")  # fmt: skip
+    "tactophone train recordings --recipe paper.toml --from general.onnx",
+)
 
 
 def add_recipe(parser: argparse._ActionsContainer) -> None:
@@ -23,8 +25,11 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     add("--channels", type=int, choices=(1, 2),
         help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
         "them from variant")  # fmt: skip
-    add("--tip", choices=TIP_NAMES,
-        help="that the model is for (recipes on features; default: the one that the recordings name)")  # fmt: skip
+    add(
+        "--tip",
+        choices=TIP_NAMES,
+        help="that the model is for (recipes on features; default: the one that the recordings name)",
+    )
     add("--set", action="append", default=[], metavar="NAME=VALUE",
         help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable")  # fmt: skip
 

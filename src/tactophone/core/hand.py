@@ -57,8 +57,11 @@ def with_fingers(settings: Settings, text: str) -> Settings:
     if text.lstrip("+-").isdecimal():
         return replace(settings, fingers=_checked(default_names(int(text)), where="--fingers"))
     path = Path(text).expanduser()
-    tables = read_tables(path, missing="give --fingers a number of fingers, or a TOML file with one table each",
-        outside="write it under a finger's name, as in [index]")  # fmt: skip
+    tables = read_tables(
+        path,
+        missing="give --fingers a number of fingers, or a TOML file with one table each",
+        outside="write it under a finger's name, as in [index]",
+    )
     return replace(settings, fingers=_checked(tables, where=str(path)))
 
 
@@ -141,8 +144,12 @@ def _own(name: str, place: int, table: Mapping[str, Any], *, where: str) -> Iter
             near = did_you_mean(key, OWN_SETTINGS) or f"; there are {', '.join(OWN_SETTINGS)}"
             raise ConfigError(f"{where}: [{name}] has {key}, which is no setting of a finger{near}")
     # Two inputs and one output for each finger, in order, where the table does not say otherwise.
-    placed = {"contact": f"system:capture_{2 * place + 1}", "air": f"system:capture_{2 * place + 2}",
-        "port": f"system:playback_{place + 1}", "channel": place + 1}  # fmt: skip
+    placed = {
+        "contact": f"system:capture_{2 * place + 1}",
+        "air": f"system:capture_{2 * place + 2}",
+        "port": f"system:playback_{place + 1}",
+        "channel": place + 1,
+    }
     for key, written in {**placed, **table}.items():
         # A channel of a PortAudio device may be written as a number.
         value = str(written) if key in ("contact", "air") and type(written) is int else written

@@ -62,7 +62,12 @@ def prediction_of(row: Any) -> tuple[Prediction, HapticCommand]:
     """
     number = int(row["event"])
     plain: dict[str, Any] = {name: float(row[name]) for name in _PLAIN_FIELDS}
-    found = Prediction(probabilities=(float(row["none"]), float(row["smooth"]), float(row["rough"])),
-        touch=Touch(int(row["touch"])), start=float(row["window_start"]), end=float(row["window_end"]),
-        events=(TouchEvent(EVENT_KINDS[number - 1], float(row["event_time"])),) if number else (), **plain)  # fmt: skip
+    found = Prediction(
+        probabilities=(float(row["none"]), float(row["smooth"]), float(row["rough"])),
+        touch=Touch(int(row["touch"])),
+        start=float(row["window_start"]),
+        end=float(row["window_end"]),
+        events=(TouchEvent(EVENT_KINDS[number - 1], float(row["event_time"])),) if number else (),
+        **plain,
+    )
     return found, HapticCommand(float(row["amplitude"]), float(row["frequency"]), float(row["time"]))

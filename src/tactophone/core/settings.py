@@ -99,12 +99,18 @@ class Capture:
         verbs="answer call devices loopback record send setup",
         device="capture.device",
     )
-    device: str = _setting("",
+    device: str = _setting(
+        "",
         "PortAudio device (name or number), recording to play, seed of the simulated finger, or topic; "
-        "empty: the default")  # fmt: skip
-    tip: str = _setting(DEFAULT_TIP,
-        "tip that touches: it chooses the model where none is named, and is the simulated finger's", choices=TIP_NAMES,
-        flag="--tip", verbs="answer call demo feel loopback play receive send setup")  # fmt: skip
+        "empty: the default",
+    )
+    tip: str = _setting(
+        DEFAULT_TIP,
+        "tip that touches: it chooses the model where none is named, and is the simulated finger's",
+        choices=TIP_NAMES,
+        flag="--tip",
+        verbs="answer call demo feel loopback play receive send setup",
+    )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
     block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
@@ -115,34 +121,52 @@ class Capture:
 class Link:
     """The network link between robot and operator."""
 
-    peer: str = _setting("",
-        "operator that the robot calls, host or host:port; up to four, with commas or an option each", flag="--peer",
-        verbs="send")  # fmt: skip
+    peer: str = _setting(
+        "",
+        "operator that the robot calls, host or host:port; up to four, with commas or an option each",
+        flag="--peer",
+        verbs="send",
+    )
     host: str = _setting("", "address at which the operator's side listens; empty: all, of IPv4 and IPv6")
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
     identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
-    codec: str = _setting("opus", "pcm16 for a local network, opus for the rest", choices=("opus", "pcm16"),
-        flag="--codec", verbs="latency send")  # fmt: skip
+    codec: str = _setting(
+        "opus",
+        "pcm16 for a local network, opus for the rest",
+        choices=("opus", "pcm16"),
+        flag="--codec",
+        verbs="latency send",
+    )
     packet_duration: float = _setting(
         0.005, "sound in a packet", unit="s", span=(0.0005, 0.02), flag="--packet-duration", verbs="latency"
     )
     bandwidth: float = _setting(
         0.0, "highest frequency to transmit; 0: as the operator's model needs", unit="Hz", span=(0, 20_000)
     )
-    bitrate_bps: int = _setting(0, "of Opus, both channels of a finger together; 0: by bandwidth and packet duration",
-        unit="bit/s", span=(0, 510_000))  # fmt: skip
+    bitrate_bps: int = _setting(
+        0,
+        "of Opus, both channels of a finger together; 0: by bandwidth and packet duration",
+        unit="bit/s",
+        span=(0, 510_000),
+    )
     redundancy: int = _setting(-1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2))
-    send_predictions: bool = _setting(False, "run the detector on the robot and send only its predictions",
-        flag="--send-predictions", verbs="latency send")  # fmt: skip
+    send_predictions: bool = _setting(
+        False,
+        "run the detector on the robot and send only its predictions",
+        flag="--send-predictions",
+        verbs="latency send",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
     """The servers of `tactophone call` and `answer`: docs/guide/apart.md."""
 
-    mailbox: str = _setting("ws://relay.magic-wormhole.io:4000/v1",
+    mailbox: str = _setting(
+        "ws://relay.magic-wormhole.io:4000/v1",
         "magic-wormhole mailbox that passes a call's encrypted first words; the default server is run by a volunteer, "
-        "without guarantees")  # fmt: skip
+        "without guarantees",
+    )
     stun: str = _setting(
         "stun.l.google.com:19302,stun.cloudflare.com:3478",
         "STUN servers, HOST or HOST:PORT with commas between them; from two, --check learns the kind of router",
@@ -155,11 +179,18 @@ class Call:
 class Detector:
     """What classifies the sound."""
 
-    model: str = _setting("", "name of a shipped model, or path of a model file; empty: the shipped model for the tip",
-        flag="--model", verbs="demo feel latency loopback play receive replay send try")  # fmt: skip
-    calibration: str = _setting("",
+    model: str = _setting(
+        "",
+        "name of a shipped model, or path of a model file; empty: the shipped model for the tip",
+        flag="--model",
+        verbs="demo feel latency loopback play receive replay send try",
+    )
+    calibration: str = _setting(
+        "",
         "file written by `tactophone setup --check`: contact threshold and microphone check; empty: none",
-        flag="--calibration", verbs="receive")  # fmt: skip
+        flag="--calibration",
+        verbs="receive",
+    )
     check_microphones: bool = _setting(
         True, "detect faulty microphones and fall back safely; switch off for synthetic test signals"
     )
@@ -187,9 +218,13 @@ class Detector:
 class Rendering:
     """How predictions become vibration, and how strong it may be."""
 
-    profile: str = _setting("paper",
+    profile: str = _setting(
+        "paper",
         "rendering profile: paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: direct, pitch, "
-        "median-frequency", flag="--profile", verbs="demo loopback play receive replay try")  # fmt: skip
+        "median-frequency",
+        flag="--profile",
+        verbs="demo loopback play receive replay try",
+    )
     ceiling: float = _setting(
         DEFAULT_CEILING, "greatest amplitude; a profile that asks for more is scaled down as a whole",
         unit="of full drive", span=(0, 1), flag="--ceiling", verbs="feel loopback receive replay try",
@@ -237,14 +272,21 @@ class Actuator:
 class Process:
     """Processes, priorities and the watchdog."""
 
-    name: str = _setting("", "name of this run for `status`, `stop`, `mute` and `arm`; empty: the verb", flag="--name",
-        verbs="answer call demo feel latency loopback play receive replay send try")  # fmt: skip
+    name: str = _setting(
+        "",
+        "name of this run for `status`, `stop`, `mute` and `arm`; empty: the verb",
+        flag="--name",
+        verbs="answer call demo feel latency loopback play receive replay send try",
+    )
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
     watchdog: bool = _setting(True, "silence a late process; kill a stalled one and start a new one, muted")
-    stall_timeout: float = _setting(0.05,
-        "time without a callback, while vibrating, after which a process is late and silenced", unit="s",
-        span=(0.01, 1))  # fmt: skip
+    stall_timeout: float = _setting(
+        0.05,
+        "time without a callback, while vibrating, after which a process is late and silenced",
+        unit="s",
+        span=(0.01, 1),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,13 +294,25 @@ class Page:
     """The page that --dashboard serves, and those of `play` and `try`."""
 
     address: str = _setting("", "HOST:PORT of the page; empty: any free port, for this machine only")
-    lan: bool = _setting(False, "serve the page to the local network too, and print a QR code for a phone",
-        flag="--lan", verbs="feel play receive replay send try")  # fmt: skip
-    open: bool = _setting(False, "open the page in this machine's browser, besides printing its address", flag="--open",
-        verbs="demo play try")  # fmt: skip
-    https: bool = _setting(False,
+    lan: bool = _setting(
+        False,
+        "serve the page to the local network too, and print a QR code for a phone",
+        flag="--lan",
+        verbs="feel play receive replay send try",
+    )
+    open: bool = _setting(
+        False,
+        "open the page in this machine's browser, besides printing its address",
+        flag="--open",
+        verbs="demo play try",
+    )
+    https: bool = _setting(
+        False,
         "serve the page encrypted, with the certificate of `tactophone pair init`; a phone needs it for sound and "
-        "microphone", flag="--https", verbs="feel play replay try")  # fmt: skip
+        "microphone",
+        flag="--https",
+        verbs="feel play replay try",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,18 +325,24 @@ class Bridges:
     )
     osc_avatar: bool = _setting(False, "send VRChat's avatar parameters too")
     ros_publish: bool = _setting(True, "publish predictions, sound and diagnostics to ROS 2")
-    ros_sinks: str = _setting("",
+    ros_sinks: str = _setting(
+        "",
         "ROS 2 devices to drive with the vibration, KIND or KIND:TOPIC with commas between them: joy, senseglove, "
-        "float32, or of a plug-in")  # fmt: skip
+        "float32, or of a plug-in",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
     """The simulated network, and the simulated person of the source finger."""
 
-    network: str = _setting("clean", "simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
+    network: str = _setting(
+        "clean",
+        "simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
         "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (fractions of 1, seconds); all but clean need the extra sim",
-        flag="--network", verbs="demo loopback")  # fmt: skip
+        flag="--network",
+        verbs="demo loopback",
+    )
     seed: int = _setting(
         0, "random seed of network, strokes and set-up", span=(0, 2**31 - 1), flag="--seed", verbs="demo"
     )
@@ -290,9 +350,11 @@ class Simulation:
     air_gain_db: float = _setting(
         0.0, "extra gain of the simulated air microphone; a stylus may drive it too far", unit="dB", span=(-40, 40)
     )
-    faults: str = _setting("",
+    faults: str = _setting(
+        "",
         "faults of the simulated microphones, CODE or CODE@S-S (between two times in s), with commas between them: "
-        "contact-dead, air-hum@3-5, ...")  # fmt: skip
+        "contact-dead, air-hum@3-5, ...",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,8 +406,11 @@ def read_settings(path: Path, settings: Settings | None = None) -> Settings:
     Raises `ConfigError` when the file cannot be read, or holds an unknown setting or a value out of range.
     """
     settings = settings or Settings()
-    tables = read_tables(path, missing=f"`tactophone settings > {path}` writes one to begin with",
-        outside=f"write it under one of {', '.join(SECTIONS)}")  # fmt: skip
+    tables = read_tables(
+        path,
+        missing=f"`tactophone settings > {path}` writes one to begin with",
+        outside=f"write it under one of {', '.join(SECTIONS)}",
+    )
     for section, table in tables.items():
         for name, value in table.items():
             settings = set_value(settings, f"{section}.{name}", value, where=str(path))

@@ -67,8 +67,10 @@ class AudioBlock:
 
     def __post_init__(self) -> None:
         if self.samples.ndim != 2 or self.samples.dtype != np.float32:
-            raise ValueError(f"samples are {self.samples.dtype} of shape {self.samples.shape}, "
-                "but a block holds float32 of shape (samples, channels); reshape or convert them")  # fmt: skip
+            raise ValueError(
+                f"samples are {self.samples.dtype} of shape {self.samples.shape}, "
+                "but a block holds float32 of shape (samples, channels); reshape or convert them"
+            )
 
     @property
     def size(self) -> int:

@@ -146,8 +146,10 @@ class OperatorEndpoint:
         if fingers == self.hand.fingers:
             return True
         own = self.hand.fingers
-        self.refusal = (f"the robot has {fingers} finger{'s' * (fingers > 1)}, this operator {own}: "
-            "give both ends the same --fingers")  # fmt: skip
+        self.refusal = (
+            f"the robot has {fingers} finger{'s' * (fingers > 1)}, this operator {own}: "
+            "give both ends the same --fingers"
+        )
         return False
 
     def _match_channels(self, channels: int) -> bool:

@@ -96,9 +96,12 @@ class OscBridge:
 
     def _messages(self, passed: Passed) -> list[tuple[str, Any]]:
         base, command = f"/tactophone/{passed.finger}", passed.command
-        messages: list[tuple[str, Any]] = [(f"{base}/prediction", list(passed.prediction.probabilities)),
-            (f"{base}/roughness", passed.roughness), (f"{base}/contact", int(passed.contact)),
-            (f"{base}/vibration", [command.amplitude, command.frequency])]  # fmt: skip
+        messages: list[tuple[str, Any]] = [
+            (f"{base}/prediction", list(passed.prediction.probabilities)),
+            (f"{base}/roughness", passed.roughness),
+            (f"{base}/contact", int(passed.contact)),
+            (f"{base}/vibration", [command.amplitude, command.frequency]),
+        ]
         if self._avatar:
             values = {"roughness": passed.roughness, "contact": float(passed.contact), "amplitude": command.amplitude}
             # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.

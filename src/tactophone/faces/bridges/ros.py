@@ -50,8 +50,11 @@ _SAMPLE = np.dtype("<i2")
 QOS = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
 )
-LATCHED = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.TransientLocal,
-    Policy.History.KeepLast(1))  # fmt: skip
+LATCHED = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(1),
+)
 
 
 class Transport(Protocol):

@@ -64,8 +64,10 @@ AudioData = message_type("audio_common_msgs/msg/AudioData", "uint8[] data")
 AudioDataStamped = message_type(
     "audio_common_msgs/msg/AudioDataStamped", "std_msgs/Header header\naudio_common_msgs/AudioData audio"
 )
-AudioInfo = message_type("audio_common_msgs/msg/AudioInfo",
-    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format")  # fmt: skip
+AudioInfo = message_type(
+    "audio_common_msgs/msg/AudioInfo",
+    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
+)
 JoyFeedback = message_type("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
 # A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
 StampedPrediction = message_type(
@@ -75,9 +77,14 @@ StampedPrediction = message_type(
     "string event",
 )
 
-PUBLISHED: dict[str, Any] = {"touch": StampedPrediction, "prediction": Float32MultiArray,
-    "vibration": Float32MultiArray, "roughness": Float32, "contact_dbfs": Float32,
-    "audio": AudioDataStamped}  # fmt: skip
+PUBLISHED: dict[str, Any] = {
+    "touch": StampedPrediction,
+    "prediction": Float32MultiArray,
+    "vibration": Float32MultiArray,
+    "roughness": Float32,
+    "contact_dbfs": Float32,
+    "audio": AudioDataStamped,
+}
 """Topics of a finger, under ``/tactophone/<finger>/``, without the latched ``audio_info``."""
 
 INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
@@ -214,5 +221,8 @@ def _float32(fingers: Sequence[str]) -> Sink:
     )
 
 
-_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {"joy": _joy, "senseglove": _senseglove,
-    "float32": _float32}  # fmt: skip
+_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
+    "joy": _joy,
+    "senseglove": _senseglove,
+    "float32": _float32,
+}

@@ -99,9 +99,12 @@ def default_cache() -> Cache:
 
 
 def cross_validate(
-    method: Method, folds: Sequence[Fold], *, cache: Cache | None = None,
+    method: Method,
+    folds: Sequence[Fold],
+    *,
+    cache: Cache | None = None,
     report: Callable[[int, str], None] = lambda done, name: None,
-) -> list[TakePredictions]:  # fmt: skip
+) -> list[TakePredictions]:
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
     A killed run loses the fold that it was at. ``report`` is called with the number of folds done and the fold's name.

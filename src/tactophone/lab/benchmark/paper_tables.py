@@ -70,8 +70,10 @@ IN_CONTACT = "in_contact"
 BOOTSTRAP_PIECE = 5.0
 """Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
 
-PAPER_ONE: Mapping[str, tuple[float, ...]] = {"competition": (0.113, 0.472, 0.009, 0.405),
-    "test": (0.240, 0.265, 0.081, 0.413)}  # fmt: skip
+PAPER_ONE: Mapping[str, tuple[float, ...]] = {
+    "competition": (0.113, 0.472, 0.009, 0.405),
+    "test": (0.240, 0.265, 0.081, 0.413),
+}
 """Table I, general model: shares of all windows, in the order of :data:`TABLE_SHARES`."""
 
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
@@ -79,17 +81,23 @@ PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
 
 TWO_COLUMNS = ("rough day 1", "rough day 2", "smooth day 1", "smooth day 2", "test rough", "test smooth")
 
-PAPER_TWO: Mapping[str, tuple[float, ...]] = {"general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
+PAPER_TWO: Mapping[str, tuple[float, ...]] = {
+    "general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
     "fine-tuned": (0.239, 0.190, 1.000, 0.959, 0.459, 0.999),
-    "one-channel": (0.482, 0.117, 0.998, 0.692, 0.630, 0.736)}  # fmt: skip
+    "one-channel": (0.482, 0.117, 0.998, 0.692, 0.630, 0.736),
+}
 """Table II: accuracy of each class."""
 
 SESSION_BLOCK = 512
 LIKE_PAPER = ("paper", "dualsense", "events")
 """Profiles that render roughness as the paper's does: one row stands for them."""
 
-PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {"NimbRo": (66, 62), "Pollen Robotics": (144, 119),
-    "Northeastern": (None, 567), "Avatrina": (288, None)}  # fmt: skip
+PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
+    "NimbRo": (66, 62),
+    "Pollen Robotics": (144, 119),
+    "Northeastern": (None, 567),
+    "Avatrina": (288, None),
+}
 """Table III: each team's time in s from the begin of the task until a rough stone was fetched, on days 1 and 2;
 ``None``: not attempted. ``NimbRo`` are the paper's authors."""
 
@@ -323,9 +331,12 @@ def task_methods() -> tuple[str, ...]:
 
 
 def play_task(
-    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS,
+    names: Sequence[str] = (),
+    *,
+    rounds: int = 1000,
+    visits: int = VISITS,
     report: Callable[[str], None] = lambda name: None,
-) -> list[TaskOutcome]:  # fmt: skip
+) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
     ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if

@@ -35,8 +35,11 @@ def write_report(folder: Path, datasets: Sequence[DatasetResults], *, notes: Ite
         for split, results in groupby(of_dataset.results, key=lambda result: result.split):
             parts += _section(folder, list(results), split, of_dataset)
     steps = [(name, f"{pitch:.1f}", f"{both:.1f}") for name, (pitch, both) in steps_by_profile().items()]
-    parts += ["## Rendering profiles", "Just-noticeable steps between smooth and rough (18 % of frequency, 1.5 dB).",
-        _table(("profile", "steps of frequency", "steps with level"), steps)]  # fmt: skip
+    parts += [
+        "## Rendering profiles",
+        "Just-noticeable steps between smooth and rough (18 % of frequency, 1.5 dB).",
+        _table(("profile", "steps of frequency", "steps with level"), steps),
+    ]
     path = folder / "report.md"
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return path

@@ -213,9 +213,11 @@ def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
 
 
 def check_consistency(
-    dataset: Dataset, *, threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
+    dataset: Dataset,
+    *,
+    threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
     progress: Callable[[int], None] = lambda done: None,
-) -> tuple[Problem, ...]:  # fmt: skip
+) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 
     Faults of single files are reported by :func:`check` instead. ``threshold_dbfs`` is the level of

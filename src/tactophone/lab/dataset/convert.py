@@ -144,8 +144,10 @@ def _card(dataset: Dataset) -> Iterator[str]:
     counts = Counter(recording.label for recording in recordings)
     labels = ", ".join(f"{counts[label]} {label.name.lower()}" for label in reversed(SURFACE_LABELS))
     yield from ("", "## Limits", "")
-    yield (f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "
-        "surface, never by window: windows overlap.")  # fmt: skip
+    yield (
+        f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "
+        "surface, never by window: windows overlap."
+    )
 
 
 def _values(recordings: Sequence[Recording], key: str, separator: str = ", ") -> str:

@@ -126,9 +126,13 @@ def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]
 
 def _object(path: Path, match: re.Match[str]) -> Recording:
     number = int(match["number"])
-    properties = {"stroke": match["stroke"] or "wiggle", "pressure": TAKE_PRESSURES.get(match["pressure"] or "", ""),
+    properties = {
+        "stroke": match["stroke"] or "wiggle",
+        "pressure": TAKE_PRESSURES.get(match["pressure"] or "", ""),
         "split": "test" if number in TEST_OBJECTS else "" if number == SPARE_OBJECT else "train",
-        "kin": KIN.get(number, f"object {number:02}"), "tip": DEFAULT_TIP}  # fmt: skip
+        "kin": KIN.get(number, f"object {number:02}"),
+        "tip": DEFAULT_TIP,
+    }
     label = Touch.ROUGH if number in ROUGH_OBJECTS else Touch.SMOOTH
     known = {key: value for key, value in properties.items() if value}
     return Recording(path, f"object {number:02}", label, MICROPHONES, take=match["take"], properties=known)

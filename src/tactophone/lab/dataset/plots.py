@@ -25,8 +25,15 @@ CONTACT_COLOUR, VIBRATION_COLOUR = (re.findall(rf"--{name}: (#\w+)", _PALETTE)[0
 GREY = "#8C8C8C"
 """For what is absent; not one of Okabe and Ito's."""
 
-_STYLE: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.labelcolor": "#333333",
-    "axes.edgecolor": "#999999", "xtick.color": "#555555", "ytick.color": "#555555"}  # fmt: skip
+_STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.labelcolor": "#333333",
+    "axes.edgecolor": "#999999",
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+}
 
 PANELS = 12
 EXCERPT = 5.0

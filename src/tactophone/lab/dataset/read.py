@@ -43,13 +43,17 @@ def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -
         raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
     found = read_lab_folder(folder)
     if found.air_of:
-        raise DatasetError(f"{folder}: each microphone is in a file of its own; "
-            f"join them first: `tactophone dataset import {folder} NEW`")  # fmt: skip
+        raise DatasetError(
+            f"{folder}: each microphone is in a file of its own; "
+            f"join them first: `tactophone dataset import {folder} NEW`"
+        )
     if found.dataset.recordings:
         return found.dataset
-    raise DatasetError(f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
+    raise DatasetError(
+        f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
         f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
-        "`tactophone dataset import` make it of folders named rough/ and smooth/")  # fmt: skip
+        "`tactophone dataset import` make it of folders named rough/ and smooth/"
+    )
 
 
 def find_importable(path: Path | str) -> LabFolder:

@@ -241,8 +241,11 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
         with atomic_write(path) as unfinished:  # later runs take it for whole
             soundfile.write(unfinished, _fade(first.samples, second.samples, rate), rate, "PCM_16", format="FLAC")
     middle, end = LEAD + HALF - EVENT_FADE / 2, LEAD + 2 * HALF - EVENT_FADE
-    segments = (Segment(0.0, LEAD, "none"), Segment(LEAD, middle, order[0].name.lower()),
-        Segment(middle, end, order[1].name.lower()))  # fmt: skip
+    segments = (
+        Segment(0.0, LEAD, "none"),
+        Segment(LEAD, middle, order[0].name.lower()),
+        Segment(middle, end, order[1].name.lower()),
+    )
     sources = {SOURCES_KEY: "\n".join(str(take.path) for take, _ in pair)}
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
                      segments=segments, properties=_motion(pair) | sources)  # fmt: skip

@@ -136,9 +136,11 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
     every = np.ones(len(outcomes.recordings)) if weights is None else weights
     smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
     with np.errstate(invalid="ignore", divide="ignore"):
-        return {"false_bumps_per_minute": smooth @ outcomes.bumps / (smooth @ outcomes.minutes)[..., None],
+        return {
+            "false_bumps_per_minute": smooth @ outcomes.bumps / (smooth @ outcomes.minutes)[..., None],
             "false_positive_rate": smooth @ outcomes.rough / (smooth @ outcomes.updates)[..., None],
-            "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates)[..., None]}  # fmt: skip
+            "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates)[..., None],
+        }
 
 
 def choose_left_out(

@@ -72,9 +72,13 @@ class TakeMeter:
         if not self._history:
             return TakeLevels(duration, 0.0, 0.0, -np.inf)
         levels = np.array([statistics.level_dbfs[CONTACT] for statistics in self._history])
-        return TakeLevels(duration, float(np.mean(levels >= self._threshold_dbfs)),
-            float(self._clipped.max() / self._size), float(np.percentile(levels, LEVEL_PERCENTILE)),
-            tuple(self._faults))  # fmt: skip
+        return TakeLevels(
+            duration,
+            float(np.mean(levels >= self._threshold_dbfs)),
+            float(self._clipped.max() / self._size),
+            float(np.percentile(levels, LEVEL_PERCENTILE)),
+            tuple(self._faults),
+        )
 
 
 def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float) -> str:

@@ -96,16 +96,24 @@ class Finger(NamedTuple):
 
         def turned(first: str, second: str, power: float) -> dict[str, float]:
             one, other = getattr(self, first) ** power, getattr(self, second) ** power
-            return {first: float((along * one + across * other) ** (1 / power)),
-                second: float((along * other + across * one) ** (1 / power))}  # fmt: skip
+            return {
+                first: float((along * one + across * other) ** (1 / power)),
+                second: float((along * other + across * one) ** (1 / power)),
+            }
 
-        return self._replace(**turned("pad_stiffness", "shear_stiffness", -1),
-            **turned("pad_damping", "shear_damping", -1), **turned("normal_strain", "shear_strain", 2),
-            **turned("pad_radiation", "shear_radiation", 2))  # fmt: skip
+        return self._replace(
+            **turned("pad_stiffness", "shear_stiffness", -1),
+            **turned("pad_damping", "shear_damping", -1),
+            **turned("normal_strain", "shear_strain", 2),
+            **turned("pad_radiation", "shear_radiation", 2),
+        )
 
 
-FLEXURE = (Mode(2300.0, 1.6e-3, 0.08, 9e-5, strain=0.20), Mode(4700.0, 1.2e-3, 0.06, 9e-5, strain=0.18),
-    Mode(7600.0, 1.2e-3, 0.06, 9e-5, strain=0.07))  # fmt: skip
+FLEXURE = (
+    Mode(2300.0, 1.6e-3, 0.08, 9e-5, strain=0.20),
+    Mode(4700.0, 1.2e-3, 0.06, 9e-5, strain=0.18),
+    Mode(7600.0, 1.2e-3, 0.06, 9e-5, strain=0.07),
+)
 """Bending modes of the printed shell under the pad."""
 
 
@@ -201,8 +209,12 @@ class Tip:
     air_gain_db: _Bounds = (0.0, 0.0)
 
     def draw_finger(self, rng: np.random.Generator) -> Finger:
-        bounds = {"tip_radius": self.radius, "pad_mass": self.mass, "air_distance": self.air_distance,
-            "pad_radiation": self.shaken}  # fmt: skip
+        bounds = {
+            "tip_radius": self.radius,
+            "pad_mass": self.mass,
+            "air_distance": self.air_distance,
+            "pad_radiation": self.shaken,
+        }
         drawn = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items() if pair}
         return self.finger._replace(**drawn)
 

@@ -166,9 +166,12 @@ class RenderJob:
 
 
 def plan_dataset(
-    objects: Sequence[SimulatedObject], options: RenderOptions, *, scenarios: bool = False,
+    objects: Sequence[SimulatedObject],
+    options: RenderOptions,
+    *,
+    scenarios: bool = False,
     takes: Sequence[Take] = TAKES,
-) -> tuple[RenderJob, ...]:  # fmt: skip
+) -> tuple[RenderJob, ...]:
     """List the recordings: each object as the catalogue mounts it, movable ones with ``scenarios`` in all three."""
     return tuple(
         RenderJob(obj, mounting, take, options)

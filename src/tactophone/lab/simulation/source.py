@@ -222,9 +222,12 @@ def _share(frequency: float) -> float:
 
 @compiled
 def _touched(
-    force: NDArray[np.float64], body: NDArray[np.int64], object_index: NDArray[np.int16], since: NDArray[np.int64],
+    force: NDArray[np.float64],
+    body: NDArray[np.int64],
+    object_index: NDArray[np.int16],
+    since: NDArray[np.int64],
     hold: int,
-) -> None:  # fmt: skip
+) -> None:
     """Write the touched object's index per sample; ``since`` holds the samples since the last force, and its object."""
     for i in range(force.size):
         since[0] += 1

@@ -74,9 +74,12 @@ class Script:
         self.hover(0.25)
 
     def _go(
-        self, duration: float, x: float | None, y: float | None,
+        self,
+        duration: float,
+        x: float | None,
+        y: float | None,
         press: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    ) -> None:  # fmt: skip
+    ) -> None:
         size = max(2, round(duration / STROKE_STEP))
         phase = np.arange(1, size + 1) / size
         to_x, to_y = (self.x if x is None else x), (self.y if y is None else y)

@@ -248,8 +248,12 @@ def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: 
     rng = np.random.default_rng(np.random.SeedSequence([0xF21C, surface.seed]))
     spectrum = np.fft.rfft(traced)
     light, heavy = (_averaged(spectrum, mechanics.patch(load)) for load in (LIGHT, HEAVY))
-    return Track(light=light.astype(np.float32), heavy=heavy.astype(np.float32),
-        friction=_friction(spectrum, material, mechanics, rng).astype(np.float32), mechanics=mechanics)  # fmt: skip
+    return Track(
+        light=light.astype(np.float32),
+        heavy=heavy.astype(np.float32),
+        friction=_friction(spectrum, material, mechanics, rng).astype(np.float32),
+        mechanics=mechanics,
+    )
 
 
 def mechanics_of(height: Profile, material: Material, tip_radius: float, tip_modulus: float) -> ContactMechanics:

@@ -57,9 +57,13 @@ def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
     gap = np.where(np.abs(rough - smooth) < 1e-3, 1e-3, rough - smooth)
     slopes = np.zeros(len(CUES))
     slopes[columns] = VOTE_STEEPNESS / gap[columns]
-    nodes = [*fill_missing("centre"), helper.make_node("Sub", ["whole", "centre"], ["off"]),
-        helper.make_node("Mul", ["off", "slopes"], ["steep"]), helper.make_node("Tanh", ["steep"], ["votes"]),
-        helper.make_node("ReduceSum", ["votes", "one"], ["logit"], keepdims=1)]  # fmt: skip
+    nodes = [
+        *fill_missing("centre"),
+        helper.make_node("Sub", ["whole", "centre"], ["off"]),
+        helper.make_node("Mul", ["off", "slopes"], ["steep"]),
+        helper.make_node("Tanh", ["steep"], ["votes"]),
+        helper.make_node("ReduceSum", ["votes", "one"], ["logit"], keepdims=1),
+    ]
     tensors = {"centre": np.nan_to_num((rough + smooth) / 2), "slopes": slopes}
     return build_known(nodes, tensors, features=len(CUES))
 
@@ -192,8 +196,13 @@ class FeatureRecipe:
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
         through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
-        facts = {"recipe": self.name, "dataset": dataset.name, "surfaces": len(dataset.surfaces),
-            "sha256": dataset.fingerprint, "through": ["nothing", *through]}  # fmt: skip
+        facts = {
+            "recipe": self.name,
+            "dataset": dataset.name,
+            "surfaces": len(dataset.surfaces),
+            "sha256": dataset.fingerprint,
+            "through": ["nothing", *through],
+        }
         spec, tip = training_set.spec, training_set.tip
         size, hop = WINDOWS[spec.kind]
         settings = {"microphone": spec.microphone, "memory": spec.memory} if spec.kind == "texture" else {}

@@ -109,8 +109,11 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
 
 def magnitudes(channels: int) -> onnx.ModelProto:
     """Return the graph of the paper's features: the magnitude of each channel's real FFT, one after another."""
-    tensors = {"rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]), "length": np.array(NETWORK_WINDOW_SIZE),
-        "flat": np.array([1, channels * SPECTRUM_BINS])}  # fmt: skip
+    tensors = {
+        "rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]),
+        "length": np.array(NETWORK_WINDOW_SIZE),
+        "flat": np.array([1, channels * SPECTRUM_BINS]),
+    }
     nodes = [
         helper.make_node("Reshape", [SOUND, "rows"], ["signals"]),
         helper.make_node("STFT", ["signals", "length", "", "length"], ["spectrum"]),
@@ -230,9 +233,12 @@ def build_classifier_graph(classifier: LinearClassifier, *, channels: int) -> on
 
 def build_linear(centre: Floats, weights: Floats, bias: float) -> onnx.ModelProto:
     """Build the graph of a linear classifier, ``bias + (features - centre) @ weights``, that never abstains."""
-    nodes = [*fill_missing("centre"), helper.make_node("Sub", ["whole", "centre"], ["off"]),
+    nodes = [
+        *fill_missing("centre"),
+        helper.make_node("Sub", ["whole", "centre"], ["off"]),
         helper.make_node("MatMul", ["off", "weights"], ["weighted"]),
-        helper.make_node("Add", ["weighted", "bias"], ["logit"])]  # fmt: skip
+        helper.make_node("Add", ["weighted", "bias"], ["logit"]),
+    ]
     tensors = {"centre": centre, "weights": weights[:, None], "bias": np.array([bias])}
     return build_known(nodes, tensors, features=len(centre))
 
@@ -253,8 +259,10 @@ def build_known(
 
 def fill_missing(centre: str) -> list[NodeProto]:
     """Replace missing features by their average; the result is ``whole``, and ``missing`` the mask."""
-    return [helper.make_node("IsNaN", [FEATURES], ["missing"]),
-        helper.make_node("Where", ["missing", centre, FEATURES], ["whole"])]  # fmt: skip
+    return [
+        helper.make_node("IsNaN", [FEATURES], ["missing"]),
+        helper.make_node("Where", ["missing", centre, FEATURES], ["whole"]),
+    ]
 
 
 def output_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
@@ -300,9 +308,13 @@ _End: TypeAlias = tuple[str, Sequence[int | str]]
 
 
 def _checked(
-    nodes: Iterable[NodeProto], tensors: Iterable[TensorProto], first: _End, last: _End, *,
+    nodes: Iterable[NodeProto],
+    tensors: Iterable[TensorProto],
+    first: _End,
+    last: _End,
+    *,
     opset: tuple[str, int] | None = None,
-) -> onnx.ModelProto:  # fmt: skip
+) -> onnx.ModelProto:
     """Build a checked model between an input and an output, each with its shape."""
     ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in (first, last)]
     graph = helper.make_graph(list(nodes), "model", ends[:1], ends[1:], list(tensors))
@@ -388,5 +400,14 @@ def _linear(name: str, value: str, weights: Weights, storage: Storage) -> Iterat
     outputs, inputs = weights[weight].shape
     # The operator takes a scale for each block; a row has one for all, expanded once while loading.
     yield helper.make_node("Expand", [weight + _SCALE, f"{weight}:shape"], [weight + _SCALES])
-    yield helper.make_node("MatMulNBits", [value, weight + _BYTES, weight + _SCALES, "", "", bias], [out],
-        domain=_MICROSOFT, K=inputs, N=outputs, bits=8, block_size=size, accuracy_level=_INT8_ACTIVATIONS)  # fmt: skip
+    yield helper.make_node(
+        "MatMulNBits",
+        [value, weight + _BYTES, weight + _SCALES, "", "", bias],
+        [out],
+        domain=_MICROSOFT,
+        K=inputs,
+        N=outputs,
+        bits=8,
+        block_size=size,
+        accuracy_level=_INT8_ACTIVATIONS,
+    )

@@ -233,9 +233,12 @@ class Statistics(_Module):
 
     def __init__(self, channels: int, values: int) -> None:
         one = channels * values
-        super().__init__(spread=np.repeat(np.eye(2), 1 + 2 * one, axis=1), ages=np.array([1, 1 + PRIOR_WINDOWS]),
+        super().__init__(
+            spread=np.repeat(np.eye(2), 1 + 2 * one, axis=1),
+            ages=np.array([1, 1 + PRIOR_WINDOWS]),
             quieter=np.eye(sum(_sizes(one).values()))[-1],
-            order=np.arange(2 * one).reshape(2, channels, values).swapaxes(0, 1).ravel())  # fmt: skip
+            order=np.arange(2 * one).reshape(2, channels, values).swapaxes(0, 1).ravel(),
+        )
         self.channels, self.values, self.one, self.entry = channels, values, one, 1 + 2 * one
 
     def forward(
@@ -410,9 +413,12 @@ def describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
 
 
 def run_statistics(
-    descriptions: Sequence[NDArray[np.float32]], contact: Sequence[NDArray[np.bool_]],
-    change_metric: NDArray[np.float64], *, fading: float,
-) -> Iterator[dict[str, NDArray[np.float64]]]:  # fmt: skip
+    descriptions: Sequence[NDArray[np.float32]],
+    contact: Sequence[NDArray[np.bool_]],
+    change_metric: NDArray[np.float64],
+    *,
+    fading: float,
+) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Run the statistics over whole recordings, several at once; yields the `parts` of each one's states.
 
     A recording's descriptions have the shape ``(windows, channels, values)``.

@@ -103,9 +103,12 @@ def finetuning_recipe(
 
 
 def train_on_both(
-    recipe: NetworkRecipe, data: FinetuningData, *, reading: Callable[[int, int], None] = silent,
+    recipe: NetworkRecipe,
+    data: FinetuningData,
+    *,
+    reading: Callable[[int, int], None] = silent,
     report: Callable[[Progress], None] = silent,
-) -> dict[str, FloatArray]:  # fmt: skip
+) -> dict[str, FloatArray]:
     """Train on new and replayed recordings; return the parameters.
 
     Raises `DatasetError` if the recordings do not hold both smooth and rough.

@@ -163,9 +163,11 @@ def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict
     for touch in sorted(set(labels)):
         if not np.any(windows.labels == touch):
             level = 20 * np.log10(thresholds[touch])
-            raise DatasetError(f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, the "
+            raise DatasetError(
+                f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, the "
                 "threshold of contact; record louder, or use a threshold relative to the recordings "
-                "(reference_code = true in a recipe file)")  # fmt: skip
+                "(reference_code = true in a recipe file)"
+            )
 
 
 def grid(windows: Windows, *, hop: int, seed: int, epoch: int) -> tuple[NDArray[np.intp], np.random.Generator]:

@@ -168,9 +168,12 @@ class NetworkSettings:
     @property
     def ablations(self) -> tuple[str, ...]:
         """What differs from the paper's network in a way that no model file holds."""
-        found = ((f"{self.rate / 1000:g} kHz", self.rate != NETWORK_RATE),
+        found = (
+            (f"{self.rate / 1000:g} kHz", self.rate != NETWORK_RATE),
             (f"windows of {1000 * self.window:g} ms", self.window != NETWORK_WINDOW_SIZE / NETWORK_RATE),
-            ("no residual connections", not self.residual), ("normalised input", self.normalised))  # fmt: skip
+            ("no residual connections", not self.residual),
+            ("normalised input", self.normalised),
+        )
         return tuple(name for name, differs in found if differs)
 
     @property
@@ -252,8 +255,10 @@ class Recipe:
 FEATURE_RATE = 16_000
 """Sample rate in Hz that all of these features are computed at."""
 
-WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {"texture": (512, Fraction(160)),
-    "cues": (4096, Fraction(512, 3))}  # fmt: skip
+WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
+    "texture": (512, Fraction(160)),
+    "cues": (4096, Fraction(512, 3)),
+}
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
 
 _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)

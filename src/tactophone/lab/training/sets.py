@@ -152,9 +152,14 @@ class TrainingSet:
 
 
 def build_training_set(
-    spec: FeatureSpec, recordings: Sequence[Recording], *, codecs: Sequence[Codec] = (),
-    augmentation: Augmentation | None = None, seed: int = 0, tip: str = "",
-) -> TrainingSet:  # fmt: skip
+    spec: FeatureSpec,
+    recordings: Sequence[Recording],
+    *,
+    codecs: Sequence[Codec] = (),
+    augmentation: Augmentation | None = None,
+    seed: int = 0,
+    tip: str = "",
+) -> TrainingSet:
     """Extract features from labelled recordings and select the windows to train on.
 
     Each recording is used once more through each of the codecs: a classifier that was never trained without the band

@@ -108,9 +108,14 @@ class RunningMoments:
 
 
 def read_signals(
-    recordings: Sequence[Recording], *, channels: int, rate: int = NETWORK_RATE, codec: Codec | None = None,
-    microphone: str = "contact", report: Callable[[int], None] = silent,
-) -> list[FloatArray]:  # fmt: skip
+    recordings: Sequence[Recording],
+    *,
+    channels: int,
+    rate: int = NETWORK_RATE,
+    codec: Codec | None = None,
+    microphone: str = "contact",
+    report: Callable[[int], None] = silent,
+) -> list[FloatArray]:
     """Read usable recordings at a model's sample rate in Hz; those read before come from a cache.
 
     The sound passes through the codec first, as it does on the link. ``microphone`` is the one to read where

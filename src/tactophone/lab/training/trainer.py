@@ -95,9 +95,14 @@ class Run:
     """
 
     def __init__(
-        self, windows: Windows, settings: NetworkSettings, *, seed: int = 0, checkpoint_path: Path | None = None,
+        self,
+        windows: Windows,
+        settings: NetworkSettings,
+        *,
+        seed: int = 0,
+        checkpoint_path: Path | None = None,
         initial: Weights | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         torch.set_float32_matmul_precision(float32_products())
         torch.use_deterministic_algorithms(True)
         torch.set_flush_denormal(True)
@@ -170,8 +175,10 @@ class Run:
                 f"{self._path}: not a checkpoint of Tactophone ({error}); delete it to start over"
             ) from error
         if identity != self._identity:
-            raise ModelError(f"{self._path}: left by a run with another recipe, seed or data; delete it to start over, "
-                "or repeat the former options to continue")  # fmt: skip
+            raise ModelError(
+                f"{self._path}: left by a run with another recipe, seed or data; delete it to start over, "
+                "or repeat the former options to continue"
+            )
         self.network.load_state_dict(held["network"])
         self._optimiser.load_state_dict(held["optimiser"])
         return steps
@@ -285,8 +292,14 @@ class NetworkRecipe:
 
     def write(self, path: Path, weights: dict[str, FloatArray], dataset: Dataset) -> None:
         """Write the model file, named after the file, with the facts of its training."""
-        facts: dict[str, Any] = {"recipe": self.settings.name, "settings": asdict(self.settings), "seed": self.seed,
-            "dataset": dataset.name, "surfaces": len(dataset.surfaces), "sha256": dataset.fingerprint}  # fmt: skip
+        facts: dict[str, Any] = {
+            "recipe": self.settings.name,
+            "settings": asdict(self.settings),
+            "seed": self.seed,
+            "dataset": dataset.name,
+            "surfaces": len(dataset.surfaces),
+            "sha256": dataset.fingerprint,
+        }
         if self.codec:
             facts["codec"] = f"{self.codec.name}, {self.codec.bitrate_bps} bit/s, to {self.codec.bandwidth:g} Hz"
         if self.start:
@@ -295,9 +308,14 @@ class NetworkRecipe:
         write_model(path, replace(card, scores=caveats_of(dataset), training=facts), weights)
 
     def train(
-        self, path: Path, dataset: Dataset, *, checkpoint: Path | None = None, report: Report = silent,
+        self,
+        path: Path,
+        dataset: Dataset,
+        *,
+        checkpoint: Path | None = None,
+        report: Report = silent,
         log: Callable[[str], None] = silent,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Train on a data set and write the model file; raises `ConfigError` for an ablation."""
         if self.settings.ablations:
             raise ConfigError(
@@ -352,9 +370,11 @@ def network_recipe(
         "normalised",
     )  # fmt: skip
     changes = {name: value for name in names if (value := getattr(options, name)) is not None}
-    settings = replace(network_settings(options.variant, reference_code=options.reference_code),
+    settings = replace(
+        network_settings(options.variant, reference_code=options.reference_code),
         precision=options.precision,
-        **{**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **changes})  # fmt: skip
+        **{**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **changes},
+    )
     threshold = options.contact_threshold
     gate = None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold)
     if gate == OPEN_GATE:

@@ -93,8 +93,10 @@ class FileSource:
                 f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
             )
         if self.sample_rate < FILE_LOWEST_RATE:
-            raise DatasetError(f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or more is needed; "
-                "record at a higher rate")  # fmt: skip
+            raise DatasetError(
+                f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or more is needed; "
+                "record at a higher rate"
+            )
         if not self.size:
             raise DatasetError(f"{self.path}: no sound at all; record it again")
 

@@ -99,9 +99,14 @@ class JackClient:
     """
 
     def __init__(
-        self, name: str, process: Process | None, *, inputs: Mapping[str, str], outputs: Mapping[str, str],
+        self,
+        name: str,
+        process: Process | None,
+        *,
+        inputs: Mapping[str, str],
+        outputs: Mapping[str, str],
         server: str = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.process_faults = 0
         self._name, self._process, self._server = name, process, server
         self._targets = {**inputs, **outputs}
@@ -254,8 +259,10 @@ class JackClient:
             self._client.connect(*ends)
         except _jack().JackError:
             candidates = [other.name for other in self.ports() if other.is_output == port.is_input]
-            self._unconnected = (f"{port.name}: there is no JACK port {target} to connect to; there are "
-                f"{', '.join(candidates) or 'none'}: choose one in the settings")  # fmt: skip
+            self._unconnected = (
+                f"{port.name}: there is no JACK port {target} to connect to; there are "
+                f"{', '.join(candidates) or 'none'}: choose one in the settings"
+            )
             self._connected_at = -1
 
     def _named(self) -> str:

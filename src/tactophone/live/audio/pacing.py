@@ -20,9 +20,12 @@ interruption, and everything after it lay beside its labels."""
 
 
 def paced(
-    source: Source, *, skip: bool = False, clock: Callable[[], float] = time.monotonic,
+    source: Source,
+    *,
+    skip: bool = False,
+    clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[AudioBlock]:  # fmt: skip
+) -> Iterator[AudioBlock]:
     """Yield each block at the time of its last sample.
 
     After a stall of more than `LONGEST_DELAY` the times of the blocks (``start``) jump, as a microphone's do: time

@@ -166,15 +166,26 @@ RAW_AUDIO = _audio("RawAudio", sample_rate="fixed32", number_of_channels="fixed3
 
 _PREDICTION = {field.name: str if field.name in ("touch", "event") else float | None for field in PREDICTION_FIELDS}
 
-RUN = Topic("/tactophone/run", _json_schema("tactophone.Run", RunStart),
-    "how the process was started: settings, hash of the model, versions")  # fmt: skip
-PACKETS = Topic("/tactophone/packets", _json_schema("tactophone.Packets", Packets),
-    "decrypted packets as they came, in base64, with their arrival times, in s")  # fmt: skip
-CONTROLS = Topic("/tactophone/controls", _json_schema("tactophone.Controls", Controls),
-    "what a person changed, in its order among the packets")  # fmt: skip
-PREDICTION_TOPIC = Topic("/tactophone/prediction",
+RUN = Topic(
+    "/tactophone/run",
+    _json_schema("tactophone.Run", RunStart),
+    "how the process was started: settings, hash of the model, versions",
+)
+PACKETS = Topic(
+    "/tactophone/packets",
+    _json_schema("tactophone.Packets", Packets),
+    "decrypted packets as they came, in base64, with their arrival times, in s",
+)
+CONTROLS = Topic(
+    "/tactophone/controls",
+    _json_schema("tactophone.Controls", Controls),
+    "what a person changed, in its order among the packets",
+)
+PREDICTION_TOPIC = Topic(
+    "/tactophone/prediction",
     _json_schema("tactophone.Prediction", msgspec.defstruct("Prediction", list(_PREDICTION.items()))),
-    "a prediction, and its command as limited; a number that has no value is left out")  # fmt: skip
+    "a prediction, and its command as limited; a number that has no value is left out",
+)
 STATE_TOPIC = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
 HEALTH = Topic("/tactophone/health", _json_schema("tactophone.Health", Totals), "counters and gauges, every 5 s")
 EVENTS = Topic("/tactophone/events", _json_schema("foxglove.Log", Event), "arming, muting, connections and faults")

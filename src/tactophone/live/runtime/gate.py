@@ -231,8 +231,13 @@ class FingerOutput:
     def controls(self) -> tuple[bool, float, float, str, float | None]:
         """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""
         gate, pipeline = self.gate, self.pipeline
-        return (gate.armed, gate.limits.ceiling, gate.output_level, pipeline.profile.name,
-            None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs)  # fmt: skip
+        return (
+            gate.armed,
+            gate.limits.ceiling,
+            gate.output_level,
+            pipeline.profile.name,
+            None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs,
+        )
 
     def state(self) -> FingerState:
         pipeline, gate = self.pipeline, self.gate

@@ -69,9 +69,13 @@ def operator_stages(
     # Only blocks that led to a command are followed: the others have no effect on the vibration.
     names = ("rendered", "received", "released", "decoded", "detected")
     times = follow({name: operator.marks(name) for name in names})
-    stages = {"playout": _median(times, "received", "released"), "decode": _median(times, "released", "decoded"),
-        "detect": _median(times, "decoded", "detected"), "render": _median(times, "detected", "rendered"),
-        "device": device_latency}  # fmt: skip
+    stages = {
+        "playout": _median(times, "received", "released"),
+        "decode": _median(times, "released", "decoded"),
+        "detect": _median(times, "decoded", "detected"),
+        "render": _median(times, "detected", "rendered"),
+        "device": device_latency,
+    }
     if sound_delay:
         stages |= {"playout": sound_delay, "decode": 0.0, "detect": 0.0, "render": 0.0}
     if robot is not None:

@@ -34,8 +34,10 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
     common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
-    return (_side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
-        _side(settings, replace(common, identity=str(folder / "operator")), name))  # fmt: skip
+    return (
+        _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
+        _side(settings, replace(common, identity=str(folder / "operator")), name),
+    )
 
 
 @contextmanager

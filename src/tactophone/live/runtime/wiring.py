@@ -57,9 +57,12 @@ _BLOCK = 240
 
 
 def open_actuator(
-    settings: Settings, render: RenderHand, *, roughness: Callable[[], float] = lambda: 0.0,
+    settings: Settings,
+    render: RenderHand,
+    *,
+    roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
-) -> Actuator:  # fmt: skip
+) -> Actuator:
     """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
     output, fingers = settings.output, each_finger(settings)
     match output.actuator:
@@ -237,9 +240,13 @@ def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> 
     every = Counter(address for found in operators for address in set(found))
     if twice := [address for address, count in every.items() if count > 1]:
         raise ConfigError(f"two names in link.peer lead to {twice[0][0]}: name each operator once")
-    codec = Codec("pcm16" if link.codec == "pcm16" else "opus", channels=channels,
-        packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE), bandwidth=link.bandwidth or NARROW_BAND,
-        bitrate_bps=link.bitrate_bps * len(settings.fingers))  # fmt: skip
+    codec = Codec(
+        "pcm16" if link.codec == "pcm16" else "opus",
+        channels=channels,
+        packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
+        bandwidth=link.bandwidth or NARROW_BAND,
+        bitrate_bps=link.bitrate_bps * len(settings.fingers),
+    )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
     sessions = [open_session(settings, call=found, way=way) for found in operators]

@@ -134,9 +134,14 @@ class Finder:
         """Ask the servers where this end may be reached; sockets are open from now on."""
         turn = await self._turn.resolve() if self._turn else None
         policy = aioice.TransportPolicy.RELAY if self._relay_only else aioice.TransportPolicy.ALL
-        self._ice = aioice.Connection(ice_controlling=self._controls, stun_server=self._stun, turn_server=turn,
+        self._ice = aioice.Connection(
+            ice_controlling=self._controls,
+            stun_server=self._stun,
+            turn_server=turn,
             turn_username=self._turn.user if self._turn else None,
-            turn_password=self._turn.password if self._turn else None, transport_policy=policy)  # fmt: skip
+            turn_password=self._turn.password if self._turn else None,
+            transport_policy=policy,
+        )
         self._ice.get_component_candidates = partial(self._ice.get_component_candidates, timeout=GATHER_TIMEOUT)
         await self._ice.gather_candidates()
         for protocol in self._ice._protocols:

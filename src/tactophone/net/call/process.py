@@ -273,8 +273,12 @@ class _Call:
         from tactophone.net.call.ice import Finder
 
         nat, _, answered = await asked
-        finder = Finder(controls=not self._plan.answers, stun=answered[0] if answered else None, turn=self._turn,
-            relay_only=self._plan.settings.relay_only)  # fmt: skip
+        finder = Finder(
+            controls=not self._plan.answers,
+            stun=answered[0] if answered else None,
+            turn=self._turn,
+            relay_only=self._plan.settings.relay_only,
+        )
         try:
             offer = await finder.gather(nat)
             exchange.send(offer)

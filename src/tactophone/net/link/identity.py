@@ -187,8 +187,10 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
         raise ConfigError(f"{path}: {error.strerror}; make an identity with `tactophone pair init`") from error
     if status.st_mode & forbidden:
         mode = stat.filemode(status.st_mode)
-        raise ConfigError(f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 {path}`; "
-            "if somebody may have accessed it, delete it and pair again")  # fmt: skip
+        raise ConfigError(
+            f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 {path}`; "
+            "if somebody may have accessed it, delete it and pair again"
+        )
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`")
 

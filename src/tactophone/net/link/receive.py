@@ -93,9 +93,14 @@ class ReceiveSession:
     @property
     def gauges(self) -> dict[str, float]:
         """The current state of the stream, in telemetry's names."""
-        return {"jitter": self.stats.jitter, "clock_skew_ppm": self._depacketizer.skew.ppm,
-            "redundancy": float(self._depth), "loss_ratio": self._loss, "bitrate_bps": self._meter.bitrate_bps,
-            "playout_delay": self.playout.controller.margin if self.playout else 0.0}  # fmt: skip
+        return {
+            "jitter": self.stats.jitter,
+            "clock_skew_ppm": self._depacketizer.skew.ppm,
+            "redundancy": float(self._depth),
+            "loss_ratio": self._loss,
+            "bitrate_bps": self._meter.bitrate_bps,
+            "playout_delay": self.playout.controller.margin if self.playout else 0.0,
+        }
 
     @property
     def waiting(self) -> bool:

@@ -49,9 +49,14 @@ class ReceiverReport:
 
     def __bytes__(self) -> bytes:
         lost = round(self.fraction_lost * 256)
-        block = _BLOCK.pack(self.of, min(lost, 255) << 24 | max(0, min(self.lost, (1 << 23) - 1)),
-            self.highest % (1 << 32), min(round(self.jitter * CLOCK_RATE), (1 << 32) - 1), self.last_report,
-            round(self.since * 65_536) % (1 << 32))  # fmt: skip
+        block = _BLOCK.pack(
+            self.of,
+            min(lost, 255) << 24 | max(0, min(self.lost, (1 << 23) - 1)),
+            self.highest % (1 << 32),
+            min(round(self.jitter * CLOCK_RATE), (1 << 32) - 1),
+            self.last_report,
+            round(self.since * 65_536) % (1 << 32),
+        )
         return _head(_RECEIVER, 1, self.ssrc, block)
 
 

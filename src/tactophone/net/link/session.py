@@ -106,8 +106,12 @@ class SrtpCrypto:
 
 
 def _policy(key: bytes, ssrc: int) -> pylibsrtp.Policy:
-    return pylibsrtp.Policy(key=key, ssrc_type=pylibsrtp.Policy.SSRC_SPECIFIC, ssrc_value=ssrc,
-        srtp_profile=pylibsrtp.Policy.SRTP_PROFILE_AEAD_AES_256_GCM)  # fmt: skip
+    return pylibsrtp.Policy(
+        key=key,
+        ssrc_type=pylibsrtp.Policy.SSRC_SPECIFIC,
+        ssrc_value=ssrc,
+        srtp_profile=pylibsrtp.Policy.SRTP_PROFILE_AEAD_AES_256_GCM,
+    )
 
 
 class Connection:
@@ -270,8 +274,10 @@ class Session:
         """One sentence for the user where the two ends run different versions; else empty."""
         if not (self._keys.current and self._version and self._peer_version) or self._peer_version == self._version:
             return ""
-        return (f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
-            "update the older one, as the two may not understand each other")  # fmt: skip
+        return (
+            f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
+            "update the older one, as the two may not understand each other"
+        )
 
     def leave_to_others(self, others: "Sequence[Session]") -> None:
         """Refuse the peers that other sessions of this end `claims`."""

@@ -76,8 +76,10 @@ class BlockEncoder:
     def push(self, block: AudioBlock) -> list[EncodedSound]:
         """Take sound; return what it completes, oldest first."""
         if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
-            raise ValueError(f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
-                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec")  # fmt: skip
+            raise ValueError(
+                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
+                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
+            )
         if block.start != self.position:
             # The source lost sound: the incomplete packet is dropped.
             self._filled, self._after_gap = 0, True
