@@ -5,7 +5,7 @@ BIN     = $(VENV)/bin
 # Stamps: what the demo needs is installed, and what everything else needs, which includes it.
 DEMO    = $(VENV)/.demo
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples integrations hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py scripts/paper_page.py scripts/tuning.py
+CODE    = src tests benchmarks examples integrations hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py scripts/mutants.py scripts/paper_page.py scripts/tuning.py
 # One worker a core: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 CORES  := $(shell nproc)
@@ -13,7 +13,7 @@ CORES  := $(shell nproc)
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz coverage docs docs-figures audit lock clean
+.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage docs docs-figures audit lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -93,6 +93,9 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
 	$(PYTEST) -rs integrations/*/tests
+
+mutants: $(READY)  ## mutants of the safety code that no test of its room kills; about half an hour
+	$(BIN)/python scripts/mutants.py
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered

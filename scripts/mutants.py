@@ -36,7 +36,10 @@ TARGETS = {  # the file, and the tests of its room; those that kill most come fi
     "gate": ("live/runtime/gate.py", "test_gate.py test_finger_output.py"),
     "security": ("faces/web/security.py", "test_security.py"),
     "oscillator": ("signal/haptics/oscillator.py", "test_oscillator.py test_playback.py test_waveform.py"),
-    "session": ("net/link/session.py", "test_session.py test_session_states.py test_handshake.py test_renewal.py"),
+    "session": (
+        "net/link/session.py",
+        "test_session_bounds.py test_session.py test_renewal.py test_hostile_callers.py test_session_states.py",
+    ),
 }
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -115,10 +118,13 @@ def places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int, ast.AST]]:
 
 
 def _is_text(node: ast.AST) -> bool:
-    """Whether a node is a docstring, a formatted message or what raises one."""
-    return isinstance(node, ast.JoinedStr | ast.Raise) or (
-        isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    )
+    """Whether a node is a docstring, a formatted message, what raises one, or a type."""
+    match node:
+        case ast.JoinedStr() | ast.Raise() | ast.Expr(value=ast.Constant()):
+            return True
+        case ast.Subscript(value=ast.Name(id="Literal")):
+            return True
+    return False
 
 
 def mutants(source: str) -> Iterator[Mutant]:

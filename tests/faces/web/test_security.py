@@ -58,3 +58,54 @@ def test_nothing_but_the_page_itself_may_run_or_be_loaded() -> None:
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
     assert "http" not in policy
+
+
+def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_the_address() -> None:
+    assert {name: value for name, value in HEADERS.items() if name != "Content-Security-Policy"} == {
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Cache-Control": "no-store",
+    }
+
+
+def test_the_policy_lets_the_page_load_its_own_parts_and_nobody_frame_it() -> None:
+    rules = dict(rule.split(" ", 1) for rule in HEADERS["Content-Security-Policy"].split("; "))
+    assert {name for name, value in rules.items() if value == "'self'"} == {
+        *("script-src", "style-src", "connect-src", "img-src")
+    }
+    assert {name for name, value in rules.items() if value == "'none'"} == {
+        *("default-src", "base-uri", "form-action", "frame-ancestors")
+    }
+
+
+@pytest.mark.parametrize(
+    ("host", "private"),
+    [("localhost", True), ("127.0.0.1", True), ("::1", True), ("0.0.0.0", False), ("192.168.0.7", False)],
+)
+def test_a_page_is_private_where_only_this_machine_can_reach_it(host: str, private: bool) -> None:
+    assert AccessControl(host, 8470).private is private
+
+
+@pytest.mark.parametrize(("scheme", "port", "other"), [("http", 80, 443), ("https", 443, 80)])
+def test_an_address_without_a_port_means_the_one_of_its_scheme(scheme: str, port: int, other: int) -> None:
+    assert (
+        AccessControl("127.0.0.1", port, "secret", scheme).refusal(token="secret", host="localhost", origin=None) == ""
+    )
+    wrong = AccessControl("127.0.0.1", other, "secret", scheme)
+    assert "Host" in wrong.refusal(token="secret", host="localhost", origin=None)
+
+
+def test_the_machines_own_name_passes_only_where_it_listens_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socket.gethostname", lambda: "Bench")
+    everywhere, here = AccessControl("0.0.0.0", 8470, "secret"), AccessControl("127.0.0.1", 8470, "secret")
+    assert everywhere.url == "http://Bench:8470/secret/"
+    assert here.url == "http://127.0.0.1:8470/secret/"
+    assert AccessControl("::1", 8470, "secret").url == "http://[::1]:8470/secret/"
+    assert everywhere.refusal(token="secret", host="bench:8470", origin=None) == ""
+    assert "Host" in here.refusal(token="secret", host="bench:8470", origin=None)
+
+
+def test_a_token_has_24_random_bytes() -> None:
+    assert len(AccessControl("127.0.0.1", 1).token) == 32

@@ -1,11 +1,13 @@
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks.virtual_link import paired_sessions
 
+from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
-from tactophone.core.types import HapticCommand, Prediction, Touch
+from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tactophone.live.runtime.gate import FingerOutput
 from tactophone.live.telemetry.layout import Request
 from tactophone.net.endpoints import OperatorEndpoint
@@ -153,3 +155,88 @@ def test_controls_count_as_changed_while_a_request_is_applied() -> None:
         change()
         assert oscillator.meanwhile == (True, True)
         assert [finger.changed(), finger.changed()] == [True, False]
+
+
+def test_the_newest_command_is_rendered_as_the_gate_bounds_it(finger: FingerOutput, oscillator: Oscillator) -> None:
+    submitted: list[HapticCommand] = []
+    oscillator.submit = submitted.append  # type: ignore[method-assign]
+    commands = tuple(HapticCommand(amplitude, 60.0, 0.1) for amplitude in (0.1, 0.2, 0.9))
+    block = AudioBlock(np.zeros((1, 2), np.float32), 48_000, 0)
+    step = finger.submit(PipelineStep(block, (), commands, 3))
+    assert submitted == [HapticCommand(0.5, 60.0, 0.1)]
+    assert (step.commands, step.finger) == ((*commands[:2], submitted[0]), 3)
+    assert step.block is block
+    assert finger.roughness == 0.0
+    nothing = PipelineStep(block, (), (), 3)
+    assert finger.submit(nothing) is nothing
+    assert len(submitted) == 1
+
+
+def heard(*predictions: tuple[Touch, float, float]) -> PipelineStep:
+    """Predictions of a touch, a roughness and a level in dBFS; no command."""
+    block = AudioBlock(np.zeros((1, 2), np.float32), 48_000, 0)
+    found = [Prediction((0.0, 1 - rough, rough), touch, rough, level, 0.0, 0.0) for touch, rough, level in predictions]
+    return PipelineStep(block, tuple(found), (), 0)
+
+
+def test_the_state_tells_the_newest_roughness_and_the_smoothed_level_without_contact(finger: FingerOutput) -> None:
+    assert (finger.roughness, finger.state().noise_floor_dbfs) == (0.0, -math.inf)
+    finger.submit(heard((Touch.SMOOTH, 0.2, -10.0), (Touch.ROUGH, 0.9, -10.0), (Touch.SMOOTH, 0.4, -10.0)))
+    assert (finger.roughness, finger.state().noise_floor_dbfs) == (0.4, -math.inf)
+    finger.submit(heard((Touch.NONE, 0.0, -math.inf), (Touch.NONE, 0.0, -60.0)))
+    assert finger.state().noise_floor_dbfs == -60.0
+    finger.submit(heard((Touch.NONE, 0.0, -64.0)))  # a hundredth of the way: -60.04
+    assert finger.state().noise_floor_dbfs == -60.0
+    finger.submit(heard(*[(Touch.NONE, 0.0, -50.0)] * 70))
+    assert finger.state().noise_floor_dbfs == -55.0
+    finger.submit(heard(*[(Touch.ROUGH, 1.0, -10.0)] * 69))
+    assert finger.state().noise_floor_dbfs == -55.0
+
+
+def test_the_threshold_may_be_set_from_the_rounding_of_24_bits_to_full_scale(finger: FingerOutput) -> None:
+    for value in (-120.0, 0.0):
+        assert finger.apply([Request("threshold_dbfs", value)]) == []
+        assert finger.state().threshold_dbfs == value
+    assert finger.apply([Request("threshold_dbfs", 0.5), Request("threshold_dbfs", -120.5)]) == ["threshold_dbfs"] * 2
+
+
+def test_a_profile_that_cannot_be_opened_is_refused(finger: FingerOutput, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(name: str, response: object) -> None:
+        raise ConfigError("no such actuator")
+
+    monkeypatch.setattr("tactophone.live.runtime.gate.open_profile", broken)
+    assert finger.apply([Request("profile", text="paper")]) == ["profile"]
+
+
+def test_controls_tell_the_threshold_only_where_it_is_fixed(finger: FingerOutput, endpoint: OperatorEndpoint) -> None:
+    endpoint.pipeline.detector.threshold.dbfs = -30.0
+    assert finger.controls() == (True, 0.5, 1.0, endpoint.pipeline.profile.name, -30.0)
+    session = ReceiveSession(Session(Identity.create("operator"), Peers()))
+    following = OperatorEndpoint(session, open_pipeline(sample_rate=48_000, channels=2))
+    following.pipeline.detector.threshold.follows_floor = True
+    assert FingerOutput(Settings(), Oscillator(), following).controls()[-1] is None
+
+
+def test_a_request_for_another_finger_is_none_of_this_ones(finger: FingerOutput) -> None:
+    finger.changed()
+    assert finger.apply([Request("mute", finger=1)]) == []
+    assert finger.gate.armed
+    assert not finger.changed()
+    assert finger.apply([Request("mute", finger=0)]) == []
+    assert not finger.gate.armed
+    assert finger.changed()
+
+
+def test_each_change_counts_and_none_is_under_way_after_it(finger: FingerOutput) -> None:
+    for change in (finger.stop, lambda: finger.apply([Request("arm")]), finger.stop):
+        finger.changed()
+        change()
+        assert [finger.changed(), finger.changed()] == [True, False]
+
+
+def test_a_stop_and_the_arming_after_it_are_two_changes(finger: FingerOutput) -> None:
+    finger.changed()
+    finger.stop()
+    finger.apply([])
+    finger.apply([Request("arm")])
+    assert finger.changed()

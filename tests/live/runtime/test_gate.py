@@ -88,3 +88,25 @@ def test_the_level_scales_and_the_ceiling_cuts() -> None:
 
 def test_an_unknown_request_is_refused() -> None:
     assert OutputGate(Limits(ceiling=1.0)).apply([Request("profile", text="paper")]) == ["profile"]
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_ceiling_and_level_may_be_set_to_the_ends_of_their_range(value: float) -> None:
+    gate = OutputGate(Limits(ceiling=1.0))
+    assert gate.apply([Request("ceiling", value), Request("output_level", value)]) == []
+    assert (gate.limits.ceiling, gate.output_level) == (value, value)
+
+
+def test_stops_are_counted_once_until_armed() -> None:
+    gate = OutputGate(Limits(ceiling=1.0))
+    assert gate.stops == 0
+    gate.stop()
+    assert gate.stops == 1
+    gate.stop()
+    assert gate.stops == 1
+    gate.apply([])
+    gate.apply([Request("arm")])
+    gate.apply([Request("mute")])
+    assert gate.stops == 1
+    gate.apply([Request("stop"), Request("stop")])
+    assert gate.stops == 2

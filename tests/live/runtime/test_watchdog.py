@@ -97,3 +97,14 @@ def test_a_stall_ends_within_a_tenth_of_a_second_or_ten_periods(samples: int) ->
     killed = first_kill([Pulse(7, 0.5, beat=k, period=period) for k in range(200)])
     assert killed is not None
     assert killed + 2 * period <= max(0.1, 10 * period) + CHECK_INTERVAL
+
+
+def test_a_late_check_counts_as_two_intervals() -> None:
+    watchdog = Watchdog(late_after=0.042)
+    found = [watchdog.check(Pulse(1, 0.5, beat=1.0), now=0.5 * n) for n in range(6)]
+    assert found == [Verdict.ALIVE] * 5 + [Verdict.LATE]
+
+
+@pytest.mark.parametrize("callbacks", [1, 7])
+def test_a_process_that_stalls_at_any_of_its_callbacks_is_late(callbacks: int) -> None:
+    assert first_kill([Pulse(callbacks, 0.5, beat=n) for n in range(100)]) == pytest.approx(0.055)

@@ -174,3 +174,53 @@ def test_reset_equals_new() -> None:
     held(oscillator, SMOOTH, 0.1)
     oscillator.reset()
     np.testing.assert_array_equal(held(oscillator, ROUGH, 0.1), held(full_drive(), ROUGH, 0.1))
+
+
+def test_a_ceiling_that_changes_does_not_refresh_a_command() -> None:
+    oscillator = full_drive()
+    oscillator.submit(ROUGH)
+    wave = []
+    for ceiling in np.linspace(0.9, 0.8, 30):
+        wave.append(rendered(oscillator, 240))
+        oscillator.limits.ceiling = ceiling
+    assert not np.concatenate(wave)[round(0.1 * RATE) :].any()
+
+
+def test_nothing_that_changes_after_a_reset_starts_a_vibration() -> None:
+    oscillator = full_drive()
+    held(oscillator, ROUGH, 0.1)
+    oscillator.reset()
+    oscillator.limits.ceiling = 0.5
+    assert not rendered(oscillator, 480).any()
+
+
+def test_a_command_that_is_replaced_before_its_first_sample_leaves_no_trace() -> None:
+    replaced, once = full_drive(), full_drive()
+    for oscillator in (replaced, once):
+        held(oscillator, ROUGH, 0.1)
+    replaced.submit(HapticCommand(1.0, 1000.0, 0.0))
+    rendered(replaced, 0)
+    for oscillator in (replaced, once):
+        oscillator.submit(SMOOTH)
+    np.testing.assert_allclose(rendered(replaced, 480), rendered(once, 480), atol=1e-6)
+
+
+def test_from_silence_a_vibration_begins_at_phase_0_and_at_its_own_frequency() -> None:
+    oscillator = full_drive()
+    held(oscillator, HapticCommand(1.0, 500.0, 0.0), 0.1)
+    held(oscillator, NONE, 0.2)
+    oscillator.submit(ROUGH)
+    count = np.arange(1, 481)
+    expected = (1 - np.exp(-count / (RAMP * RATE))) * np.sin(2 * np.pi * 60.0 * count / RATE)
+    np.testing.assert_allclose(rendered(oscillator, 480), expected, atol=1e-6)
+
+
+def test_what_was_rendered_is_known_to_be_silent_only_once_it_is() -> None:
+    oscillator = full_drive()
+    assert not oscillator.silent
+    rendered(oscillator, 10)
+    assert oscillator.silent
+    held(oscillator, ROUGH, 0.02)
+    assert not oscillator.silent
+    held(oscillator, NONE, 0.1)
+    assert oscillator.silent
