@@ -1,7 +1,6 @@
 """A run beside a robot's frames, written and read back by the description of LeRobotDataset v3.0."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -41,10 +40,13 @@ def read_episode(root: Path, episode: int) -> "pandas.DataFrame":
     return parquet.read_table(root / path, filters=[("episode_index", "=", episode)]).to_pandas()
 
 
+VALUES = LEROBOT_VALUES[:-1]  # the log has no touch events
+
+
 def columns(table: "pandas.DataFrame") -> dict[str, "np.ndarray"]:
     """Return the columns of a finger's feature, each ``(frames, predictions)``."""
-    values = np.array(table[FEATURE].map(np.stack).to_list())
-    return {name: values[..., place] for place, name in enumerate(LEROBOT_VALUES)}
+    values = np.stack(table[FEATURE]).reshape(len(table), -1, len(VALUES))
+    return {name: values[..., place] for place, name in enumerate(VALUES)}
 
 
 def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dataset: Path, tmp_path: Path) -> None:
@@ -58,14 +60,15 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dat
         if not isinstance(message, LogEnd) and message.topic.name == "/tactophone/prediction"
     ]
     info = json.loads((out / "meta/info.json").read_text())
-    size, width = info["features"][FEATURE]["shape"]
-    assert 3 <= size <= 12
-    assert width == len(info["features"][FEATURE]["names"])
+    (width,), names = info["features"][FEATURE]["shape"], info["features"][FEATURE]["names"]
+    assert len(names) == width
+    assert 3 <= width // len(VALUES) <= 12
+    assert names[-len(VALUES) :] == [f"{name}.0" for name in VALUES]
     table, other = read_episode(out, 1), read_episode(out, 0)
     felt = columns(table)
     assert len(table) == len(other) == FRAMES
     assert np.array_equal(np.stack(table["observation.state"]), np.stack(read_episode(dataset, 1)["observation.state"]))
-    assert not np.any(columns(other)["valid"])
+    assert np.all(columns(other)["age"] == -1)
     lead = min(time - entry["window_end"] for time, entry in logged)
     begin = lead + logged[0][1]["window_end"]
     times = begin + table["timestamp"].to_numpy(float)[:, None] - felt["age"].astype(float)
@@ -157,7 +160,9 @@ def test_a_link_in_a_data_set_overwrites_no_file_elsewhere(
         path.write_text("theirs")
     assert main([*command, str(tmp_path / "copied")]) == 0
     assert (victim.read_text(), sound.read_text(), other.read_text()) == ("mine", "theirs", "theirs")
-    assert soundfile.info(tmp_path / "copied" / other.relative_to(dataset)).frames
+    copied = tmp_path / "copied" / other.relative_to(dataset)
+    assert copied.read_text() == "theirs"
+    assert soundfile.info(copied.with_name("file-001.wav")).frames
 
 
 def test_a_file_of_endless_frames_is_refused_by_its_header(
@@ -173,13 +178,30 @@ def test_a_file_of_endless_frames_is_refused_by_its_header(
     assert "frames, but at most" in capsys.readouterr().err
 
 
-def test_lerobot_itself_opens_it_with_touch_in_the_state(log: Path, dataset: Path, tmp_path: Path) -> None:
-    pytest.importorskip("lerobot")
-    os.environ["HF_HUB_OFFLINE"] = "1"
-    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+def test_a_second_episode_leaves_the_first_ones_touch_sound_and_state(log: Path, dataset: Path, tmp_path: Path) -> None:
+    command = ["export", "lerobot", str(log), "--into-state", "roughness,contact"]
+    once, twice = tmp_path / "once", tmp_path / "twice"
+    assert main([*command, "--with", str(dataset), "--out", str(once), "--episode", "0"]) == 0
+    assert main([*command, "--with", str(once), "--out", str(twice), "--episode", "1"]) == 0
+    for name in (FEATURE, "observation.state"):
+        first = np.stack(read_episode(once, 0)[name])
+        assert np.array_equal(np.stack(read_episode(twice, 0)[name]), first)
+        assert np.array_equal(np.stack(read_episode(twice, 1)[name])[:, -9:], first[:, -9:]) == (name == FEATURE)
+    feature = json.loads((twice / "meta/info.json").read_text())["features"]["observation.state"]
+    assert (feature["shape"], len(feature["names"])) == ([4], 4)
+    episodes = pandas.concat(map(pandas.read_parquet, (twice / "meta/episodes").rglob("*.parquet")))
+    key = "audio/observation.audio.index"
+    assert episodes.set_index("episode_index")[f"{key}/file_index"].dropna().to_dict() == {0: 0, 1: 1}
+    for number in range(2):
+        assert soundfile.info(twice / key / f"chunk-000/file-00{number}.wav").frames
 
-    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "felt")]
-    assert main([*command, "--into-state", "roughness,contact"]) == 0
-    frame = LeRobotDataset("local/felt", root=tmp_path / "felt", video_backend="pyav")[10]
-    assert frame[FEATURE].ndim == 2
-    assert frame["observation.state"].shape == (4,)
+
+def test_another_choice_of_values_does_not_shift_the_state(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once = tmp_path / "once"
+    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out", str(once), "--into-state", "roughness"]
+    assert main(command) == 0
+    command = ["export", "lerobot", str(log), "--with", str(once), "--out", str(tmp_path / "twice")]
+    assert main(command) == 1
+    assert "its state has tactile.index.roughness; give --into-state as before" in capsys.readouterr().err

@@ -5,6 +5,7 @@ A data set has one rate, and ours is higher: a frame holds the newest few predic
 none is left out and none comes from the frame's future.
 """
 
+import itertools
 import json
 import math
 import os
@@ -22,26 +23,14 @@ from numpy.typing import NDArray
 
 from tactophone.app.replay import write_sound
 from tactophone.core.errors import ConfigError, DatasetError
+from tactophone.core.prediction_fields import PREDICTION_FIELDS
 from tactophone.core.types import EVENT_KINDS, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
 
-LEROBOT_COLUMNS = (
-    "none",
-    "smooth",
-    "rough",
-    "touch",
-    "contact",
-    "roughness",
-    "level_dbfs",
-    "amplitude",
-    "frequency",
-    "event",
-)
-"""Numbers of a prediction, as in `tactophone.core.prediction_fields.PREDICTION_FIELDS`."""
-
-LEROBOT_VALUES = ("valid", "age", *LEROBOT_COLUMNS)
-"""Columns of a finger's feature: 1 where a prediction is known, its age in s at the frame, and its numbers."""
+LEROBOT_VALUES = ("age", *(field.name for field in PREDICTION_FIELDS[3:-1] if field.name != "unknown"))
+"""What a finger's feature holds of a prediction: its age in s at the frame, -1 where none is known, and its numbers,
+``event`` the last of them, which a log without touch events leaves out."""
 
 STATE = "observation.state"
 """The feature that LeRobot's policies take as the robot's state; they leave out all others that are no pictures."""
@@ -68,11 +57,24 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """The predictions of a finger: ``times`` in s since 1970, and a row of `LEROBOT_COLUMNS` for each."""
+    """The predictions of a finger: ``times`` in s since 1970, and a row of `LEROBOT_VALUES` but the first for each."""
 
     name: str
     times: Rows
     rows: Rows
+
+    @property
+    def feature(self) -> str:
+        return f"observation.tactile.{self.name}"
+
+    @property
+    def values(self) -> tuple[str, ...]:
+        """Those of `LEROBOT_VALUES` that the log holds."""
+        return LEROBOT_VALUES[: 1 + self.rows.shape[1]]
+
+    def names(self, most: int) -> list[str]:
+        """Return the names of the values of ``most`` predictions, oldest first; the newest end in 0."""
+        return [f"{name}.{place}" for place in range(1 - most, 1) for name in self.values]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,19 +97,20 @@ def export(
     """Copy a data set to a new folder, with what was felt in one of its episodes.
 
     The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. A
-    feature ``observation.tactile.FINGER`` of shape ``(predictions, len(LEROBOT_VALUES))`` holds all; the newest values
-    of the columns named in ``into_state`` are also appended to ``observation.state``, which policies read.
+    feature ``observation.tactile.FINGER`` holds `LEROBOT_VALUES` of each prediction, one after another in one row,
+    as LeRobot's tools cannot edit arrays of two dimensions; the newest values of those named in ``into_state`` are
+    also appended to ``observation.state``, which policies read. What other episodes have felt stays.
 
     Raises `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, the log covers no
-    frame of the episode, or a name of ``into_state`` is unknown.
+    frame of the episode, a name of ``into_state`` is unknown, or an earlier export wrote other values.
     """
     from pyarrow import parquet
 
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; name a new folder")
     info = _read_info(dataset)
-    _check_state(into_state, info, dataset)
     fingers, lead = _read_fingers(log)
+    held = _check_state(into_state, info, dataset, fingers)
     begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
     _refuse_links(dataset)
     frames = _count_frames((dataset / "data").rglob("*.parquet"))
@@ -122,22 +125,40 @@ def export(
         )
     # As many as fall between any two frames, so that each stands in a frame.
     most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
+    most = max(most, *(_felt_before(info, finger, dataset) for finger in fingers))
     if frames * most > MOST_NUMBERS:
         raise DatasetError(f"{dataset}: {frames} frames of {most} predictions each are too many; export fewer frames")
     _copy(dataset, out)
-    written = _write_frames(tables, dataset, out, lambda table: _features(fingers, table, episode, begin, most))
+
+    def features(table: Any) -> dict[str, Rows]:
+        found = {finger.feature: _feature(finger, table, episode, begin, most) for finger in fingers}
+        return found | (_state(found, table, held, fingers, into_state) if into_state else {})
+
+    written = _write_frames(tables, dataset, out, features)
     for finger in fingers:
-        shape = {"shape": [most, len(LEROBOT_VALUES)], "names": list(LEROBOT_VALUES)}
-        info["features"][_feature_of(finger)] = {"dtype": "float32", **shape}
+        shape = {"shape": [most * len(finger.values)], "names": finger.names(most)}
+        info["features"][finger.feature] = {"dtype": "float32", **shape}
     if into_state:
-        written |= _write_state(out, info, [_feature_of(finger) for finger in fingers], into_state)
+        feature, appended = info["features"][STATE], _appended(fingers, into_state)
+        own = feature["names"] or [f"state.{place}" for place in range(feature["shape"][0])]
+        if isinstance(own, dict):  # {"motors": [...]}
+            feature["names"] = {**own, "tactile": appended}
+        else:
+            feature["names"] = [*(name for name in own if name not in appended), *appended]
+        feature["shape"] = [written[STATE].shape[1]]
     sounds = _write_sound(log, out)
     if sounds:
         info.setdefault("audio_path", AUDIO_PATH)
     first = begin - lead  # of the episode, in its sound
-    spans = dict.fromkeys((path.parts[-3] for path in sounds), (first, first + float(inside[-1] - inside[0])))
+    spans = {
+        path.parts[-3]: {
+            "chunk_index": 0, "file_index": int(path.stem[5:]),
+            "from_timestamp": first, "to_timestamp": first + float(inside[-1] - inside[0]),
+        }
+        for path in reversed(sounds)
+    }  # fmt: skip
     _write_meta(dataset, out, info, written, spans, episode)
-    return Exported(out, len(moments), felt, most, [_feature_of(finger) for finger in fingers], sounds)
+    return Exported(out, len(moments), felt, most, [finger.feature for finger in fingers], sounds)
 
 
 def _read_info(dataset: Path) -> dict[str, Any]:
@@ -165,14 +186,15 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
             entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
             entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS))
             name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
-            row = [float(entries.get(key, 0.0)) for key in LEROBOT_COLUMNS]
+            row = [float(entries.get(key, 0.0)) for key in LEROBOT_VALUES[1:]]
             found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
         except (msgspec.DecodeError, KeyError, ValueError, TypeError, AttributeError) as error:
             raise DatasetError(f"{log}: a prediction cannot be read ({error!r:.80}); was the file changed?") from None
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")
+    width = len(LEROBOT_VALUES) - 1 - (not any(row[-1] for rows in found.values() for *_, row in rows))
     fingers = [
-        Finger(name, _even([row[:2] for row in rows]), np.array([row for *_, row in rows]))
+        Finger(name, _even([row[:2] for row in rows]), np.array([row[:width] for *_, row in rows]))
         for name, rows in found.items()
     ]
     return fingers, min(float(finger.times[0]) - found[finger.name][0][1] for finger in fingers)
@@ -196,22 +218,30 @@ def _moments(table: Any, episode: int, begin: float) -> Rows:
     return np.where(table["episode_index"].to_numpy().ravel() == episode, moments, np.nan)
 
 
-def _feature_of(finger: Finger) -> str:
-    return f"observation.tactile.{finger.name}"
+def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
+    """Return how many predictions of this finger a frame of an earlier export holds; 0 if there was none."""
+    names = info["features"].get(finger.feature, {"names": []})["names"]
+    most = len(names or ()) // len(finger.values)
+    if names != finger.names(most):
+        raise ConfigError(f"{dataset}: its {finger.feature} has other columns than {', '.join(finger.values)}; "
+            "export all logs into the original, with touch events in all or in none")  # fmt: skip
+    return most
 
 
-def _features(fingers: list[Finger], table: Any, episode: int, begin: float, most: int) -> dict[str, Rows]:
-    """Return the feature of each finger, of shape ``(frames, most, len(LEROBOT_VALUES))``."""
+def _feature(finger: Finger, table: Any, episode: int, begin: float, most: int) -> Rows:
+    """Return the feature of a finger, ``most`` predictions a frame; in other episodes as it was."""
     moments = _moments(table, episode, begin)
-    features: dict[str, Rows] = {}
-    for finger in fingers:
-        newest = np.searchsorted(finger.times, moments, side="right") - 1
-        known = np.isfinite(moments) & (newest >= 0) & (moments <= finger.times[-1] + 1)
-        places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
-        ages = (moments[:, None] - finger.times[places])[..., None]
-        values = np.concatenate([np.ones_like(ages), ages, finger.rows[places]], axis=2)
-        features[_feature_of(finger)] = np.where(known[:, None, None], values, 0.0)
-    return features
+    newest = np.searchsorted(finger.times, moments, side="right") - 1
+    known = (newest >= 0) & (moments <= finger.times[-1] + 1)
+    places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
+    ages = (moments[:, None] - finger.times[places])[..., None]
+    felt = np.concatenate([ages, finger.rows[places]], axis=2)
+    blank = np.zeros_like(felt)
+    blank[..., 0] = -1
+    if finger.feature in table.column_names:
+        before = np.array(table[finger.feature].to_pylist()).reshape(len(table), -1, felt.shape[2])
+        blank[:, most - before.shape[1] :] = np.where(np.isfinite(moments)[:, None, None], blank[:, :1], before)
+    return np.where(known[:, None, None], felt, blank).reshape(len(table), -1)
 
 
 def _write_frames(
@@ -225,10 +255,8 @@ def _write_frames(
     for path, table in tables.items():
         columns = dict(zip(table.column_names, table.columns, strict=True))
         for name, values in features(table).items():
-            kind = pyarrow.float32()
-            for _ in values.shape[1:]:
-                kind = pyarrow.list_(kind)
-            columns[name] = pyarrow.array(values.astype(np.float32).tolist(), type=kind)
+            flat = pyarrow.array(values.astype(np.float32).ravel())
+            columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
             collected.setdefault(name, []).append(values)
         target = out / path.relative_to(dataset)
         target.unlink()  # it may be a link to the original
@@ -236,33 +264,36 @@ def _write_frames(
     return {name: np.concatenate(parts) for name, parts in collected.items()}
 
 
-def _check_state(into_state: Sequence[str], info: dict[str, Any], dataset: Path) -> None:
-    for name in into_state:
-        if name not in LEROBOT_VALUES:
-            raise ConfigError(f"--into-state {name}: no value of a prediction; there are {', '.join(LEROBOT_VALUES)}")
-    if into_state and STATE not in info["features"]:
+def _appended(fingers: list[Finger], names: Sequence[str]) -> list[str]:
+    return [f"tactile.{finger.name}.{name}" for finger in fingers for name in names]
+
+
+def _check_state(names: Sequence[str], info: dict[str, Any], dataset: Path, fingers: list[Finger]) -> int:
+    """Return how many of our values the state holds from an earlier export."""
+    for name in names:
+        if name not in fingers[0].values:
+            raise ConfigError(
+                f"--into-state {name}: no value of a prediction; there are {', '.join(fingers[0].values)}"
+            )
+    if names and STATE not in info["features"]:
         raise ConfigError(f"{dataset}: has no {STATE} to append to; leave --into-state out")
+    held = info["features"].get(STATE, {}).get("names") or []
+    held = held.get("tactile", []) if isinstance(held, dict) else [each for each in held if each[:8] == "tactile."]
+    if held and held != _appended(fingers, names):
+        raise ConfigError(f"{dataset}: its state has {', '.join(held)}; give --into-state as before")
+    return len(held)
 
 
-def _write_state(out: Path, info: dict[str, Any], fingers: list[str], names: Sequence[str]) -> dict[str, Rows]:
-    """Append the newest values to the state that policies read, with their names."""
-    from pyarrow import parquet
-
-    tables = {path: parquet.read_table(path) for path in sorted((out / "data").rglob("*.parquet"))}
-    places = [LEROBOT_VALUES.index(name) for name in names]
-
-    def extended(table: Any) -> dict[str, Rows]:
-        own = np.array(table[STATE].to_pylist(), float).reshape(len(table), -1)
-        newest = [np.array(table[finger].to_pylist(), float)[:, -1, places] for finger in fingers]
-        return {STATE: np.concatenate([own, *newest], axis=1)}
-
-    written = _write_frames(tables, out, out, extended)
-    feature, appended = info["features"][STATE], [f"{finger[12:]}.{name}" for finger in fingers for name in names]
-    own: Any = feature["names"] or [f"state.{place}" for place in range(feature["shape"][0])]
-    grouped = isinstance(own, dict)  # {"motors": [...]}
-    feature["names"] = {**own, "tactile": appended} if grouped else [*own, *appended]
-    feature["shape"] = [written[STATE].shape[1]]
-    return written
+def _state(
+    found: dict[str, Rows], table: Any, held: int, fingers: list[Finger], names: Sequence[str]
+) -> dict[str, Rows]:
+    """Return the state that policies read, with the newest values of all episodes at its end."""
+    own = np.array(table[STATE].to_pylist(), float).reshape(len(table), -1)
+    newest = [
+        values[:, values.shape[1] - len(finger.values) :][:, [finger.values.index(name) for name in names]]
+        for finger, values in zip(fingers, found.values(), strict=True)
+    ]
+    return {STATE: np.concatenate([own[:, : own.shape[1] - held], *newest], axis=1)}
 
 
 def _stats(values: Rows) -> dict[str, list[float]]:
@@ -274,7 +305,7 @@ def _stats(values: Rows) -> dict[str, list[float]]:
 
 
 def _write_meta(
-    dataset: Path, out: Path, info: dict[str, Any], written: dict[str, Rows], sounds: dict[str, tuple[float, float]],
+    dataset: Path, out: Path, info: dict[str, Any], written: dict[str, Rows], sounds: dict[str, dict[str, float]],
     episode: int,
 ) -> None:  # fmt: skip
     """Write ``info.json``, and the statistics of new features for all frames and for each episode."""
@@ -290,12 +321,12 @@ def _write_meta(
         for name, values in written.items():
             rows = [_stats(values[of_frame == number]) for number in numbers]
             columns |= {f"stats/{name}/{key}": pyarrow.array([row[key] for row in rows]) for key in rows[0]}
-        for key, span in sounds.items():
-            placed = {"chunk_index": 0, "file_index": 0, "from_timestamp": span[0], "to_timestamp": span[1]}
-            columns |= {
-                f"audio/{key}/{name}": pyarrow.array([value if number == episode else None for number in numbers])
-                for name, value in placed.items()
-            }
+        for key, placed in sounds.items():
+            for name, value in placed.items():
+                column = f"audio/{key}/{name}"
+                before = columns[column].to_pylist() if column in columns else [None] * len(numbers)
+                each = [value if number == episode else old for number, old in zip(numbers, before, strict=True)]
+                columns[column] = pyarrow.array(each)
         path.unlink()
         parquet.write_table(pyarrow.table(columns), path)
     info["tactophone"] = {
@@ -359,7 +390,8 @@ def _write_sound(log: Path, out: Path) -> list[Path]:
             sounds = []  # a run that carried predictions alone
         for sound in sounds:
             key = f"observation.audio.{sound.finger or 'index'}"
-            path = out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=sound.session - 1)
+            numbered = (out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=n) for n in itertools.count())
+            path = next(path for path in numbered if not path.exists())
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 placed.append(sound.path.replace(path))
