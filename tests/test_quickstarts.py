@@ -48,18 +48,20 @@ def test_a_researcher_gets_from_recordings_to_scores(
 
 
 @pytest.mark.slow
-def test_the_code_of_the_python_page_runs(
+def test_the_code_of_the_python_page_prints_what_the_page_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for _, words in commands("python.md"):
         assert main(words) == 0, words
-    code = re.findall(r"```python\n(.*?)```", (PAGES / "python.md").read_text(), flags=re.DOTALL)
+    capsys.readouterr()
+    code = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", (PAGES / "python.md").read_text(), re.DOTALL)
     names: dict[str, object] = {"__name__": "quickstart"}
-    for block in code:
+    for block, shown in code:
         exec(block, names)
+        assert capsys.readouterr().out == shown, block
+    assert sum(bool(shown) for _, shown in code) == 3
     assert (tmp_path / "felt.csv").read_text().count("rough") > 50
-    assert "NONE" in capsys.readouterr().out
 
 
 @pytest.mark.realtime
