@@ -83,9 +83,9 @@ EXTRAS_OF_VERB = {
     "replay": ("link", "record"),
     "export": ("lerobot", "link", "record"),
     "simulate": ("sim",),
-    "train": ("link", "train"),
-    "setup": ("link", "train"),
-    "finetune": ("link", "train"),
+    "train": ("train",),
+    "setup": ("train",),
+    "finetune": ("train",),
     "benchmark": ("link", "sim", "train"),
 }
 """What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
