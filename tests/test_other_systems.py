@@ -12,7 +12,7 @@ from tests.lab.dataset.folders import audiofolder, write_sound
 ROOT = Path(__file__).parent.parent
 
 HIDING = """
-import mmap, os, pathlib, signal, sys
+import mmap, os, pathlib, signal, sys, warnings
 
 class Hidden:
     def find_spec(self, name, path=None, target=None):
@@ -44,6 +44,9 @@ def refuse(event, args):
         raise FileNotFoundError(args[0])
 
 sys.addaudithook(refuse)
+# Windows reads and writes text as its language wants it, unless an encoding is named.
+warnings.simplefilter("ignore", EncodingWarning)
+warnings.filterwarnings("error", category=EncodingWarning, module=r"tactophone|__main__")
 """
 
 RUN = """
@@ -58,13 +61,15 @@ import tactophone
 import tactophone.cli.data, tactophone.cli.dataset, tactophone.cli.evaluate, tactophone.cli.feel, tactophone.cli.model
 import tactophone.cli.record, tactophone.cli.setup, tactophone.cli.simulate, tactophone.cli.train
 import tactophone.faces.web.server, tactophone.lab.simulation.render
+import tests.conftest
 assert len(tactophone.classify(sys.argv[1]).times) > 10
 """
 
 
 def without_unix(code: str, *words: str, cwd: Path, warnings: str = "default") -> "subprocess.CompletedProcess[str]":
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT / "src", ROOT)))}
-    command = [sys.executable, "-W", warnings, "-c", HIDING + code, *words]
+    paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "cp1252"}
+    command = [sys.executable, "-X", "warn_default_encoding", "-W", warnings, "-c", HIDING + code, *words]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env=environment)
 
 

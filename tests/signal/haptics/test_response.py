@@ -7,15 +7,18 @@ from tactophone.core.types import Prediction, Touch
 from tactophone.signal.haptics.profiles import ActuatorResponse, open_profile, parse_levels
 
 
-def command(name: str, response: ActuatorResponse, roughness: float) -> tuple[float, float]:
+def command(name: str, response: ActuatorResponse | None, roughness: float) -> tuple[float, float]:
     prediction = Prediction((0.0, 1 - roughness, roughness), Touch.ROUGH, roughness, -20.0, 0.0, 0.1)
-    found = open_profile(name, response).command(prediction)
+    found = (open_profile(name, response) if response else open_profile(name)).command(prediction)
     return found.amplitude, found.frequency
 
 
 @pytest.mark.parametrize("name", ["paper", "perceptual", "erm", "lra", "piezo", "dualsense"])
 def test_an_actuator_that_was_not_measured_changes_nothing(name: str) -> None:
-    assert open_profile(name, ActuatorResponse()) == open_profile(name)
+    shares = (0.0, 0.5, 1.0)
+    assert [command(name, ActuatorResponse(), share) for share in shares] == [
+        command(name, None, share) for share in shares
+    ]
 
 
 def test_the_paper_s_profile_never_changes() -> None:
