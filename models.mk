@@ -74,8 +74,8 @@ paper: $(READY)  ## the paper's tables, in build/paper/tables.txt
 	mkdir -p $(PAPER)
 	$(if $(filter $(PAPER)/data,$(PAPER_DATA)),$(BIN)/python -m tactophone simulate dataset $(PAPER_DATA) --authors-layout --opus --seconds $(PAPER_SECONDS) && $(BIN)/python -m tactophone simulate competition $(PAPER_DATA) --authors-layout)
 	{ echo "$$(date -u +%F), commit $$(git rev-parse --short HEAD), seed 0"; \
-	  $(BIN)/python -m tactophone benchmark --table1 --table2 --data $(PAPER_DATA) --cache $(PAPER)/cache \
+	  $(BIN)/python benchmarks/paper_tables.py 1 2 --data $(PAPER_DATA) --cache $(PAPER)/cache \
 	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))) && \
-	  $(BIN)/python -m tactophone benchmark --table3 && \
-	  $(BIN)/python -m tactophone benchmark --ablations examples/recipes/ablations --data $(PAPER_DATA) --cache $(PAPER)/cache; \
+	  $(BIN)/python benchmarks/paper_tables.py 3 && \
+	  $(BIN)/python benchmarks/paper_tables.py ablations --data $(PAPER_DATA) --cache $(PAPER)/cache; \
 	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER)/tables.txt

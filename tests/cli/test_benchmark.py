@@ -1,15 +1,10 @@
 import json
-import math
 from pathlib import Path
 
 import pytest
 
 from tactophone.cli import main
-from tactophone.cli.benchmark import paper_parts
-from tactophone.cli.output import show
-from tactophone.lab.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.lab.dataset.metadata import write_metadata
-from tactophone.lab.evaluation.bootstrap import Estimate
 from tests.surfaces import surfaces
 
 
@@ -43,26 +38,9 @@ def test_prints_a_table_and_writes_json_and_a_report(
 def test_impossible_options_end_in_one_line(data: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["benchmark", "--data", data, "--methods", "guesswork"]) == 1
     assert main(["benchmark", "--data", data, "--workers", "0"]) == 1
-    assert main(["benchmark", "--data", data, "--table1"]) == 1
     errors = capsys.readouterr().err
     assert "no method guesswork" in errors
     assert "1 or more" in errors
-    assert "--authors-layout" in errors
-
-
-def test_the_papers_tables_show_whole_figures_in_80_characters(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    score = Estimate(0.723, 0.614, 1.0)
-    shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
-    rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
-    show(rows, paper_parts("Table II", rows), as_json=False)
-    shown = capsys.readouterr().out
-    assert shown.count("0.723") == shown.count(".61-1.00") == len(TWO_COLUMNS)
-    assert shown.count("0.642") == 1
-    assert "paper/fine-tuned" in shown
-    assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

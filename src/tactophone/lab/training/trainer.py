@@ -320,7 +320,7 @@ class NetworkRecipe:
         if self.settings.ablations:
             raise ConfigError(
                 f"{self.name}: no model file holds {' and '.join(self.settings.ablations)}; score it with "
-                "`tactophone benchmark --ablations DIR`, or omit it from the recipe file"
+                "`python benchmarks/paper_tables.py ablations`, or omit it from the recipe file"
             )
         count = len(dataset.recordings)
         windows = self.read_windows(dataset.recordings, report=lambda done: report(done, count, "reading"))

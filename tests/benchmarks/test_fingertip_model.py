@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
-
-from tactophone.lab.simulation.operator import (
+from benchmarks.simulated_operator import (
     FULL_DRIVE_DB,
     Percepts,
     add_internal_noise,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from benchmarks.paper_tables import play_task, task_methods, vibration_of
 
 from tactophone.core.errors import ConfigError
-from tactophone.lab.benchmark.paper_tables import play_task, task_methods, vibration_of
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tests.sounds import noise
 

@@ -5,26 +5,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-
-from tactophone.core.errors import DatasetError
-from tactophone.core.types import Touch
-from tactophone.lab.benchmark.folds import Cache
-from tactophone.lab.benchmark.paper_tables import (
+from benchmarks.paper_tables import (
     FINE_TUNED,
     GATES,
     IN_CONTACT,
     PAPER_ONE,
     TABLE_SHARES,
     TWO_COLUMNS,
+    TableRow,
     by_gate,
     loud_segments,
+    paper_parts,
     predict_held_out,
     table_one,
     table_two,
     training_takes,
 )
+
+from tactophone.cli.output import show
+from tactophone.core.errors import DatasetError
+from tactophone.core.types import Touch
+from tactophone.lab.benchmark.folds import Cache
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Dataset, Recording, Segment
+from tactophone.lab.evaluation.bootstrap import Estimate
 from tactophone.lab.evaluation.predict import TakePredictions
 from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 
@@ -131,7 +135,7 @@ def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
 
 
 def test_a_recipe_file_is_a_row_and_its_training_is_cached(dataset: Dataset, tmp_path: Path) -> None:
-    recipes = Path(__file__).parents[3] / "examples" / "recipes" / "tables"
+    recipes = Path(__file__).parents[2] / "examples" / "recipes" / "tables"
     assert len(list(recipes.glob("*.toml"))) == 9
     files = []
     for name in ("paper-fine-tuned", "authors-general"):
@@ -148,3 +152,18 @@ def test_a_recipe_file_is_a_row_and_its_training_is_cached(dataset: Dataset, tmp
     for name in trained:
         assert np.array_equal(found[name][0].probabilities, again[name][0].probabilities)
     assert [row.name for row in table_two(found)][-2:] == trained
+
+
+def test_the_papers_tables_show_whole_figures_in_80_characters(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    score = Estimate(0.723, 0.614, 1.0)
+    shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
+    rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
+    show(rows, paper_parts("Table II", rows), as_json=False)
+    shown = capsys.readouterr().out
+    assert shown.count("0.723") == shown.count(".61-1.00") == len(TWO_COLUMNS)
+    assert shown.count("0.642") == 1
+    assert "paper/fine-tuned" in shown
+    assert max(map(len, shown.splitlines())) <= 80

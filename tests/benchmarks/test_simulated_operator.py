@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
-
-from tactophone.core.types import Touch
-from tactophone.lab.simulation.operator import (
+from benchmarks.simulated_operator import (
     Operator,
     Percepts,
     Visits,
@@ -11,6 +9,8 @@ from tactophone.lab.simulation.operator import (
     play_rounds,
     render_visits,
 )
+
+from tactophone.core.types import Touch
 
 RATE = 48_000
 
