@@ -224,3 +224,14 @@ def test_what_was_rendered_is_known_to_be_silent_only_once_it_is() -> None:
     assert not oscillator.silent
     held(oscillator, NONE, 0.1)
     assert oscillator.silent
+
+
+def test_a_command_holds_for_35_ms_to_the_sample() -> None:
+    alone, followed = full_drive(), full_drive()
+    for oscillator in (alone, followed):
+        held(oscillator, ROUGH, 0.1)
+        oscillator.submit(ROUGH)
+    first, whole = (np.concatenate([rendered(each, 840) for _ in range(2)]) for each in (alone, followed))
+    np.testing.assert_array_equal(first, whole)
+    followed.submit(ROUGH)
+    assert rendered(alone, 1)[0] != rendered(followed, 1)[0]
