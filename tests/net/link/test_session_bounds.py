@@ -288,3 +288,22 @@ def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted_with_the_ti
     assert pair.operator.peer == "robot"
     assert first.peer == "operator"
     assert [event.peer for event in pair.at_operator if isinstance(event, Connected)] == ["robot"]
+
+
+def test_a_caller_whose_peer_is_connected_elsewhere_says_so_and_waits() -> None:
+    robot = calling()
+    robot.poll(0.0)
+    robot.outgoing()
+    (handshake,) = robot._pending.values()
+    handshake.receive = lambda datagram, *, now: None  # type: ignore[method-assign]
+    record = b"\x16\xfe\xfd" + bytes(60)
+    robot.receive(record, source=AT_OPERATOR, now=1.0)
+    assert robot.failure is None  # nothing has gone wrong yet
+    handshake.failure, robot._handshakes.taken = "no", "trainer"
+    robot.receive(record, source=AT_OPERATOR, now=1.0)
+    assert "'trainer', connected already" in str(robot.failure)
+    assert robot._handshakes.taken == ""
+    robot.poll(1.0 + BUSY_PAUSE)
+    assert not robot.outgoing()
+    robot.poll(1.0 + BUSY_PAUSE + 0.001)
+    assert robot.outgoing()
