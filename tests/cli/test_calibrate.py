@@ -1,11 +1,15 @@
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import soundfile
 
-from tactophone.cli import main
-from tactophone.signal.perception.calibration import Calibration
+from tactophone.app.setup import check_microphones
+from tactophone.cli import main, setup
+from tactophone.cli.guide import GuideScreen
+from tactophone.core.settings import Settings, change
+from tactophone.signal.perception.calibration import Calibration, CalibrationResult
 
 FINGER = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-12"]
 
@@ -56,3 +60,29 @@ def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
     arguments = [*FINGER, "--smooth", "glazed tile", "--out", str(tmp_path / "calibration.toml")]
     assert main([*arguments, *faults]) == code
     assert ("covered" in capsys.readouterr().out) is bool(faults)
+
+
+@pytest.mark.parametrize(("key", "steps"), [("y", 4), ("n", 3)])
+def test_a_robot_is_asked_for_and_then_to_move(
+    key: str, steps: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instructions: list[str] = []
+
+    def check(settings: Settings, *args: Any, step: Any, **options: Any) -> CalibrationResult:
+        def follow(*step_arguments: Any) -> Any:
+            instructions.append(step_arguments[-1])
+            return step(*step_arguments)
+
+        simulated = change(settings, ["capture.source=finger", "simulation.gain_db=-12"])
+        return check_microphones(simulated, *args, step=follow, **options)
+
+    monkeypatch.setattr(setup, "check_microphones", check)
+    monkeypatch.setattr(GuideScreen, "answers", True)
+    monkeypatch.setattr(GuideScreen, "pressed", lambda *_: key)
+    assert main(["setup", "--check", "--source", "portaudio", "--out", str(tmp_path / "finger.toml")]) == 0
+    output = capsys.readouterr()
+    assert "Does a robot move this finger?" in output.err + output.out
+    assert len(instructions) == steps
+    assert ("move the robot in the air all the time" in instructions[-1]) is (key == "y")
+    assert ("motion:" in output.out) is (key == "y")
+    assert Calibration.read(tmp_path / "finger.toml").margin_db == (4.0 if key == "y" else 5.0)

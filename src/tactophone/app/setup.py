@@ -32,16 +32,17 @@ KIND = "texture"
 NOT_ASKED = ("no-tap", "faint-stroke")
 """Findings of a calibration that are about steps which are not part of this."""
 
+MOTION = (
+    SimulatedAct("move", 10.0),
+    "Motion: move the robot in the air all the time, with three starts and stops, grippers and wrists too. "
+    "Touch nothing",
+)
 CHECK_STEPS = (
-    (
-        SimulatedAct("rest", 10.0),
-        "Touch nothing. A robot: move it in the air all the time, with three starts and stops, grippers and wrists "
-        "too. A hand: keep still",
-    ),
+    (SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still"),
     (SimulatedAct("stroke", 5.0), "A stroke: stroke an object that you will use, to and fro, at medium pressure"),
     (SimulatedAct("tap", 3.0), "Taps: tap on it about twice a second"),
 )
-"""What a check of the microphones asks for."""
+"""What a check of the microphones asks for; of a robot, `MOTION` too, at the end."""
 
 CHECKED_OBJECT = "smooth competition stone"
 """What the simulated finger strokes in a check, where no smooth object is named."""
@@ -180,16 +181,20 @@ def check_kind(model: str) -> None:
 
 def check_microphones(
     settings: Settings, file: Path, *, stroked: str = CHECKED_OBJECT, false_alarms_per_minute: float = 1.0,
-    step: Step = record_act, begin: Callable[[AudioInput], None] = lambda audio: None,
+    moving: bool = False, step: Step = record_act,
+    begin: Callable[[int, AudioInput], None] = lambda number, audio: None,
 ) -> CalibrationResult:  # fmt: skip
     """Measure the microphones in silence, strokes and taps; write a calibration file if nothing fatal was found.
 
-    ``begin`` is called when the source is open.
+    Where the finger is a robot's, ``moving``, its motion is heard too. ``begin`` is called before each step with its
+    number, from 1, and at the end with the next.
     """
     with AudioInput(settings, stroked) as audio:
-        begin(audio)
-        blocks = iter(audio)
-        parts = [step(audio, blocks, act, instruction) for act, instruction in CHECK_STEPS]
+        blocks, parts = iter(audio), list[FloatArray]()
+        for act, instruction in (*CHECK_STEPS, *([MOTION] if moving else [])):
+            begin(len(parts) + 1, audio)
+            parts.append(step(audio, blocks, act, instruction))
+        begin(len(parts) + 1, audio)
         sounds = CalibrationSounds(audio.source.sample_rate, *parts)
         result = measure_calibration(
             sounds, made=_now(), source=audio.name, false_alarms_per_minute=false_alarms_per_minute

@@ -129,7 +129,7 @@ def for_one_microphone(settings: Settings) -> Settings:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedAct:
-    """An instruction for the simulated person: ``rest``, ``stroke``, ``tap`` or ``take``, and its duration in s."""
+    """An instruction for the simulated person, ``rest``, ``stroke``, ``tap``, ``move`` or ``take``, and seconds."""
 
     verb: str
     duration: float
@@ -190,4 +190,4 @@ class AudioInput:
         elif act.verb == "rest":
             self._participant.rest()
         else:
-            {"stroke": self._participant.stroke, "tap": self._participant.tap}[act.verb](act.duration)
+            getattr(self._participant, act.verb)(act.duration)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
 
+ROBOT_QUESTION = "Does a robot move this finger?"
 
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
@@ -85,6 +86,11 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
         f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
     )
+    if not math.isnan(found.motion_db):
+        yield (
+            f"motion: {found.motion_db:.1f} dB over rest under 500 Hz; fainter touches are missed while it lasts. "
+            f"Bands count from {calibration.margin_db:g} dB over noise (--set detector.margin_db=5 overrules that)"
+        )
     yield from _words(found.findings)
     if found.passed:
         name = str(file)
@@ -123,8 +129,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="microphones",
         choices=("microphones", "bench"),
-        help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps; writes "
-        "a calibration file, by default calibration.toml. bench: test a finished finger with a ball and a weight",
+        help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps, and a "
+        "robot's motion; writes a calibration file, by default calibration.toml. bench: test a finished finger with a "
+        "ball and a weight",
     )
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
@@ -201,31 +208,48 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     tip = options.settings_of(args).capture.tip
     if args.yes or not screen.answers:
         return tip
-    out = output.log()
-    out.print(f"{QUESTION}\n\n{tip_picture()}\n", highlight=False, markup=False)
-    out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
+    keys = f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}"
+    key = _ask(screen, QUESTION, {name: name for name in TIP_NAMES}, f"{QUESTION}\n\n{tip_picture()}\n\n{keys}")
+    return key if key in TIP_NAMES else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
+
+
+def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str) -> str:
+    """Ask on the page and, in these words, on the terminal; return the button or the key that was pressed."""
+    output.log().print(words, highlight=False, markup=False)
     if screen.page is not None:
         screen.begin(0)
-        screen.page.show(instruction=QUESTION, buttons={name: name for name in TIP_NAMES})
+        screen.page.show(instruction=question, buttons=buttons)
     while not (key := screen.pressed(0.5)):
         pass
     if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
         screen.page.show(instruction="Opening the microphones ...", buttons={})
-    return key if key in TIP_NAMES else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
+    return key
 
 
 def _check_set_up(args: argparse.Namespace) -> int:
+    settings = options.settings_of(args)
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
-    with console.single_keys() as has_keyboard, output.live_display() as live:
-        steps = _Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
-        found = check_microphones(
-            options.settings_of(args), path, stroked=stroked, false_alarms_per_minute=rate, step=steps,
-            begin=partial(steps.begin, 1),
-        )  # fmt: skip
+    page = GuidePage(wait=not args.yes) if args.dashboard else None
+    with console.single_keys() as has_keyboard, page or nullcontext():
+        screen = GuideScreen(None, has_keyboard, page, steps=("robot", "silence", "stroke", "taps", "motion"))
+        moving = not args.yes and screen.answers and settings.capture.source not in ("finger", "file")
+        if moving:
+            words = f"{ROBOT_QUESTION}  press y, or any other key for no"
+            moving = _ask(screen, ROBOT_QUESTION, {"y": "Yes", "n": "No, a hand does"}, words) == "y"
+        with output.live_display() as live:
+            steps = _Steps(replace(screen, live=live, steps=screen.steps[: 4 + moving]), unattended=args.yes)
+            found = check_microphones(
+                settings, path, stroked=stroked, false_alarms_per_minute=rate, moving=moving, step=steps,
+                begin=steps.begin,
+            )  # fmt: skip
+        if page is not None:
+            words = f"written: {path}" if found.passed else "nothing was written: correct this, and check again"
+            page.show(findings=[str(each) for each in found.findings], instruction=words)
     values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
+    values |= {"motion_db": found.motion_db}
     output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)
     return 0 if found.passed else 1
 

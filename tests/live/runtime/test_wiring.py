@@ -1,10 +1,14 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
 from tactophone.live.runtime.wiring import microphone_faults, open_microphone_check, open_pipeline_for
+from tactophone.signal.perception.fallback import FallbackDetector
+from tactophone.signal.perception.noise_floor import NoiseFloor
 from tests.signal.perception.test_calibration_file import CALIBRATION
 
 
@@ -26,6 +30,26 @@ def test_a_calibration_sets_the_threshold_and_a_setting_goes_before_it(tmp_path:
     assert open_pipeline_for(paper, channels=2).detector.threshold.dbfs == CALIBRATION.threshold_dbfs
     louder = change(settings, ["detector.threshold_dbfs=-10"])
     assert open_pipeline_for(louder, channels=2).detector.threshold.dbfs == -10
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_the_margin_of_a_robots_motion_reaches_the_gate_and_a_setting_goes_before_it(
+    channels: int, tmp_path: Path
+) -> None:
+    def margin(*changes: str) -> float:
+        detector = open_pipeline_for(change(settings, list(changes)), channels=channels).detector
+        assert isinstance(detector, FallbackDetector)
+        assert detector.active.floor
+        spare = NoiseFloor(-40.0)
+        spare.adopt(detector.active.floor)  # as the detector of one microphone does before it takes over
+        assert spare.margin_db == detector.active.floor.margin_db
+        return spare.margin_db
+
+    calibration = replace(CALIBRATION, margin_db=6.5, floor_dbfs=CALIBRATION.floor_dbfs[:channels])
+    calibration.write(tmp_path / "finger.toml")
+    settings = change(Settings(), [f"detector.calibration={tmp_path / 'finger.toml'}"])
+    assert margin() == 6.5
+    assert margin("detector.margin_db=8") == 8.0
 
 
 def test_a_calibration_of_two_microphones_is_not_taken_for_one(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from tactophone.signal.perception.calibration import (
     measure_calibration,
 )
 from tactophone.signal.perception.contact import ContactGate
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB
+from tests.sounds import noise
 
 RATE = 48_000
 
@@ -124,3 +126,36 @@ def test_sounds_too_short_raise() -> None:
     short = np.zeros((100, 2), np.float32)
     with pytest.raises(ValueError, match="second"):
         measure_calibration(CalibrationSounds(RATE, short, short, short), made="", source="")
+
+
+def moving(motion_db: float, *, jerks: int = 6, seconds: float = 6.0) -> CalibrationSounds:
+    """A robot whose motion raises noise of -60 dBFS by so many dB in every second 0.1 s, with bangs of 0.2 s."""
+    _, (_, _, stroke, tap) = performed("whiteboard", -9.0)
+    rest, motion = (noise(level_dbfs=-60, duration=duration, seed=seed) for duration, seed in ((3, 1), (seconds, 2)))
+    time = np.arange(len(motion)) / RATE
+    motion[time % 0.2 < 0.1] *= 10 ** (motion_db / 20)
+    for jerk in range(jerks):
+        motion[(time - 0.5 - jerk * seconds / jerks) % seconds < 0.2] *= 100
+    return CalibrationSounds(RATE, rest, stroke.samples, tap.samples, motion.astype(np.float32))
+
+
+@pytest.mark.parametrize(("motion_db", "margin_db"), [(0.0, 4.0), (3.0, 5.0), (5.0, 7.0)])
+def test_a_louder_robot_gets_a_larger_margin(motion_db: float, margin_db: float) -> None:
+    result = measure_calibration(moving(motion_db), made="", source="")
+    assert abs(result.calibration.margin_db - margin_db) <= 0.5
+    assert result.passed
+    assert abs(result.motion_db - motion_db / 2) < 3
+
+
+def test_starts_and_stops_do_not_raise_the_margin_but_more_bangs_do() -> None:
+    six, many = (measure_calibration(moving(0.0, jerks=jerks), made="", source="") for jerks in (6, 12))
+    assert six.calibration.margin_db == 4.0
+    assert many.calibration.margin_db == 8.0
+    loud = next(finding for finding in many.findings if finding.code == "loud-motion")
+    assert not loud.fatal
+
+
+def test_without_a_robot_the_margin_stays() -> None:
+    result = calibrated("whiteboard")
+    assert result.calibration.margin_db == BAND_MARGIN_DB
+    assert np.isnan(result.motion_db)

@@ -83,6 +83,15 @@ class SimulatedParticipant(AlwaysOpen):
             script.tap(TAP)
         self._perform(script)
 
+    def move(self, duration: float) -> None:
+        """Move in the air for ``duration`` s, with three starts and stops, and touch nothing."""
+        script, reach = self._script(), 0.4 * self._placed.width
+        for part in range(1, 4):
+            while script.time < self._now + part * duration / 3 - STROKE:
+                script.hover(STROKE, x=self._placed.centre[0] + (reach := -reach))
+            script.hover(STROKE / 2)
+        self._perform(script)
+
     def take(self, take: Take, duration: float) -> None:
         """Perform a take of the paper's protocol for ``duration`` s."""
         for move in take_moves(take, self._placed, duration=duration, rng=self._rng):

@@ -1,6 +1,7 @@
 """Calibrates a set-up from silence, a stroke and taps, and keeps the result in a file that other commands read.
 
-Three sounds give the contact threshold and show the faults of a set-up. At the threshold, silence is loud enough to
+Three sounds give the contact threshold and show the faults of a set-up; a fourth, of a robot that moves in the air,
+gives the margin by which bands have to exceed their noise. At the threshold, silence is loud enough to
 pass for contact a chosen number of times a minute. Five seconds suffice to find it: the upper tail of the power of
 noise falls exponentially (Pickands, "Statistical inference using extreme order statistics", Ann. Statist. 3, 119,
 1975), and its mean excess is known from the loudest fifth.
@@ -22,7 +23,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.contact import CLEAR_DB, FAST, SLOW
+from tactophone.signal.perception.contact import CLEAR_DB, FAST, SLOW, ContactGate
 from tactophone.signal.perception.health import (
     HARMLESS_HUM_DBFS,
     ChannelStatistics,
@@ -32,8 +33,8 @@ from tactophone.signal.perception.health import (
     SensorFault,
     SignalStatistics,
 )
-from tactophone.signal.perception.levels import LoudnessRule
-from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, FLOOR_HOLD, measure_floor
+from tactophone.signal.perception.levels import BANDS_HOP, BandLevels, LoudnessRule
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, FLOOR_HOLD, NoiseFloor, measure_floor
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
 CLIPPED = 0.05
@@ -136,6 +137,18 @@ CALIBRATION_CLIPPED_SHARE = 2e-3
 RESTLESS_DB = 6.0
 """Margin over the median at which the loudest window of silence shows that it was not silent."""
 
+MARGINS_DB = tuple(np.arange(4.0, 8.5, 0.5).tolist())
+"""Margins of the bands that are tried on a robot's motion."""
+
+MOST_MOTION = 0.02
+"""Share of the motion that may be contact."""
+
+JERKS, JERK = 6, 0.5
+"""Starts and stops of the motion that was asked for, and seconds that each may be contact: they sound like a touch."""
+
+LOW_BANDS = 6
+"""Bands under 500 Hz."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -156,6 +169,8 @@ class CalibrationResult:
     calibration: Calibration
     findings: tuple[Finding, ...]
     gain_db: tuple[int, ...]
+    motion_db: float = math.nan
+    """How much louder than rest a robot's motion is under 500 Hz, in dB (median); NaN where it was not heard."""
 
     @property
     def passed(self) -> bool:
@@ -165,12 +180,14 @@ class CalibrationResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationSounds:
-    """The three recordings of a calibration; all at one rate, float32 ``(samples, channels)``."""
+    """The recordings of a calibration; all at one rate, float32 ``(samples, channels)``."""
 
     sample_rate: int
     silence: FloatArray
     stroke: FloatArray
     tap: FloatArray
+    motion: FloatArray | None = None
+    """Of a robot that moves all the time, with three starts and stops, and touches nothing."""
 
 
 def measure_calibration(
@@ -181,7 +198,7 @@ def measure_calibration(
     Parameters
     ----------
     sounds
-        At least a second of each.
+        At least a second of each that there is.
     made, source
         For the file: date and time, and name of the source.
     false_alarms_per_minute
@@ -189,8 +206,9 @@ def measure_calibration(
 
     Raises `ValueError` if a sound is shorter than a second.
     """
-    if min(map(len, (sounds.silence, sounds.stroke, sounds.tap))) < sounds.sample_rate:
-        raise ValueError("each of silence, stroke and tap must last a second or more")
+    motion = sounds.silence if sounds.motion is None else sounds.motion
+    if min(map(len, (sounds.silence, sounds.stroke, sounds.tap, motion))) < sounds.sample_rate:
+        raise ValueError("each of silence, stroke, tap and motion must last a second or more")
     silence, stroke = (
         SignalStatistics(sounds.sample_rate).push(AudioBlock(part, sounds.sample_rate))
         for part in (sounds.silence, sounds.stroke)
@@ -198,6 +216,7 @@ def measure_calibration(
     # A stroke pauses where it turns: its louder half is contact.
     touching = sorted(stroke, key=lambda statistics: statistics.level_dbfs[CONTACT])[len(stroke) // 2 :]
     peaks = 20 * np.log10(np.maximum(np.abs(sounds.stroke).max(axis=0), 1e-6))
+    margin, heard, motion_db = (BAND_MARGIN_DB, 0.0, math.nan) if sounds.motion is None else _measure_motion(sounds)
     calibration = Calibration(
         made=made,
         source=source,
@@ -209,14 +228,18 @@ def measure_calibration(
         hum_dbfs=_median(statistics.hum_dbfs for statistics in silence),
         stroke_dbfs=_median(statistics.level_dbfs for statistics in touching),
         peak_dbfs=tuple(round(float(level), 2) for level in peaks),
-        banded_dbfs=_banded_threshold(sounds, false_alarms_per_minute),
+        banded_dbfs=_banded_threshold(motion, sounds.sample_rate, false_alarms_per_minute),
+        margin_db=margin,
     )
     gain_db = tuple(_gain_db(sounds.stroke, channel) for channel in range(calibration.channels))
     faults = tuple(_faults(sounds, calibration, gain_db))
     codes = {finding.code for finding in faults}
     weaknesses = _weaknesses(sounds, calibration, silence, gain_db)
-    findings = (*faults, *(finding for finding in weaknesses if finding.code not in codes))
-    return CalibrationResult(calibration, findings, gain_db)
+    findings = [*faults, *(finding for finding in weaknesses if finding.code not in codes)]
+    if heard > MOST_MOTION:
+        found = f"{heard:.0%} of the robot's motion is contact, even if bands are heard from {margin:g} dB over noise"
+        findings.append(Finding("loud-motion", f"{found}; keep its motors and cables from the finger", fatal=False))
+    return CalibrationResult(calibration, tuple(findings), gain_db, motion_db)
 
 
 def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
@@ -236,12 +259,45 @@ def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per
     return round(_dbfs(float(loud) + excess * math.log(LEVEL_TAIL / chance)) + CALIBRATION_DRIFT_DB, 2)
 
 
-def _banded_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
-    """Return the gate's threshold by the rule ``banded``; infinite where the silence was not steady."""
+def _banded_threshold(quiet: FloatArray, rate: int, false_alarms_per_minute: float) -> float:
+    """Return the gate's threshold by the rule ``banded``; infinite where silence, or motion, was not steady."""
     share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + FLOOR_HOLD) / 60)
-    block = AudioBlock(sounds.silence, sounds.sample_rate)
-    floor = measure_floor([block], sample_rate=sounds.sample_rate, rule="banded", false_alarms=share)
+    floor = measure_floor([AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share)
     return round(floor.threshold_dbfs, 2) if floor.known else math.inf
+
+
+def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
+    """Return the least margin with which motion is hardly contact, or the greatest; the share that is; `motion_db`."""
+    rate, motion = sounds.sample_rate, np.asarray(sounds.motion, np.float32)
+    for margin in MARGINS_DB:
+        floor = NoiseFloor(math.inf)
+        floor.margin_db = margin
+        gate = ContactGate(math.inf, sample_rate=rate, rule="banded", floor=floor, bands=True, hold=FLOOR_HOLD)
+        gate.push(AudioBlock(sounds.silence, rate))
+        share = _without_jerks([(each.time, each.touching) for each in gate.push(AudioBlock(motion, rate))])
+        if share <= MOST_MOTION:
+            break
+    rest, moving = (
+        np.median(BandLevels(rate, hop=round(BANDS_HOP * rate)).push(part[:, CONTACT]), axis=0)
+        for part in (sounds.silence, motion)
+    )
+    return margin, share, round(float((moving - rest)[:LOW_BANDS].mean()), 1)
+
+
+def _without_jerks(contacts: Sequence[tuple[float, bool]]) -> float:
+    """Return the share of contact but for starts and stops, from the times of changes and heartbeats."""
+    touches, begun = list[float](), math.nan
+    for time, touching in contacts:
+        if touching and math.isnan(begun):
+            begun = time
+        elif not touching and not math.isnan(begun):
+            touches.append(time - begun)
+            begun = math.nan
+    start, end = contacts[0][0], contacts[-1][0]
+    if not math.isnan(begun):
+        touches.append(end - begun)
+    jerks = sorted((min(touch, JERK) for touch in touches), reverse=True)[:JERKS]
+    return (sum(touches) - sum(jerks)) / (end - start)
 
 
 def _powers(samples: FloatArray, size: int, *, overlap: int = 1) -> NDArray[np.float64]:
