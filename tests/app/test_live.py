@@ -180,3 +180,13 @@ print([name for name in sys.modules if name.startswith(("tactophone.cli", "argpa
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_whoever_moves_the_robot_says_so() -> None:
+    live = tactophone.open_live(Steady())
+    steps = iter(live)
+    assert not next(steps).block.moving
+    live.moving(True)
+    assert next(steps).block.moving
+    live.moving(False)
+    assert not next(steps).block.moving

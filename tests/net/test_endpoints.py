@@ -1,5 +1,6 @@
 import ast
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
@@ -30,7 +31,11 @@ def pipeline_of(model: str) -> Pipeline:
 
 
 def journey(
-    model: str, *, lost: Iterator[bool] | None = None, send_predictions: bool = False
+    model: str,
+    *,
+    lost: Iterator[bool] | None = None,
+    send_predictions: bool = False,
+    moving: Callable[[float], bool] = lambda time: False,
 ) -> list[tuple[float, PipelineStep]]:
     """Strokes from the robot's fingertip to the operator's, in virtual time; each step with the time of its arrival."""
     robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
@@ -41,7 +46,7 @@ def journey(
     steps = []
     for block in blocks(strokes(), 120):
         now = begun + block.end / RATE
-        sender.push(block)
+        sender.push(replace(block, moving=moving(block.time)))
         steps += [(now - begun, step) for _, step in link.carry(now) if step]
     return steps
 
@@ -170,3 +175,12 @@ def test_the_operator_has_no_loop_of_its_own() -> None:
     }
     for path in (source / "live" / "runtime").glob("*.py"):
         assert not [call for call in calls(ast.parse(path.read_text())) if call.endswith(".command_for")], path
+
+
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_a_robot_that_starts_to_move_is_felt_150_ms_later_at_the_other_end(model: str, send_predictions: bool) -> None:
+    def begins(start: float) -> float:
+        steps = journey(model, send_predictions=send_predictions, moving=lambda time: time >= start)
+        return next(when for when, command in commands_of(steps) if command.amplitude > 0)
+
+    assert begins(0.4) - begins(9.0) == pytest.approx(0.15, abs=0.02)

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Self
 
 from tactophone.app.sources import open_source
@@ -22,6 +23,7 @@ class Live:
         self._source, self._pipeline, self._at_pace = source, pipeline, at_pace
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
+        self._moving = False
         self._error: BaseException | None = None
 
     def __iter__(self) -> Iterator[PipelineStep]:
@@ -31,7 +33,11 @@ class Live:
             for block in paced(source) if self._at_pace else source:
                 if self._ended.is_set():
                     return
-                yield self._pipeline.push(block)
+                yield self._pipeline.push(replace(block, moving=True) if self._moving else block)
+
+    def moving(self, moves: bool) -> None:
+        """Say whether the robot moves now: around each start and stop, contact counts once it has lasted 150 ms."""
+        self._moving = moves
 
     def start(self, callback: Callable[[PipelineStep], object]) -> Self:
         """Call back with each step from now on, in a thread of its own, until `stop` or the end of the sound.

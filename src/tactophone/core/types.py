@@ -52,6 +52,8 @@ class AudioBlock:
         Index of the first sample since the stream began, at ``sample_rate``.
     concealed
         True when the sound was lost on the network and these samples replace it.
+    moving
+        Whether the robot says that it moves.
 
     Examples
     --------
@@ -64,6 +66,7 @@ class AudioBlock:
     sample_rate: int
     start: int = 0
     concealed: bool = False
+    moving: bool = False
 
     def __post_init__(self) -> None:
         if self.samples.ndim != 2 or self.samples.dtype != np.float32:

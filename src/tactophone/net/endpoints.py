@@ -51,6 +51,7 @@ class RobotEndpoint:
 
     def push(self, block: AudioBlock) -> list[PipelineStep]:
         """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
+        self.group.encoder.moving = block.moving
         blocks = split_fingers(block, self._channels) if self._channels else [block]
         if not self.detectors:
             self.group.push(block)

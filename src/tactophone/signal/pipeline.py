@@ -161,12 +161,7 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
         raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
     # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
     return [
-        AudioBlock(
-            np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]),
-            block.sample_rate,
-            block.start,
-            block.concealed,
-        )
+        replace(block, samples=np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]))
         for finger, count in enumerate(channels)
     ]
 

@@ -1,5 +1,6 @@
 import argparse
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -8,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +21,11 @@ from tactophone.cli import options
 from tactophone.core import plugins
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import AudioBlock, PipelineStep
+from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.process import BridgeProcess
-from tactophone.faces.bridges.ros import QOS, RosBridge
+from tactophone.faces.bridges.ros import MOST_JOINTS, QOS, JointMotion, RosBridge
 from tactophone.faces.bridges.ros_topics import open_sinks
+from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 
@@ -250,3 +255,66 @@ def test_the_package_for_colcon_has_the_type_that_is_published() -> None:
     assert (read.made.nanosec, read.rendered.sec, read.touch, read.event) == (500_000_000, 0, read.ROUGH, "")
     assert list(read.probabilities) == pytest.approx([0.1, 0.2, 0.7])
     assert [read.roughness, read.level_dbfs, read.amplitude, read.frequency] == [0.75, -20, 0.5, 60]
+
+
+def joints(time: float, **fields: list[float]) -> Any:
+    names = [f"joint {place}" for place in range(max(map(len, fields.values())))]
+    return messages.JointState(messages.header(time), names, **fields)
+
+
+@pytest.mark.parametrize("known", ["velocity", "position"])
+def test_a_robot_moves_while_a_joint_does(known: str) -> None:
+    motion, moving, place = JointMotion(), [], 0.0
+    for step, speed in enumerate((0.0, 0.005, 0.03, 0.015, 0.005, -0.5, 0.0)):
+        place += 0.01 * speed
+        motion.push(joints(1 + 0.01 * step, **{known: [0.0, speed if known == "velocity" else place]}))
+        moving.append(motion.moving)
+    assert moving == [False, False, True, True, False, True, False]
+
+
+def test_joint_states_of_parts_belong_to_one_robot_and_nonsense_moves_nothing() -> None:
+    motion = JointMotion()
+    motion.push(joints(1.0, velocity=[0.0, 0.0, 0.0, 0.1]))
+    motion.push(joints(1.0, velocity=[0.0]))
+    assert motion.moving
+    motion.push(joints(1.1, velocity=[math.nan] * 4, position=[math.inf] * 9))
+    motion.push(joints(1.1, velocity=[], position=[math.inf] * 9))
+    assert not motion.moving
+    for number in range(2 * MOST_JOINTS):
+        motion.push(messages.JointState(messages.header(2.0), [str(number)], velocity=[0.0], position=[1.0]))
+    assert len(motion._speeds) <= MOST_JOINTS
+
+
+class Sent:
+    """A transport whose topics hold what a test puts there."""
+
+    def __init__(self) -> None:
+        self.waiting: dict[str, list[Any]] = {}
+
+    def writer(self, *_: Any, **__: Any) -> Any:
+        return SimpleNamespace(write=lambda message: None)
+
+    def reader(self, topic: str, *_: Any, **__: Any) -> Any:
+        def take(N: int) -> list[Any]:
+            return self.waiting.pop(topic, [])
+
+        return SimpleNamespace(take=take)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("role", ["robot", "operator"])
+def test_joint_states_tell_the_robots_side_alone_when_it_moves(
+    role: str, telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    transport = Sent()
+    monkeypatch.setattr("tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport)
+    telemetry.update(State(role=role), now=time.monotonic())
+    asked: list[tuple[str, float]] = []
+    with RosBridge(telemetry.name, domain=DOMAIN) as bridge:
+        for speed in (0.0, 0.2, 0.2, 0.0):
+            transport.waiting["joint_states"] = [object(), joints(1.0, velocity=[speed])]
+            bridge.read()
+            asked += [(request.action, request.value) for request in telemetry.requests()]
+    assert asked == ([("moving", 1.0), ("moving", 0.0)] if role == "robot" else [])

@@ -21,6 +21,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.ros import RosBridge
 from tactophone.faces.bridges.ros_topics import open_type_store
+from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 from tests.live.runtime.live_system import eventually
@@ -123,6 +124,22 @@ def test_a_node_sees_the_publishers_and_may_stop_and_mute_only(
 
     assert eventually(stopped, timeout=20)
     assert set(requests) == {"stop"}
+
+
+def test_joint_states_say_when_the_robot_moves(bridge: RosBridge, node: Any, telemetry: Telemetry) -> None:
+    telemetry.update(State(role="robot"), now=time.monotonic())
+    moving = messages.JointState(messages.header(1.0), ["wrist"], velocity=[0.2]).serialize()
+    requests: list[tuple[str, float]] = []
+
+    def moved() -> bool:
+        for payload in (bytes(3), moving):
+            node.put("7/joint_states/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported", payload)
+        bridge.read()
+        requests.extend((request.action, request.value) for request in telemetry.requests())
+        return bool(requests)
+
+    assert eventually(moved, timeout=20)
+    assert requests == [("moving", 1.0)]
 
 
 def test_the_hashes_are_those_of_ros() -> None:

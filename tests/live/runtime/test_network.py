@@ -54,6 +54,17 @@ def test_a_second_robot_is_sent_away_and_both_sides_show_it(tmp_path: Path) -> N
         assert system.snapshot().counters["link_losses"] == 0
 
 
+def test_a_robot_that_is_said_to_move_shows_it_at_both_ends_until_it_stands(tmp_path: Path) -> None:
+    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
+    with system.both():
+        assert eventually(lambda: system.snapshot().state.link == "connected to robot")
+        robot = Watcher(system.names[0])
+        for value, words in ((1.0, ", moving"), (0.0, "")):
+            robot.ask("moving", value)
+            assert eventually(lambda: system.snapshot().state.link == f"connected to robot{words}")  # noqa: B023
+            assert robot.state().link == f"connected to operator{words}"
+
+
 class Relay:
     """Stands between robot and operator as a NAT does, and changes its own port on request."""
 

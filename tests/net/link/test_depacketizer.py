@@ -241,3 +241,17 @@ def test_a_stream_keeps_its_codec_and_channels_until_the_next_handshake() -> Non
     decoded, depacketizer = arrive(mixed)
     assert {audio.block.channels for audio in decoded} == {2}
     assert depacketizer.reception.stats.packets_broken >= 2
+
+
+@pytest.mark.parametrize("order", [range(8), (0, 1, 3, 2, 4, 5, 6, 7), (0, 1, 2, 4, 5, 6, 7)])
+def test_whether_the_robot_moves_comes_with_the_sound(order: Sequence[int]) -> None:
+    packetizer = Packetizer(BlockEncoder(PCM), ssrc=1, redundancy=Redundancy(RedundancyRule(least=1, most=1)))
+    sent = []
+    for number in range(8):
+        packetizer.encoder.moving = 4 <= number < 6
+        block = AudioBlock(noise(240), CLOCK_RATE, 240 * number)
+        sent += map(packetizer.packet, packetizer.encoder.push(block))
+    decoded, _ = arrive([sent[number] for number in order])
+    # Sound that is recovered comes with what the packet says that brought it.
+    still = 4 - (len(order) < 8)
+    assert [audio.block.moving for audio in decoded] == [False] * still + [True] * (6 - still) + [False] * 2

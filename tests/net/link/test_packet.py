@@ -1,5 +1,6 @@
 """Golden packets, one for each shape and each fault, and round trips that hypothesis searches."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,12 @@ from hypothesis import strategies as st
 
 from tactophone.core.errors import PacketError
 from tactophone.net.link.packet import (
+    MAX_DATAGRAM,
     MAX_EARLIER_OFFSET,
     MAX_EARLIER_SIZE,
+    MOTION,
+    PAYLOAD_SPACE,
+    SRTP_OVERHEAD,
     Packet,
     Payload,
     PayloadType,
@@ -92,3 +97,19 @@ def test_no_bytes_crash_the_parser(datagram: bytes) -> None:
 @given(st.integers(0, 2**16 - 1), st.integers(-(2**15), 2**15 - 1))
 def test_wrapping_counters_are_compared_by_the_shorter_distance(reference: int, step: int) -> None:
     assert ahead((reference + step) % 2**16, reference, bits=16) == step
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_robot_that_moves_is_a_contributing_source_and_the_packet_reads_back(name: str) -> None:
+    moving = replace(SHAPES[name], moving=True)
+    data = bytes(moving)
+    assert (data[0], data[12:16]) == (0x81, MOTION)
+    assert parse_packet(data) == moving
+    assert len(data) == len(bytes(SHAPES[name])) + 4
+    # Another sender's sources are no motion.
+    assert parse_packet(data[:12] + b"ELSE" + data[16:]) == SHAPES[name]
+
+
+def test_the_largest_packet_fits_a_datagram_while_the_robot_moves() -> None:
+    packet = Packet(1, ssrc=1, payload=Payload(PayloadType.L16_HAND_5, 0, bytes(PAYLOAD_SPACE)), moving=True)
+    assert len(bytes(packet)) + SRTP_OVERHEAD == MAX_DATAGRAM

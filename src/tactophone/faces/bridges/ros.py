@@ -1,6 +1,7 @@
-"""ROS 2 over DDS or Zenoh, without a ROS installation: a run's messages out, stop and mute in; a source; a bag.
+"""ROS 2 over DDS or Zenoh, without a ROS installation: a run's messages out, stop, mute and joints in; a source; a bag.
 
-Neither has authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
+Neither has authentication by default. So inbound topics can end a vibration, or delay it by 150 ms (a robot's joints,
+which say when it moves), and no topic can begin one.
 """
 
 import math
@@ -41,6 +42,12 @@ INFO_TIMEOUT = 10.0
 
 WAIT = 0.02
 """Seconds without sound after which an empty block is returned, so that the reader of the source can end."""
+
+MOVES, STILL = 0.02, 0.01
+"""Speed of a joint, in rad/s or m/s, from which the robot moves, and under which it stands."""
+
+MOST_JOINTS = 256
+"""Joints whose speeds are kept: whoever sends others sends new ones without end."""
 
 LOWEST_RATE, HIGHEST_RATE = 2_000, 192_000
 
@@ -106,6 +113,32 @@ def default_domain() -> int:
     return int(text)
 
 
+class JointMotion:
+    """Tells from joint states whether a robot moves; each may be of some joints, with speeds or only places."""
+
+    def __init__(self) -> None:
+        self.moving = False
+        self._speeds: dict[str, float] = {}
+        self._places: dict[str, tuple[float, float]] = {}
+
+    def push(self, joints: Any) -> None:
+        """Take a ``sensor_msgs/JointState``."""
+        time, speeds = (
+            joints.header.stamp.sec + 1e-9 * joints.header.stamp.nanosec,
+            dict(zip(joints.name, joints.velocity, strict=False)),
+        )
+        for name, place in zip(joints.name, joints.position, strict=False):
+            before, then = self._places.get(name, (place, time))
+            self._places[name] = place, time
+            if name not in speeds and time > then:
+                speeds[name] = (place - before) / (time - then)
+        self._speeds |= speeds
+        if len(self._speeds) > MOST_JOINTS or len(self._places) > MOST_JOINTS:
+            self._speeds, self._places = {}, {}
+        # A comparison with NaN is false: a joint whose speed is not known does not move.
+        self.moving = any(abs(speed) >= (STILL if self.moving else MOVES) for speed in self._speeds.values())
+
+
 class RosBridge:
     """Passes a run on to ROS 2; a context manager whose `read` is called every `ROS_INTERVAL`.
 
@@ -138,7 +171,7 @@ class RosBridge:
         self._reader = PredictionReader(name, finger=finger)
         self._sinks = [sink for text in sinks for sink in messages.open_sinks(text, fingers=self._reader.fingers)]
         self._snapshots: dict[str, Snapshot] = {}
-        self._beat = 0
+        self._beat, self._motion, self._moving = 0, JointMotion(), False
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
         self._diagnosed_at, self._sound_at = -DIAGNOSTICS_INTERVAL, 0.0
 
@@ -167,6 +200,7 @@ class RosBridge:
                 info.write(messages.INFO)
         self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
         actions: tuple[Action, ...] = ("stop", "mute")
+        self._joints = self._transport.reader("joint_states", messages.JointState)
         self._requests = {action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in actions}
         return self
 
@@ -184,6 +218,12 @@ class RosBridge:
             # an invalid sample, which is no message.
             if any(getattr(message, "sample_info", _VALID).valid_data for message in reader.take(N=10)):
                 self._reader.watcher.ask(action)
+        for joints in self._joints.take(N=10):
+            if isinstance(joints, messages.JointState):  # neither a writer that leaves nor anything else
+                self._motion.push(joints)
+        if self._motion.moving is not self._moving and self._reader.watcher.state().role == "robot":
+            self._moving = self._motion.moving
+            self._reader.watcher.ask("moving", float(self._moving))
         waiting: defaultdict[str, deque[Passed]] = defaultdict(deque)
         for passed in self._reader.read():
             for suffix, message in messages.predicted(passed).items() if self._publishes else ():

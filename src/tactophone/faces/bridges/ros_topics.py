@@ -68,6 +68,10 @@ AudioInfo = message_type(
     "audio_common_msgs/msg/AudioInfo",
     "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
 )
+JointState = message_type(
+    "sensor_msgs/msg/JointState",
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+)
 JoyFeedback = message_type("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
 # A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
 StampedPrediction = message_type(

@@ -56,7 +56,7 @@ class ZenohTransport:
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return a subscriber; the hash of the type may be that of any version of ROS."""
         del latched
-        return _Reader(self._session.declare_subscriber(f"{self._domain}/{topic}/{_wire_name(kind)}/*"))
+        return _Reader(kind, self._session.declare_subscriber(f"{self._domain}/{topic}/{_wire_name(kind)}/*"))
 
     def close(self) -> None:
         self._session.close()
@@ -81,12 +81,19 @@ class _Writer:
 
 
 class _Reader:
-    def __init__(self, subscriber: Any) -> None:
-        self._subscriber = subscriber
+    def __init__(self, kind: Any, subscriber: Any) -> None:
+        self._kind, self._subscriber = kind, subscriber
 
     def take(self, N: int = 1) -> list[Any]:
         samples = (self._subscriber.try_recv() for _ in range(N))
-        return list(itertools.takewhile(lambda sample: sample is not None, samples))
+        return [self._read(sample) for sample in itertools.takewhile(lambda sample: sample is not None, samples)]
+
+    def _read(self, sample: Any) -> Any:
+        """Return the message, or a sample that holds none as it is: whatever comes to the topic of a stop is one."""
+        try:
+            return self._kind.deserialize(bytes(sample.payload))
+        except Exception:
+            return sample
 
 
 def _wire_name(kind: type) -> str:

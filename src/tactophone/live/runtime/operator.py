@@ -24,7 +24,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 from tactophone.live.runtime import wiring
 from tactophone.live.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
-from tactophone.live.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
+from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.telemetry.layout import MARKS, Fault, State
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
@@ -227,7 +227,7 @@ class Operator(Side):
         if self._hung_up:
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
-            return f"connected to {peer}"
+            return f"connected to {peer}{MOVING * self._session.moving}"
         return "waiting for the robot" if self._keeper else f"listening at port {self._socket.address[1]}"
 
     def _faults(self, now: float) -> Iterator[Fault]:

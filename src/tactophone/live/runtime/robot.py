@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Self
 
@@ -23,7 +24,7 @@ from tactophone.live.audio.sources import LiveSource, open_device
 from tactophone.live.runtime import wiring
 from tactophone.live.runtime.latency import robot_stages
 from tactophone.live.runtime.priority import name_thread, prioritize_thread
-from tactophone.live.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
+from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, State
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
@@ -96,6 +97,7 @@ class Robot(Side):
         # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
         # other lock is taken under it, and no thread waits for the network or a device while it holds it.
         self._lock = threading.Lock()
+        self._moving = False  # as the newest request says
 
     def __enter__(self) -> Self:
         with self._resources:
@@ -129,6 +131,9 @@ class Robot(Side):
         self._resources.close()
 
     def housekeep(self, now: float) -> None:
+        for request in self._telemetry.requests(now):
+            if request.action == "moving":
+                self._moving = request.value > 0
         with self._lock:
             group = self._group
             counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
@@ -143,6 +148,7 @@ class Robot(Side):
         self._update_budget(now, lambda: robot_stages(self._watcher, self._group.encoder.codec, period=period))
         of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
         link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
+        link += MOVING * self._moving
         names = itertools.zip_longest(
             names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
         )
@@ -201,6 +207,8 @@ class Robot(Side):
 
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
+        if self._moving:
+            block = replace(block, moving=True)
         with self._lock:
             steps = self._endpoint.push(block)
             self._send_outgoing()

@@ -64,6 +64,9 @@ BUDGET_INTERVAL = 1.0
 LAST_WORDS = 0.5
 """Seconds for which a side whose call has ended still shows that: more than between two updates of a console."""
 
+MOVING = ", moving"
+"""Added to the link of a robot that says that it moves."""
+
 NO_ANSWER = "the other end may still be starting; if it stays silent once it is ready, hang up and call again"
 """Advice where a call's other end does not answer."""
 

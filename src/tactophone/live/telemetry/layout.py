@@ -86,7 +86,7 @@ GAUGES: dict[str, str] = {
 """Values that go up and down, with the description that a user reads; NaN until first set."""
 
 Action: TypeAlias = Literal[
-    "stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs", "pause", "seek"
+    "stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs", "pause", "seek", "moving"
 ]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 
@@ -98,7 +98,8 @@ class Request:
     action: Action
     """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
     full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
-    ``profile`` takes the profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in s."""
+    ``profile`` takes the profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in s. A
+    robot alone knows ``moving``, 1 or 0: whether it moves."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0

@@ -8,6 +8,8 @@ actual types are inside, so that any tool that implements RFC 2198 can read it.
 An Opus payload of two microphones is a packet of two streams, the first in its self-delimited form (RFC 6716 appendix
 B, RFC 7845 section 5.1.1): after its first byte stands the length of its frame.
 
+While the robot moves, it is a contributing source of its packets (`MOTION`).
+
 A prediction takes 16 bytes, for links too slow for sound:
 
 ===========  =====================  ==============================================
@@ -44,8 +46,11 @@ MAX_DATAGRAM = 1_280 - 48
 SRTP_OVERHEAD = 16
 """Bytes that SRTP adds to a packet: the full GCM tag (RFC 7714)."""
 
-PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 13
-"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and the last header of RFC 2198."""
+MOTION = b"MOVE"
+"""Contributing source (RFC 3550 section 5.1) of a packet while the robot moves; other receivers skip it."""
+
+PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 16
+"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and a contributing source."""
 
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
@@ -186,12 +191,16 @@ class Packet:
     """Payloads of the packets before this one, oldest first."""
     marker: bool = False
     """True on the first packet and after a gap in the sound itself (RFC 3551 section 4.1)."""
+    moving: bool = False
+    """Whether the robot moves."""
 
     def __bytes__(self) -> bytes:
         kind = PayloadType.RED if self.earlier else self.payload.kind
         head = _HEADER.pack(
-            _PLAIN, self.marker << 7 | kind, self.sequence, self.payload.timestamp % (1 << 32), self.ssrc
+            _PLAIN | self.moving, self.marker << 7 | kind, self.sequence, self.payload.timestamp % (1 << 32), self.ssrc
         )
+        if self.moving:
+            head += MOTION
         if not self.earlier:
             return head + self.payload.content
         heads, contents = b"", b""
@@ -218,7 +227,8 @@ def parse_packet(datagram: bytes) -> Packet:
         payload, earlier = _read_redundancy(timestamp, body)
     else:
         payload, earlier = Payload(_kind(second & 0x7F), timestamp, body), ()
-    return Packet(sequence, ssrc, payload, earlier, second > 0x7F)
+    moving = first & 0x0F == 1 and datagram[_HEADER.size : _HEADER.size + len(MOTION)] == MOTION
+    return Packet(sequence, ssrc, payload, earlier, second > 0x7F, moving)
 
 
 def ahead(value: int, reference: int, *, bits: int) -> int:

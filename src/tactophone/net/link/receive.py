@@ -59,6 +59,8 @@ class ReceiveSession:
         The highest frequency in Hz that the model uses, to be requested from the robot; 0: no request.
     playout
         The clocked buffer of the current session; ``None`` until the first `pull`.
+    moving
+        Whether the robot moves, by the newest packet.
     tap
         Called with the time and the session's events before they are processed, and with whether they came by `poll`:
         all that a log needs to repeat this end (`tactophone.net.link.events`).
@@ -69,7 +71,7 @@ class ReceiveSession:
         self.tap: Callable[[float, list[Event], bool], None] = lambda now, events, polled: None
         self._reorder = reorder
         self.playout: Playout | None = None
-        self.bandwidth = 0
+        self.bandwidth, self.moving = 0, False
         self._ssrcs = (0, 0)
         self._next_report = 0.0
         self._zero: float | None = None
@@ -187,7 +189,7 @@ class ReceiveSession:
                 self._depacketizer.reception.note_sender_report(report, now=now)
             return None
         packet = parse_packet(event.packet)
-        payload, self._depth = packet.payload, len(packet.earlier)
+        payload, self._depth, self.moving = packet.payload, len(packet.earlier), packet.moving
         if payload.kind not in _PREDICTIONS:
             if self.playout:
                 self.playout.push(packet, now=now)

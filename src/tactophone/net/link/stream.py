@@ -57,6 +57,8 @@ class BlockEncoder:
         The RTP timestamp of the source's first sample, in all streams.
     position
         The first sample of the next block; ``None`` before the first.
+    moving
+        Whether the robot moves, as each packet says.
     """
 
     def __init__(self, codec: Codec, *, prompt: bool = False) -> None:
@@ -64,6 +66,7 @@ class BlockEncoder:
         self._prompt = prompt
         self.origin = secrets.randbits(32)
         self.position: int | None = None
+        self.moving = False
         self.recode(codec)
         self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
         self._filled, self._after_gap = 0, True
@@ -203,7 +206,8 @@ class Packetizer:
     def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
         """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
         payload = Payload(kind, (self.encoder.origin + position) % (1 << 32), content)
-        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), self._marker)
+        earlier, moving = self._earlier(payload), self.encoder.moving
+        packet = Packet(self._sequence, self.ssrc, payload, earlier, self._marker, moving)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
         return packet
@@ -216,7 +220,7 @@ class Packetizer:
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
         """Return the newest past payloads that fit, oldest first."""
         chosen: list[Payload] = []
-        space = PAYLOAD_SPACE - len(payload.content)
+        space = PAYLOAD_SPACE - 1 - len(payload.content)  # a byte for the last header of RFC 2198
         for past in list(reversed(self._past))[: self._redundancy.depth]:
             space -= _EARLIER_HEADER + len(past.content)
             behind = (payload.timestamp - past.timestamp) % (1 << 32)
@@ -272,7 +276,8 @@ class Depacketizer:
         self._decoder: Decoder | None = None
         self._timestamps = TimestampUnwrapper(start)
         # The window: everything before `_next` has been returned or given up, and what waits lies after it.
-        self._next = start
+        self._next = self._newest = start
+        self._moving = False
         self._size = 0
         self._waiting: dict[int, _Waiting] = {}
         self._waiting_since = 0.0
@@ -321,6 +326,8 @@ class Depacketizer:
         if not self.reception.count(packet.sequence, timestamp, now=now):
             return None
         position = self._timestamps.position(timestamp)
+        if position >= self._newest:  # an older packet says how it was
+            self._newest, self._moving = position, packet.moving
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
@@ -394,7 +401,8 @@ class Depacketizer:
         self._decode_contiguous(decoded, now)
 
     def _emit(self, samples: FloatArray, now: float, *, concealed: bool, arrival: float) -> DecodedAudio:
-        block, size, stats = AudioBlock(samples, CLOCK_RATE, self._next, concealed), len(samples), self.reception.stats
+        block = AudioBlock(samples, CLOCK_RATE, self._next, concealed, self._moving)
+        size, stats = len(samples), self.reception.stats
         self._next += size
         stale = now - block.start / CLOCK_RATE - self._delay.minimum > STALENESS
         stats.samples_received += size

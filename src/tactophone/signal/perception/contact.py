@@ -9,6 +9,9 @@ A level cannot tell motors from touch: a moving robot raises it by 3 dB, and the
 sixteen bands decide, each over its own floor: motors raise few of them, and little; a touch raises many. Their
 windows are longer, so the level gate alone counts for the first 50 ms after it opens.
 
+A robot that says when it starts and stops (`core.types.AudioBlock.moving`) is not felt then: around both, contact has
+to last before it counts.
+
 The threshold follows the noise floor (`signal.perception.noise_floor`) unless it was given or calibrated; then the
 level decides alone. A touch is held over a silence as short as that of a finger that has just landed, or of a stroke
 that turns.
@@ -56,6 +59,9 @@ EARLY = 0.05
 
 DISTRUST = 1.0
 """Seconds after an opening that no band confirmed in which another counts for nothing: motors open the level gate."""
+
+JERK, PERSISTENT = 0.5, 0.15
+"""Seconds from a start or stop of the robot in which new contact counts only once it has lasted so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +133,7 @@ class ContactGate:
         self._fast, self._slow, self._hop = count(FAST), count(SLOW), count(BANDS_HOP)
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         self._early, self._distrust = count(EARLY), count(DISTRUST)
+        self._jerk, self._persistent = count(JERK), count(PERSISTENT)
         self._bands = BandLevels(sample_rate, hop=self._hop * self._levels.step_size) if bands else None
         # Powers of the steps that the slow level covers, then of new ones.
         self._powers = np.zeros(self._slow + MOST_STEPS)
@@ -154,6 +161,8 @@ class ContactGate:
         # Of the bands: whether they are loud now, and the steps since.
         self._heard, self._silent_for = False, self._hold + 1
         self._reported = False, False
+        # Of a robot's starts and stops: until when contact has to last, since when it does, whether it still has to.
+        self._moving, self._jerk_until, self._begun, self._waits = False, 0, -1, False
         if self._bands:
             self._bands.reset()
         if self.floor:
@@ -175,6 +184,10 @@ class ContactGate:
         threshold = self.threshold
         if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
             self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)  # another was assigned
+        if block.moving is not self._moving:
+            self._moving, self._jerk_until = block.moving, self._steps + self._jerk
+            # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
+            self._waits |= block.moving and self._begun >= 0 and self._steps - self._begun < self._persistent
         rows = iter(self._bands.push(block.samples[:, CONTACT]) if self._bands else repeat(_NO_BANDS))
         powers, contacts = self._levels.push(block), list[Contact]()
         for start in range(0, len(powers), MOST_STEPS):
@@ -272,11 +285,21 @@ class ContactGate:
 
     def _report(self, *, due: bool = False) -> list[Contact]:
         """Return the state if it changed or a heartbeat is due."""
-        decided = self._decide()
+        decided = self._wait(*self._decide())
         if decided == self._reported and not due:
             return []
         self._reported = decided
         return [Contact(self._steps * self._levels.step_size / self._sample_rate, *decided, self._threshold_dbfs)]
+
+    def _wait(self, touching: bool, held: bool) -> tuple[bool, bool]:
+        """Return a decision as it counts: not yet, where a robot starts or stops and the contact is young."""
+        if not touching:
+            self._begun, self._waits = -1, False
+        elif self._begun < 0:
+            self._begun, self._waits = self._steps, self._steps < self._jerk_until
+        elif self._waits and not held:
+            self._waits = self._steps - self._begun < self._persistent
+        return (False, False) if self._waits else (touching, held)
 
     def _move(self, floor: NoiseFloor) -> None:
         self.threshold.follow(floor.threshold_dbfs)
