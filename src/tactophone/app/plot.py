@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 
 from tactophone.app.vibration_wav import PeakEnvelope
-from tactophone.core.processes import make_room
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.plots import CONTACT_COLOUR, GREY, ORANGE, TOUCH_COLOURS, VIBRATION_COLOUR, load_pyplot
+from tactophone.lab.dataset.plots import (
+    CONTACT_COLOUR,
+    GREY,
+    ORANGE,
+    TOUCH_COLOURS,
+    VIBRATION_COLOUR,
+    load_pyplot,
+    save_figure,
+)
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.telemetry.timeline import read_timeline
 
@@ -45,9 +52,7 @@ def draw_recording(
     axes[-1].set(xlabel="time (s)", xlim=(0, float(time[-1]) if len(time) else 1.0))
     axes[0].set_title(title, loc="left", fontsize=10)
     _add_legend(figure)
-    make_room(path)
-    figure.savefig(path, dpi=_DPI)
-    pyplot.close(figure)
+    save_figure(figure, path, dpi=_DPI)
 
 
 def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
+from tactophone.core.processes import atomic_write
 from tactophone.lab.dataset.values import Dataset
 
 if TYPE_CHECKING:
@@ -68,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
     output.make_folder(args.out)  # now, not after hours
     results = [_run(dataset, cache, args) for dataset in _datasets(args, cache)]
     summary = {"datasets": [asdict(of_dataset) for of_dataset in results], "profiles": steps_by_profile()}
-    (args.out / "results.json").write_text(json.dumps(output.finite(summary), indent=1))
+    with atomic_write(args.out / "results.json") as unfinished:
+        unfinished.write_text(json.dumps(output.finite(summary), indent=1))
     report = write_report(args.out, results, notes=NOTES)
     output.show(summary, _parts(results), as_json=args.json)
     output.log().print(f"{report}, {args.out / 'results.json'}")

@@ -13,6 +13,7 @@ from rich.table import Table
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError, DeviceError
+from tactophone.core.processes import make_room
 from tactophone.core.settings import SETTINGS, Settings
 from tactophone.core.types import FloatArray, HapticCommand
 from tactophone.live.audio.device import Device, Process
@@ -141,6 +142,7 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
         "Hold the contact microphone against the actuator; take the finger away. A sweep of 8 s follows."
     )
     found = fit(_record(args.amplitude, settings))
+    make_room(args.out)
     args.out.write_text(as_toml(found), encoding="utf-8")
     print(f"resonance:  {found.resonance:.0f} Hz")
     print(f"band:       {found.lowest:.0f} to {found.highest:.0f} Hz, within 10 dB of it")

@@ -34,6 +34,19 @@ def test_nothing_is_written_over_another_data_set(tmp_path: Path) -> None:
         convert(dataset, tmp_path)
 
 
+def test_a_copy_replaces_a_link_and_never_what_it_leads_to(tmp_path: Path) -> None:
+    dataset, victim = open_dataset(audiofolder(tmp_path / "a")), tmp_path / "victim.txt"
+    victim.write_text("mine")
+    for recording in dataset.recordings:
+        copy = tmp_path / "b" / recording.path.relative_to(dataset.root).with_suffix(".flac")
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        for name in (copy, copy.with_name(f".{copy.name}.part")):
+            name.symlink_to(victim)
+    convert(dataset, tmp_path / "b")
+    assert victim.read_text() == "mine"
+    assert check(open_dataset(tmp_path / "b")) == ()
+
+
 def test_a_file_that_cannot_be_converted_is_named_and_leaves_no_half(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path / "a"))
     dataset.recordings[0].path.write_text("no sound")

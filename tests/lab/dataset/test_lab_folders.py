@@ -73,6 +73,15 @@ def test_a_mono_pair_becomes_one_recording_of_two_channels(tmp_path: Path, names
     np.testing.assert_array_equal(both[:, 1], soundfile.read(air, dtype="int16")[0])
 
 
+def test_a_pair_whose_air_file_is_a_link_that_leaves_the_folder_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "theirs/rough/a_1_contact.wav", touches(0))
+    (tmp_path / "theirs/rough/a_1_air.wav").symlink_to(write(tmp_path / "private.wav", touches(1)))
+    found = find_importable(tmp_path / "theirs")
+    with pytest.raises(DatasetError, match="a link that leaves"):
+        convert(found.dataset, tmp_path / "ours", air_of=found.air_of, targets=found.targets)
+    assert not list((tmp_path / "ours").rglob("*.flac"))
+
+
 @pytest.mark.parametrize(
     ("sound", "message"),
     [

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from tactophone.lab.dataset.plots import draw_dataset
+from tactophone.lab.dataset.plots import draw_dataset, load_pyplot, save_figure
 from tactophone.lab.dataset.read import open_dataset
 from tests.lab.dataset.folders import audiofolder
 
@@ -10,3 +10,13 @@ def test_a_data_set_is_drawn_even_where_a_file_is_missing(tmp_path: Path) -> Non
     dataset.recordings[0].path.unlink()
     draw_dataset(tmp_path / "set.png", dataset)
     assert (tmp_path / "set.png").stat().st_size > 20_000
+
+
+def test_a_figure_replaces_a_link_and_never_what_it_leads_to(tmp_path: Path) -> None:
+    victim, picture = tmp_path / "victim.txt", tmp_path / "picture.png"
+    victim.write_text("mine")
+    picture.symlink_to(victim)
+    figure = load_pyplot().figure()
+    save_figure(figure, picture)
+    assert victim.read_text() == "mine"
+    assert picture.read_bytes()[1:4] == b"PNG"

@@ -228,3 +228,28 @@ def test_sound_beside_an_unreadable_entry_stays(tmp_path: Path) -> None:
     take.recording.path.with_suffix(ENTRY).write_text("{")
     assert list(recover(tmp_path)) == []
     assert take.recording.path.with_suffix(PART).is_file()
+
+
+@pytest.mark.parametrize("ending", [".flac", PART, ENTRY])
+@pytest.mark.parametrize("size", [0, 1])
+def test_a_take_that_is_finished_reaches_no_file_elsewhere_by_a_link(ending: str, size: int, tmp_path: Path) -> None:
+    victim, root = tmp_path / "victim.txt", tmp_path / "takes"
+    victim.write_text("mine")
+    take = begin(root)
+    if size:
+        take.write(block(0))
+    linked = take.recording.path.with_suffix(ending)
+    linked.unlink(missing_ok=True)
+    linked.symlink_to(victim)
+    with contextlib.suppress(DatasetError):
+        list(recover(root))
+    assert victim.read_text() == "mine"
+
+
+def test_no_take_is_written_into_a_folder_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "takes").mkdir()
+    (tmp_path / "takes/slate").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DatasetError, match="a link that leaves"):
+        begin(tmp_path / "takes")
+    assert not list((tmp_path / "elsewhere").iterdir())

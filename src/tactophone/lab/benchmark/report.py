@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tactophone.core.processes import make_room
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult
-from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
+from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot, save_figure
 from tactophone.lab.evaluation.events import HALF
 from tactophone.signal.haptics.profiles import PROFILES, discriminable_steps, open_profile
 
@@ -41,6 +42,7 @@ def write_report(folder: Path, datasets: Sequence[DatasetResults], *, notes: Ite
         _table(("profile", "steps of frequency", "steps with level"), steps),
     ]
     path = folder / "report.md"
+    make_room(path)
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return path
 
@@ -119,8 +121,7 @@ def _number(value: float, form: str) -> str:
 def _save(figure: Any, path: Path) -> str:
     pyplot = load_pyplot()
     with pyplot.rc_context({"svg.hashsalt": "tactophone", "svg.fonttype": "none"}):
-        figure.savefig(path, format="svg", metadata={"Date": None})
-    pyplot.close(figure)
+        save_figure(figure, path, format="svg", metadata={"Date": None})
     return f"![{path.stem}](<{path.name}>)"
 
 

@@ -36,13 +36,15 @@ def convert(
         raise DatasetError(f"{out}: holds a data set already; name a new folder")
     copies = []
     for done, recording in enumerate(dataset.recordings, 1):
-        refuse_link(recording.path, dataset.root)
+        air = air_of.get(recording.path)
+        for path in filter(None, (recording.path, air)):
+            refuse_link(path, dataset.root)
         inner = targets.get(recording.path) or recording.path.resolve().relative_to(dataset.root.resolve())
         # By hand, as `with_suffix` would take a dot within the name for one.
         stem = inner.name if recording.path in targets else inner.stem
         target = out / inner.parent / f"{stem}.flac"
         refuse_link(target.parent, out)
-        copies.append(_copy(recording, target, air_of.get(recording.path)))
+        copies.append(_copy(recording, target, air))
         progress(done)
     write_metadata(out, copies)
     return Dataset(out.name, out, tuple(copies))

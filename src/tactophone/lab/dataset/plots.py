@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactophone.core.errors import TactophoneError
+from tactophone.core.processes import make_room
 from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
 
@@ -59,6 +60,13 @@ def load_pyplot() -> Any:
     return pyplot
 
 
+def save_figure(figure: Any, path: Path, **options: Any) -> None:
+    """Write a figure in place of what stands at ``path``, and close it; ``options`` are those of ``savefig``."""
+    make_room(path)
+    figure.savefig(path, **options)
+    load_pyplot().close(figure)
+
+
 def draw_dataset(path: Path, dataset: Dataset) -> None:
     """Draw the level of each take, and spectrograms of up to 12 recordings spread evenly over the set, as PNG.
 
@@ -84,8 +92,7 @@ def draw_dataset(path: Path, dataset: Dataset) -> None:
     lower.supylabel("contact (or only) channel, kHz", fontsize=9)
     if image is not None:
         lower.colorbar(image, ax=axes, label="dBFS/Hz", pad=0.01)
-    figure.savefig(path)
-    pyplot.close(figure)
+    save_figure(figure, path)
 
 
 def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -> None:

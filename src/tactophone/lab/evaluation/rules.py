@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
+from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot, save_figure
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.bootstrap import Estimate, bootstrap
 from tactophone.lab.evaluation.metrics import Floats, rough_score
@@ -204,8 +204,7 @@ def draw_trade_off(
     axes.set(ylabel="share of rough contact found", ylim=(0, 1.02))
     axes.legend(loc="lower right", frameon=False)
     axes.grid(alpha=0.3)
-    figure.savefig(path)
-    pyplot.close(figure)
+    save_figure(figure, path)
 
 
 def _probability(logit: float) -> float:

@@ -19,7 +19,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, flush_to_disk, make_room
 from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.convert import copy_as_flac
-from tactophone.lab.dataset.metadata import FILE_NAME, read_metadata, write_metadata
+from tactophone.lab.dataset.metadata import FILE_NAME, read_metadata, refuse_link, write_metadata
 from tactophone.lab.dataset.values import LABEL_NAMES, Recording
 
 PART = ".part.wav"
@@ -45,6 +45,7 @@ class TakeWriter:
         Raises `DatasetError` if the folder cannot be written to.
         """
         path = recording.path
+        refuse_link(path.parent, root)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_entry(recording)
@@ -154,6 +155,8 @@ def recover(root: Path) -> Iterator[Recording]:
 
 def _finish(root: Path, recording: Recording) -> Recording:
     part = recording.path.with_suffix(PART)
+    for path in (part, recording.path):
+        refuse_link(path, root)
     if part.is_file() and soundfile.info(part).frames:
         copy_as_flac(part, recording.path)
     if recording.path.is_file():
