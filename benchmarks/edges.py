@@ -7,7 +7,7 @@ SET is split into five folds, kin together; the recipe ``texture`` is trained on
 over *all* edges on which the finger slides; one that is never reported counts as infinite. *Model*: contact is a
 window over the threshold of the model's card, which is the noise of all sessions. *Floor*: over the noise floor of the
 two takes that are joined, the louder one, as a live threshold and that of `feel` are. *Touching*: all sound is contact,
-as the finger does not lift. With ``lmt`` every run is a look at real scores: enter it in docs/research/looks.md.
+as the finger does not lift.
 """
 
 import argparse

@@ -103,8 +103,8 @@ PAPER_TWO: Mapping[str, tuple[float, ...]] = {
 """Table II: accuracy of each class."""
 
 SESSION_BLOCK = 512
-LIKE_PAPER = ("paper", "dualsense", "events")
-"""Profiles that render roughness as the paper's does: one row stands for them."""
+LIKE_PAPER = ("paper", "graded", "dualsense", "events")
+"""Profiles between the paper's two stimuli: one row stands for them."""
 
 PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
     "NimbRo": (66, 62),

@@ -7,8 +7,8 @@
 
 For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on the other kinds, core and extended, and
 on SIMULATED sets of the stylus, as `make model` trains the shipped one; its takes then pass through the pipeline of
-`feel`, with the gate's threshold from each take itself. Every run is a look at real scores: enter it in
-docs/research/looks.md. *Right*: share of the time within 30 dB of the take's loudest that is rendered as its label.
+`feel`, with the gate's threshold from each take itself. *Right*: share of the time within 30 dB of the take's loudest
+that is rendered as its label.
 A line says how often *unknown* predictions and the others are wrong, core and all, and how well probabilities are
 calibrated, beside what perfect calibration would measure on as few surfaces.
 With ``--distorted`` the kept takes pass besides through channels of `distortions`, which nothing is trained on: the

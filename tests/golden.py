@@ -50,7 +50,7 @@ class PlainSession:
 
 
 def pipeline() -> Pipeline:
-    return open_pipeline("", sample_rate=48_000, channels=2, events=True)
+    return open_pipeline("", sample_rate=48_000, channels=2, profile="paper", events=True)
 
 
 def event_of(entry: dict[str, Any]) -> Connected | PacketReceived:

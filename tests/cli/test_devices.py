@@ -31,8 +31,8 @@ def test_a_missing_server_says_how_to_start_one(capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ("felt_from", "code", "advice"),
     [
-        ({60: -20, 120: -25}, 0, "You will feel both"),
-        ({60: -10, 120: -15}, 1, "up by 10 dB"),
+        ({60: -20, 217: -50}, 0, "You will feel both"),
+        ({60: -10, 217: -35}, 1, "up by 11 dB"),
         ({}, 1, "check cable, port"),
     ],
 )

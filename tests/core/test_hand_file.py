@@ -20,7 +20,7 @@ def test_a_finger_has_its_own_settings_and_shares_the_rest(tmp_path: Path) -> No
     )
     thumb, index = each_finger(settings)
     assert [finger.name for finger in settings.fingers] == ["thumb", "index"]
-    assert (thumb.rendering.profile, thumb.rendering.ceiling, index.rendering.profile) == ("lra", 0.2, "paper")
+    assert (thumb.rendering.profile, thumb.rendering.ceiling, index.rendering.profile) == ("lra", 0.2, "graded")
     assert (index.capture.contact, index.capture.air, index.detector.threshold_dbfs) == ("system:capture_3", "", -34.0)
     assert (thumb.output.port, index.output.port, index.output.channel) == ("system:playback_1", "system:playback_2", 2)
     assert {thumb.link.codec, index.link.codec} == {"pcm16"}

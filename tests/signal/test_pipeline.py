@@ -33,7 +33,7 @@ def model(tmp_path: Path) -> str:
 
 
 def pipeline_of(model: str, *, contact: ContactRule = "bands", sample_rate: int = RATE) -> Pipeline:
-    return open_pipeline(model, sample_rate=sample_rate, channels=1, contact=contact)
+    return open_pipeline(model, sample_rate=sample_rate, channels=1, profile="paper", contact=contact)
 
 
 def stimulus(touch: Touch, roughness: float) -> Prediction:

@@ -87,7 +87,7 @@ class Live:
 
 
 def open_live(
-    source: str | Source = "finger", model: str = "", *, profile: str = "paper", events: bool = False,
+    source: str | Source = "finger", model: str = "", *, profile: str = "graded", events: bool = False,
     tip: str = DEFAULT_TIP,
 ) -> Live:  # fmt: skip
     """Open live sound and a pipeline for it.

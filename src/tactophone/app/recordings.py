@@ -90,7 +90,7 @@ class OpenRecording:
 
 
 def open_recording(
-    path: str | Path, model: str | Model = "", *, profile: str = "paper", limits: Limits | None = None,
+    path: str | Path, model: str | Model = "", *, profile: str = "graded", limits: Limits | None = None,
     contact: ContactRule = "bands", events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
     margin_db: float = math.nan, block_size: int = 4096,
 ) -> OpenRecording:  # fmt: skip
@@ -135,7 +135,7 @@ def open_recording(
     preparation = Preparation.of(source)
     pipeline = open_pipeline(
         model, sample_rate=file.sample_rate, channels=len(preparation.channels), limits=limits,
-        profile="paper" if profile in PASSTHROUGH else profile, contact=contact, follow_floor=contact == "bands",
+        profile="graded" if profile in PASSTHROUGH else profile, contact=contact, follow_floor=contact == "bands",
         events=events, tip=tip,
     )  # fmt: skip
     detector, floor = pipeline.detector, None

@@ -118,7 +118,7 @@ class Table:
 
 
 def classify(
-    path: str | Path, model: str = "", *, profile: str = "paper", events: bool = False, tip: str = DEFAULT_TIP,
+    path: str | Path, model: str = "", *, profile: str = "graded", events: bool = False, tip: str = DEFAULT_TIP,
     threshold_dbfs: float = math.nan,
 ) -> Table:  # fmt: skip
     """Return all predictions of a recording, the same as those of ``tactophone feel``.

@@ -22,7 +22,7 @@ from tactophone.live.audio.portaudio import PortAudioStream
 from tactophone.live.audio.survey import SurveyedDevice, survey
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
-from tactophone.signal.haptics.profiles import ROUGH_STIMULUS, SMOOTH_STIMULUS
+from tactophone.signal.haptics.profiles import ROUGH_STIMULUS, SMOOTHEST_STIMULUS
 
 if TYPE_CHECKING:
     from tactophone.app.measurement.sweep import MeasuredResponse
@@ -93,12 +93,12 @@ def _card(device: SurveyedDevice) -> Table:
     return output.listing([*rows, ("", "")], justify="right", min_width=12)
 
 
-BURST, STEPS_DB = 0.5, range(-40, 1, 5)
+BURST, STEPS_DB = 0.5, range(-50, 1, 5)
 """Seconds of a burst; its levels under the ceiling, at which a call renders what is rough."""
 
 
 def _feel(settings: Settings) -> int:
-    """Play bursts at both ends of the paper's profile, ever louder, until the operator feels one."""
+    """Play bursts at both ends of the default profile, ever louder, until the operator feels one."""
     from tactophone.live.runtime.wiring import open_actuator
 
     oscillator, now = Oscillator(Limits(ceiling=settings.rendering.ceiling)), ROUGH_STIMULUS
@@ -123,11 +123,11 @@ def _feel(settings: Settings) -> int:
         roughness=lambda: float(now is ROUGH_STIMULUS),
         ceiling=lambda: oscillator.limits.ceiling,
     ) as actuator:
-        for now, word in ((ROUGH_STIMULUS, "rough"), (SMOOTH_STIMULUS, "smooth")):
+        for now, word in ((ROUGH_STIMULUS, "rough"), (SMOOTHEST_STIMULUS, "smoothest")):
             first = next(filter(felt, STEPS_DB), math.inf)
             lacking_db.append(first - now.level_dbfs)
             found = f"from {first} dB on" if first < 1 else "not at all"
-            print(f"{word}: {found}; the profile paper renders it at {now.level_dbfs:.0f} dB")
+            print(f"{word}: {found}; the profile graded renders it at {now.level_dbfs:.0f} dB")
     more = f"by {max(lacking_db):.0f} dB" if max(lacking_db) < math.inf else "and check cable, port and device"
     print(f"Turn the amplifier up {more}, then try again." if max(lacking_db) > 0 else "You will feel both in a call.")
     return int(max(lacking_db) > 0)

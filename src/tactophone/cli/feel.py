@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--finger", default="", metavar="NAME",
         help="of the log of a hand: only the finger of this name (default: each)")  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
-    add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="paper", metavar="NAME",
+    add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="graded", metavar="NAME",
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip
     options.add_figure(parser)
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")

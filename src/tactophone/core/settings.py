@@ -219,9 +219,9 @@ class Rendering:
     """How predictions become vibration, and how strong it may be."""
 
     profile: str = _setting(
-        "paper",
-        "rendering profile: paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: direct, pitch, "
-        "median-frequency",
+        "graded",
+        "rendering profile: graded, paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: "
+        "direct, pitch, median-frequency",
         flag="--profile",
         verbs="demo loopback play receive replay try",
     )

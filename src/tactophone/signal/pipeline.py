@@ -167,7 +167,7 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
 
 
 def open_pipeline(
-    model: str | Model = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
+    model: str | Model = "", *, sample_rate: int, channels: int, profile: str = "graded", limits: Limits | None = None,
     contact: ContactRule = "bands", follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
 ) -> Pipeline:  # fmt: skip
     """Open a pipeline for sound of a given rate and channel count.

@@ -31,7 +31,8 @@ def oscillator() -> Oscillator:
 def endpoint(tmp_path: Path) -> OperatorEndpoint:
     _, session = paired_sessions(Codec())
     return OperatorEndpoint(
-        session, open_pipeline(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000, channels=2)
+        session,
+        open_pipeline(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000, channels=2, profile="paper"),
     )
 
 
@@ -205,7 +206,7 @@ def test_a_profile_that_cannot_be_opened_is_refused(finger: FingerOutput, monkey
         raise ConfigError("no such actuator")
 
     monkeypatch.setattr("tactophone.live.runtime.gate.open_profile", broken)
-    assert finger.apply([Request("profile", text="paper")]) == ["profile"]
+    assert finger.apply([Request("profile", text="lra")]) == ["profile"]
 
 
 def test_controls_tell_the_threshold_only_where_it_is_fixed(finger: FingerOutput, endpoint: OperatorEndpoint) -> None:

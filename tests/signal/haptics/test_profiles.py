@@ -21,7 +21,7 @@ def prediction(touch: Touch, roughness: float) -> Prediction:
 @pytest.mark.parametrize("name", NAMES)
 def test_rough_is_stronger_than_smooth_and_no_contact_is_silent(name: str) -> None:
     profile = open_profile(name)
-    commands = [profile.command(prediction(Touch.ROUGH, step / 50)) for step in range(51)]
+    commands = [open_profile(name).command(prediction(Touch.ROUGH, step / 50)) for step in range(51)]
     levels = [sensation_db(command.amplitude, command.frequency) for command in commands]
     assert levels == sorted(levels)
     assert levels[0] > 0

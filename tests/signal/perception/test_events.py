@@ -139,11 +139,11 @@ def test_the_profile_events_clicks_once_for_30_ms() -> None:
     assert all(command.amplitude <= 0.5 for command in step.commands)
 
 
-def test_without_events_the_profile_renders_as_the_papers() -> None:
+def test_without_events_the_profile_renders_as_the_graded_one() -> None:
     pipeline = open_pipeline("texture", sample_rate=RATE, channels=2, follow_floor=False)
     sound = np.random.default_rng(0).normal(0, 0.1, (RATE, 2)).astype(np.float32)
     (prediction, *_) = pipeline.push(AudioBlock(sound, RATE)).predictions
-    assert open_profile("events").command(prediction) == open_profile("paper").command(prediction)
+    assert open_profile("events").command(prediction) == open_profile("graded").command(prediction)
 
 
 def test_lost_sound_and_invalid_samples_bring_no_event() -> None:

@@ -201,7 +201,8 @@ class FingerOutput:
         """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
         try:
             if request.action == "profile" and request.text in self.profiles:
-                self.pipeline.profile = open_profile(request.text, self._response)
+                if request.text != self.pipeline.profile.name:  # opened anew it would forget the touch
+                    self.pipeline.profile = open_profile(request.text, self._response)
             elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
                 self.pipeline.detector.threshold.dbfs = request.value
             else:

@@ -1,20 +1,22 @@
 """Rendering profiles: which vibration a prediction is mapped to, and what an actuator can play of it.
 
-The paper's profile, one fitted to perception, and some for actuators that cannot play the paper's sines. All go from
-*smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a true one. A profile takes no account
-of limits; :mod:`tactophone.signal.haptics.limits` scales and bounds what it asks for.
+The paper's profile, the same graded within its classes, one fitted to perception, and some for actuators that cannot
+play the paper's sines. All go from *smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a
+true one. A profile takes no account of limits; :mod:`tactophone.signal.haptics.limits` scales and bounds what it asks
+for.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.types import HapticCommand, Prediction, Profile, Touch
+from tactophone.signal.haptics.grade import SMOOTH_GRADE, Grade
 from tactophone.signal.haptics.psychophysics import amplitude_for, count_steps
 
 
@@ -33,6 +35,9 @@ ROUGH_STIMULUS = Stimulus(60.0, 0.0)
 
 SMOOTH_STIMULUS = Stimulus(120.0, -25.0)
 """They describe it as *fizzy*."""
+
+SMOOTHEST_STIMULUS = Stimulus(217.0, -46.0)
+"""Where `GradedProfile` ends: about 11 dB fainter to a finger than the paper's smooth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +60,27 @@ class PaperProfile:
     name: str = "paper"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        roughness = prediction.roughness
-        frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** roughness
-        level_dbfs = self.smooth.level_dbfs + roughness * (self.rough.level_dbfs - self.smooth.level_dbfs)
+        return self.between(prediction, prediction.roughness)
+
+    def between(self, prediction: Prediction, share: float) -> HapticCommand:
+        """Return the vibration at a share of the way from smooth (0) to rough (1); under 0 it is smoother yet."""
+        frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** share
+        level_dbfs = self.smooth.level_dbfs + share * (self.rough.level_dbfs - self.smooth.level_dbfs)
         return _vibration(prediction, 10 ** (level_dbfs / 20), frequency)
+
+
+@dataclass(frozen=True, slots=True)
+class GradedProfile(PaperProfile):
+    """The paper's two stimuli, graded within a class: what is rougher is lower and stronger.
+
+    It remembers the touch (`Grade`); each pipeline needs one of its own. Smooth ends at `SMOOTHEST_STIMULUS`.
+    """
+
+    name: str = "graded"
+    grade: Grade = field(default_factory=Grade, repr=False, compare=False)
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        return self.between(prediction, (self.grade.push(prediction) - SMOOTH_GRADE) / (1 - SMOOTH_GRADE))
 
 
 def _vibration(prediction: Prediction, amplitude: float, frequency: float) -> HapticCommand:
@@ -142,8 +164,8 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class DualSenseProfile(PaperProfile):
-    """The paper's rendering on a DualSense's voice coils, moved into their band once it is measured.
+class DualSenseProfile(GradedProfile):
+    """The graded rendering on a DualSense's voice coils, moved into their band once it is measured.
 
     No figures of these coils are published. Until `tactophone devices measure` has written theirs, the two stimuli are
     the paper's; a band that begins above 60 Hz moves both up, an octave apart, so that the ratio that a finger
@@ -204,6 +226,7 @@ class ErmProfile:
     fastest: float = 220.0
     """`slowest` and `fastest`: speeds in Hz: the lowest at which it turns, and that at full drive."""
     name: str = "erm"
+    grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
@@ -211,7 +234,7 @@ class ErmProfile:
 
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
-        share = 0.0 if prediction.touch is Touch.NONE else prediction.roughness
+        share = self.grade.push(prediction)
         frequency = self.slowest + share * (self.fastest - self.slowest)
         return _vibration(prediction, (frequency / self.fastest) ** 2, frequency)
 
@@ -225,13 +248,14 @@ class LraProfile:
     faint_db: float = -25.0
     """Level of smooth, in dB of full drive."""
     name: str = "lra"
+    grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        return _vibration(prediction, 10 ** (self.faint_db * (1 - prediction.roughness) / 20), self.resonance)
+        return _vibration(prediction, 10 ** (self.faint_db * (1 - self.grade.push(prediction)) / 20), self.resonance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,14 +272,15 @@ class PiezoProfile:
     faint_db: float = -25.0 - 12.0
     """Level of smooth, in dB of full drive."""
     name: str = "piezo"
+    grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        frequency = self.resonance * 2**-prediction.roughness
-        return _vibration(prediction, 10 ** (self.faint_db * (1 - prediction.roughness) / 20), frequency)
+        share = self.grade.push(prediction)
+        return _vibration(prediction, 10 ** (self.faint_db * (1 - share) / 20), self.resonance * 2**-share)
 
 
 CLICK_DURATION = 0.03
@@ -292,9 +317,10 @@ class EventsProfile:
 
 
 PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = {
-    "paper": lambda response: PaperProfile(), "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted,
-    "lra": LraProfile.fitted, "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
-    "events": lambda response: EventsProfile(PaperProfile()),
+    "graded": lambda response: GradedProfile(), "paper": lambda response: PaperProfile(),
+    "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted, "lra": LraProfile.fitted,
+    "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
+    "events": lambda response: EventsProfile(GradedProfile()),
 }  # fmt: skip
 """Makes each profile for an actuator, by the name that ``feel --profile`` takes."""
 

@@ -1,0 +1,87 @@
+"""How rough a touch is within its class, in steps that a finger can tell apart.
+
+Through one microphone the order of two surfaces is nearly always right where the boundary between the classes is not
+(docs/research/detector.md). So what is drawn follows the logit of the detector: P(rough) saturates, and two smooth
+surfaces have the same.
+"""
+
+import math
+from typing import NamedTuple
+
+from tactophone.core.types import Prediction, Touch
+
+GRADE_MEMORY = 0.7
+"""Seconds over which the evidence is averaged, and since a touch began at most: slow enough to compare two surfaces,
+and at once at a touch's start."""
+
+SAME_TOUCH = 0.25
+"""Seconds without contact after which the next touch is another one: a stroke that turns is silent for as long."""
+
+
+class Span(NamedTuple):
+    """The grades of a class by the logit: steep about its centre, and ever flatter beyond, so that no two are equal."""
+
+    centre: float
+    width: float
+    bottom: float
+    top: float
+    start: float
+    """Grade of a touch of which no window has been classified yet."""
+
+    def at(self, logit: float) -> float:
+        off = (logit - self.centre) / self.width
+        share = 0.5 + 0.505 * off / math.sqrt(1 + off * off)  # both ends are reached, seven widths from the centre
+        return self.bottom + (self.top - self.bottom) * min(max(share, 0.0), 1.0)
+
+
+SMOOTH_GRADE = 0.46
+"""Grade at which the paper's smooth stimulus is drawn; its rough one is drawn at 1, and what is smoother below this."""
+
+SPANS = {
+    Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE),
+    Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0),
+}
+"""A just-noticeable difference of `GradedProfile`'s vibration is 0.056: near the centre a unit of the logit is four of
+them in smooth and one in rough. A smooth touch stays weaker than any rough one, so a false bump cannot outdo it."""
+
+
+class Grade:
+    """Grades the touches of one pipeline: 0 is as smooth as can be, 1 as rough.
+
+    Examples
+    --------
+    >>> grade = Grade()
+    >>> even = Prediction((0.0, 0.5, 0.5), Touch.SMOOTH, roughness=0.49, level_dbfs=-20.0, start=0.0, end=0.032)
+    >>> round(grade.push(even), 2)
+    0.63
+    """
+
+    def __init__(self) -> None:
+        self._mean = self._heard = 0.0
+        self._touched = self._end = -math.inf
+
+    def push(self, prediction: Prediction) -> float:
+        """Take the next prediction; return the grade of its touch, 0 without contact."""
+        if prediction.touch is Touch.NONE:
+            return 0.0
+        span = SPANS[prediction.touch]
+        if prediction.start == prediction.end:
+            return span.at(_logit(prediction))  # of no window: asked for what would be drawn
+        # Time may begin anew, where a stream is restarted.
+        if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
+            self._heard, self._end = 0.0, -math.inf
+        self._touched = prediction.end
+        # A smooth without any roughness is what the contact gate says before a window is full of touch, or at its end.
+        if prediction.roughness > 0 or prediction.touch is Touch.ROUGH:
+            passed = min(prediction.end - self._end, prediction.end - prediction.start)
+            self._end = prediction.end
+            self._heard = min(self._heard + passed, GRADE_MEMORY)
+            if self._heard > 0:
+                self._mean += (_logit(prediction) - self._mean) * passed / self._heard
+        return span.at(self._mean) if self._heard else span.start
+
+
+def _logit(prediction: Prediction) -> float:
+    """Logit of rough against smooth, as far as probabilities of float32 hold it."""
+    _, smooth, rough = prediction.probabilities
+    return math.log((rough + 1e-7) / (smooth + 1e-7))
