@@ -44,20 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
-    add(
-        "--splits",
-        metavar="LIST",
-        help="names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
-        "pressure, scenario and session where the data has them)",
+    words = (
+        "names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
+        "pressure, scenario and session where the data has them)"
     )
-    add(
-        "--fast",
-        action="store_true",
-        help="three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours",
-    )
-    add(
-        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.md and its figures"
-    )
+    add("--splits", metavar="LIST", help=words)
+    words = "three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours"
+    add("--fast", action="store_true", help=words)
+    words = "for results.json, report.md and its figures"
+    add("--out", type=Path, default=Path("benchmark"), metavar="DIR", help=words)
     add_folds(parser)
     options.add_json(parser, "print JSON instead of tables")
 

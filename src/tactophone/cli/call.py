@@ -43,17 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("--yes", action="store_true", help="accept whoever has the code, without a question")
     else:
         parser.add_argument("code", nargs="?", default="", metavar="name", help="of an end that --remember knows")
-        parser.add_argument(
-            "--check", action="store_true", help="only say which router is here, and which way a call would take"
-        )
+        words = "only say which router is here, and which way a call would take"
+        parser.add_argument("--check", action="store_true", help=words)
     usual = "what the caller is not" if answers else "the operator"
-    parser.add_argument(
-        "--robot", action="store_const", const="robot", dest="role", help=f"be the robot (default: {usual})"
-    )
+    words = f"be the robot (default: {usual})"
+    parser.add_argument("--robot", action="store_const", const="robot", dest="role", help=words)
     parser.add_argument("--operator", action="store_const", const="operator", dest="role", help="be the operator")
-    parser.add_argument(
-        "--remember", default="", metavar="NAME", help="keep the other end's fingerprint and a secret: then no code"
-    )
+    words = "keep the other end's fingerprint and a secret: then no code"
+    parser.add_argument("--remember", default="", metavar="NAME", help=words)
     live.add_arguments(parser)
 
 

@@ -18,20 +18,13 @@ if TYPE_CHECKING:
 
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--filter",
-        action="append",
-        metavar="KEY=VALUE[,VALUE...]",
-        help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
-    )
+    words = "keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable"
+    parser.add_argument("--filter", action="append", metavar="KEY=VALUE[,VALUE...]", help=words)
 
 
 def add_labels(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--labels",
-        metavar="N=NAME[,...]",
-        help="what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or the data card beside them)",
-    )
+    words = "what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or the data card beside them)"
+    parser.add_argument("--labels", metavar="N=NAME[,...]", help=words)
 
 
 def labels_of(args: argparse.Namespace) -> dict[str, str] | None:

@@ -59,9 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(sub, "print JSON instead of a table")
     sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
     sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
-    sub.add_argument(
-        "--fold", type=Within(int, 1), default=1, metavar="N", help="the fold whose test set --write takes, %(type)s"
-    )
+    words = "the fold whose test set --write takes, %(type)s"
+    sub.add_argument("--fold", type=Within(int, 1), default=1, metavar="N", help=words)
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
@@ -72,12 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    sub.add_argument(
-        "--format",
-        choices=tuple(PUBLISHED),
-        help="as published: BioTac's CSV with pac1 to "
-        "pac22; the Cluster Haptic Texture Dataset's sensor_data and texture_list.xlsx",
+    words = (
+        "as published: BioTac's CSV with pac1 to "
+        "pac22; the Cluster Haptic Texture Dataset's sensor_data and texture_list.xlsx"
     )
+    sub.add_argument("--format", choices=tuple(PUBLISHED), help=words)
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")

@@ -64,21 +64,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--note", metavar="NAME", help="write the scores into the model's card, under this name")
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
-    group.add_argument(
-        "--split",
-        metavar="NAME",
-        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)",
-    )
+    words = f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)"
+    group.add_argument("--split", metavar="NAME", help=words)
     group.add_argument("--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
         "(without N: 1)")  # fmt: skip
-    group.add_argument(
-        "--vary",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE,VALUE...",
-        help="an entry of a recipe file and its values, repeatable: every combination is tried, best first",
-    )
+    words = "an entry of a recipe file and its values, repeatable: every combination is tried, best first"
+    group.add_argument("--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words)
     add_folds(group)
     add_recipe(group)
 

@@ -16,9 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("format", choices=("lerobot",), metavar="FORMAT", help="lerobot: LeRobotDataset v3.0")
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
-    add(
-        "--with", dest="dataset", type=Path, required=True, metavar="DATASET", help="folder of the robot's own data set"
-    )
+    words = "folder of the robot's own data set"
+    add("--with", dest="dataset", type=Path, required=True, metavar="DATASET", help=words)
     add("--out", type=Path, required=True, metavar="DIR", help="new folder: a copy with what was felt")
     add("--episode", type=options.Within(int, 0), default=0, metavar="N",
         help="episode that the log belongs to, %(type)s")  # fmt: skip

@@ -37,9 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return
     add_action = options.add_actions(parser)
     show = add_action("show", "show a model's card: input, decision rule, training data, scores", _show)
-    show.add_argument(
-        "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
-    )
+    words = f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
+    show.add_argument("model", metavar="NAME|FILE", help=words)
     options.add_json(show, "print the card as JSON")
     words = (
         "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
@@ -48,9 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     published = add_action("import", words, _import)
     published.add_argument("source", type=Path, metavar="FILE", help="the TorchScript file, or model.pt")
-    published.add_argument(
-        "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
-    )
+    words = "the model file to write (default: FILE.onnx, in this folder)"
+    published.add_argument("--out", type=Path, metavar="FILE", help=words)
 
 
 def _import(args: argparse.Namespace) -> int:
@@ -125,9 +123,8 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     parser.set_defaults(run=_set_threshold)
     goal = parser.add_mutually_exclusive_group(required=True)
-    goal.add_argument(
-        "--false-bumps", metavar="N/min", help="rough predicted on smooth, over 0 to 600 times a minute of contact"
-    )
+    words = "rough predicted on smooth, over 0 to 600 times a minute of contact"
+    goal.add_argument("--false-bumps", metavar="N/min", help=words)
     goal.add_argument("--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
         help="share of smooth contact predicted rough, %(type)s")  # fmt: skip
     add("--out", type=Path, metavar="FILE",

@@ -144,9 +144,8 @@ def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
     group.add_argument("--settings", type=Path, action="append", default=[], metavar="FILE",
         help="TOML file of settings; options override it, and so does a later file")  # fmt: skip
-    group.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
-    )
+    words = "any other setting, such as link.port=48471"
+    group.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help=words)
     for name in flags_of(verb):
         add_flag(group, name, own.get(name))
 
@@ -164,12 +163,11 @@ def add_actions(parser: argparse.ArgumentParser) -> Callable[..., argparse.Argum
 
 
 def add_fingers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--fingers",
-        metavar="N|FILE",
-        help="a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
-        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)",
+    words = (
+        "a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)"
     )
+    parser.add_argument("--fingers", metavar="N|FILE", help=words)
 
 
 def add_finger(parser: argparse.ArgumentParser) -> None:

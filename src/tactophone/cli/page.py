@@ -24,9 +24,8 @@ if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
     """Add ``--dashboard``, and for a verb without other settings ``--lan`` and ``--https``."""
-    parser.add_argument(
-        "--dashboard", action="store_true", help="serve a page that shows the run, and print its address"
-    )
+    words = "serve a page that shows the run, and print its address"
+    parser.add_argument("--dashboard", action="store_true", help=words)
     for name in options.flags_of(verb):
         if name.startswith("page."):
             options.add_flag(parser, name)
@@ -129,10 +128,7 @@ class PageRecorder:
 
     ``report`` is called with a line when a log begins, ends, or fails, from another thread.
 
-    Attributes
-    ----------
-    page
-        The page's end: it sends true to begin and false to end, and receives what a page shows.
+    - ``page``: the page's end: it sends true to begin and false to end, and receives what a page shows.
     """
 
     def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = lambda line: None) -> None:

@@ -21,9 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     forget = steps.add_parser("forget", help="stop accepting a machine")
     forget.add_argument("name", help="as given to `pair trust`")
     for step in steps.choices.values():
-        step.add_argument(
-            "--identity", type=Path, metavar="FOLDER", help="where keys are kept (default: ~/.config/tactophone)"
-        )
+        words = "where keys are kept (default: ~/.config/tactophone)"
+        step.add_argument("--identity", type=Path, metavar="FOLDER", help=words)
 
 
 def run(args: argparse.Namespace) -> int:

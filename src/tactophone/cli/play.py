@@ -48,12 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     verb = parser.get_default("verb")
     if verb == "play":
-        add(
-            "--seed",
-            type=SEED,
-            metavar="N",
-            help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
-        )
+        words = "random seed of the first round's order, %(type)s; each further round adds 1 (default: random)"
+        add("--seed", type=SEED, metavar="N", help=words)
         add("--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
             help="file to which each round's result is appended as one line of JSON")  # fmt: skip
         options.add_settings(parser, verb, NEAR)

@@ -54,12 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--label", required=True, choices=[label.name.lower() for label in SURFACE_LABELS], help="how it feels to you")
     add("--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)")
     add("--material", default="", metavar="NAME", help="its material")
-    add(
-        "--scenario",
-        default="table",
-        metavar="NAME",
-        help=f"how it is held: {', '.join(RECORD_SCENARIOS)}, or any other",
-    )
+    words = f"how it is held: {', '.join(RECORD_SCENARIOS)}, or any other"
+    add("--scenario", default="table", metavar="NAME", help=words)
     add("--session", default="", metavar="NAME", help="recording session (default: today's date)")
     add("--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to")
     add("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")

@@ -113,26 +113,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--model", default="", metavar="NAME|FILE",
         help="model of kind texture to start from; default: the shipped one for the tip")  # fmt: skip
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
-        add(
-            f"--{label}",
-            metavar="NAMES",
-            help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
-            f"{', '.join(names)})",
+        words = (
+            f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
+            f"{', '.join(names)})"
         )
+        add(f"--{label}", metavar="NAMES", help=words)
     add("--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
         help="of sliding on each object, %(type)s")  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
     options.add_json(parser, "print the result as JSON")
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
-    add(
-        "--check",
-        nargs="?",
-        const="microphones",
-        choices=("microphones", "bench"),
-        help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps, and a "
+    words = (
+        "only check the microphones and measure noise floor and contact threshold: silence, strokes, taps, and a "
         "robot's motion; writes a calibration file, by default calibration.toml. bench: test a finished finger with a "
-        "ball and a weight",
+        "ball and a weight"
     )
+    add("--check", nargs="?", const="microphones", choices=("microphones", "bench"), help=words)
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
     options.add_settings(parser, "setup")

@@ -25,11 +25,8 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     add("--channels", type=int, choices=(1, 2),
         help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
         "them from variant")  # fmt: skip
-    add(
-        "--tip",
-        choices=TIP_NAMES,
-        help="that the model is for (recipes on features; default: the one that the recordings name)",
-    )
+    words = "that the model is for (recipes on features; default: the one that the recordings name)"
+    add("--tip", choices=TIP_NAMES, help=words)
     add("--set", action="append", default=[], metavar="NAME=VALUE",
         help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable")  # fmt: skip
 
