@@ -104,12 +104,9 @@ def evaluate_recipe(
 ) -> dict[str, Report]:  # fmt: skip
     """Cross-validate a recipe; returns its scores, first, and those of the baselines, by name.
 
-    Parameters
-    ----------
-    how
-        One of `tactophone.lab.dataset.splits.SPLITS`.
-    baselines
-        Unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces so many times.
+    - ``how``: one of `tactophone.lab.dataset.splits.SPLITS`.
+    - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces
+      so many times.
     """
     from tactophone.lab.benchmark.folds import permute_labels
     from tactophone.lab.benchmark.methods import method_of, recipe_method

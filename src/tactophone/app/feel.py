@@ -67,14 +67,9 @@ def feel(
 ) -> Felt:  # fmt: skip
     """Process a recording and write its vibration, timeline and, if wanted, a figure.
 
-    Parameters
-    ----------
-    folder, stem
-        Where the files go, and how their names begin: by default as the recording's.
-    settings
-        Model, contact, threshold, events, tip, profile and ceiling are used.
-    report
-        Called with the samples processed and their number.
+    - ``folder``, ``stem``: where the files go, and how their names begin: by default as the recording's.
+    - ``settings``: model, contact, threshold, events, tip, profile and ceiling are used.
+    - ``report``: called with the samples processed and their number.
 
     Raises `DatasetError` if the recording cannot be read, `ModelError` if the model does not fit it, and `ConfigError`
     if the results cannot be written.

@@ -44,12 +44,8 @@ def loopback(
 ) -> "Snapshot":  # fmt: skip
     """Run both sides on this machine, and return the last snapshot of the operator: counters, gauges, state.
 
-    Parameters
-    ----------
-    duration
-        Longest time, in s, once the run has started; it ends before if its sound does.
-    record, bridges, report
-        As for `observed`.
+    - ``duration``: longest time, in s, once the run has started; it ends before if its sound does.
+    - ``record``, ``bridges``, ``report``: as for `observed`.
 
     Raises `ConfigError` if a setting does not fit, and `TactophoneError` if no side ever started.
     """
@@ -120,16 +116,11 @@ def observed(
 ) -> Iterator[None]:  # fmt: skip
     """Record the run of that name meanwhile, and show it elsewhere.
 
-    Parameters
-    ----------
-    record
-        Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for predictions and commands alone.
-    bridges
-        Each a name of `BRIDGES`, or ``NAME=ADDRESS``.
-    sends
-        Whether the run is a robot's side alone.
-    report, warn
-        Called with what people should know, and with what has gone wrong in a run that goes on; from any thread.
+    - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for predictions and commands alone.
+    - ``bridges``: each a name of `BRIDGES`, or ``NAME=ADDRESS``.
+    - ``sends``: whether the run is a robot's side alone.
+    - ``report``, ``warn``: called with what people should know, and with what has gone wrong in a run that goes on;
+      from any thread.
 
     Raises `ConfigError` if something asked for would be ignored.
     """

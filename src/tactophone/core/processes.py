@@ -127,15 +127,10 @@ class Parent:
 class Child:
     """A process of this machine, started at once; it ends no later than its parent.
 
-    Parameters
-    ----------
-    work
-        Called in the new process with its `Parent` and the arguments, all picklable. A `TactophoneError` ends it with
-        one message and no traceback.
-    name
-        Shown by the system, and in what `how_ended` returns.
-    niceness
-        By how much its priority is lowered: on a busy machine it waits, not the sound.
+    - ``work``: called in the new process with its `Parent` and the arguments, all picklable. A `TactophoneError` ends
+      it with one message and no traceback.
+    - ``name``: shown by the system, and in what `how_ended` returns.
+    - ``niceness``: by how much its priority is lowered: on a busy machine it waits, not the sound.
     """
 
     def __init__(self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0) -> None:

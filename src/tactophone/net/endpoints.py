@@ -31,16 +31,11 @@ EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
 class RobotEndpoint:
     """The robot's side: takes sound, and sends it or its predictions through a session.
 
-    Parameters
-    ----------
-    group
-        The sessions with one or more operators. Whoever owns the sockets also passes what arrives to it, polls it and
-        fetches the datagrams of its sessions.
-    detector
-        Makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None`` sends the
-        sound.
-    channels
-        Of the sound of each finger of a hand (`tactophone.signal.pipeline.Hand`); empty without one.
+    - ``group``: the sessions with one or more operators. Whoever owns the sockets also passes what arrives to it, polls
+      it and fetches the datagrams of its sessions.
+    - ``detector``: makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None``
+      sends the sound.
+    - ``channels``: of the sound of each finger of a hand (`tactophone.signal.pipeline.Hand`); empty without one.
     """
 
     def __init__(
@@ -76,15 +71,10 @@ class OperatorEndpoint:
     Sound too old to be rendered still goes through the detector, whose next window needs it, but its step holds no
     predictions and no commands.
 
-    Parameters
-    ----------
-    session
-        Opens the datagrams and puts the sound in order.
-    pipeline
-        For sound of two channels; or the pipelines of a hand, whose robot must have as many fingers.
-    reopen
-        Returns the pipeline for another number of channels, when a robot with other microphones connects; raises
-        `ModelError` where the model cannot do with so many. Not for a hand.
+    - ``session``: opens the datagrams and puts the sound in order.
+    - ``pipeline``: for sound of two channels; or the pipelines of a hand, whose robot must have as many fingers.
+    - ``reopen``: returns the pipeline for another number of channels, when a robot with other microphones connects;
+      raises `ModelError` where the model cannot do with so many. Not for a hand.
 
     ``refusal``: why the sound of the connected robot cannot be used; empty while it can.
     """

@@ -106,21 +106,11 @@ class Hand:
     Every finger has its own detector, profile and limits, and classifies as it would alone: in a batch, P(rough) may
     differ by 1e-5. One finger is a hand too: its sound passes as it is.
 
-    Parameters
-    ----------
-    pipelines
-        One for each finger, in the order of the channels.
-    channels
-        Of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has as silence.
-        By default 2 each; the sound of a single finger has whatever its pipeline takes.
+    - ``pipelines``: one for each finger, in the order of the channels.
+    - ``channels``: of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has
+      as silence. By default 2 each; the sound of a single finger has whatever its pipeline takes.
+    - ``fingers``: number of fingers.
 
-    Attributes
-    ----------
-    fingers
-        Number of fingers.
-
-    Examples
-    --------
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
     >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
     >>> [(step.finger, step.block.channels) for step in hand.push(sound)]

@@ -28,23 +28,12 @@ class OscBridge:
     Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
     keeps the value that it has.
 
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    target
-        Host and port to send to, such as ``127.0.0.1:9000``.
-    finger
-        Name of the finger in the addresses; those of a hand have names.
-    listen
-        UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
-    avatar
-        Whether to send VRChat's avatar parameters too.
-
-    Attributes
-    ----------
-    counts
-        Datagrams received: ``stop``, and ``ignored``.
+    - ``name``: of a run that exists already.
+    - ``target``: host and port to send to, such as ``127.0.0.1:9000``.
+    - ``finger``: name of the finger in the addresses; those of a hand have names.
+    - ``listen``: UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
+    - ``avatar``: whether to send VRChat's avatar parameters too.
+    - ``counts``: datagrams received: ``stop``, and ``ignored``.
     """
 
     interval = OSC_INTERVAL

@@ -142,20 +142,12 @@ class JointMotion:
 class RosBridge:
     """Passes a run on to ROS 2; a context manager whose `read` is called every `ROS_INTERVAL`.
 
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    finger
-        Part of the topics; those of a hand have names.
-    publish
-        Whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
-    sinks
-        Devices to drive, as `open_sink` takes them.
-    domain
-        Of ROS; ``None`` takes ROS_DOMAIN_ID.
-    over
-        ``dds`` or ``zenoh``.
+    - ``name``: of a run that exists already.
+    - ``finger``: part of the topics; those of a hand have names.
+    - ``publish``: whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
+    - ``sinks``: devices to drive, as `open_sink` takes them.
+    - ``domain``: of ROS; ``None`` takes ROS_DOMAIN_ID.
+    - ``over``: ``dds`` or ``zenoh``.
 
     Raises `ConfigError` if the domain cannot be joined.
     """
@@ -276,10 +268,7 @@ class RosBridge:
 class RosSource(AlwaysOpen):
     """A `core.types.Source` of 16-bit samples on a topic such as ``/audio``, with its format on ``/audio_info``.
 
-    Attributes
-    ----------
-    faults
-        ``odd size``: messages that hold no whole samples, which are dropped.
+    - ``faults``: ``odd size``: messages that hold no whole samples, which are dropped.
 
     Raises `ConfigError` if nothing is published there, or in another format.
     """

@@ -45,10 +45,8 @@ class Acceptor:
 
     When there are `MOST`, the oldest goes that has shown no token; when all have, the new one.
 
-    Attributes
-    ----------
-    known
-        Of the server's connections (``request.protocol``) those that have shown the token; the server adds them.
+    - ``known``: of the server's connections (``request.protocol``) those that have shown the token; the server adds
+      them.
     """
 
     def __init__(self, tls: ssl.SSLContext | None = None) -> None:

@@ -38,16 +38,11 @@ class RecordRequest:
 def parse_request(text: str, state: State, *, finger: int = 0, local: bool = True) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
-    Parameters
-    ----------
-    state
-        Settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier value. The run
-        itself refuses any ceiling above the local machine's; this check is the stricter.
-    finger
-        Whose settings the request is for.
-    local
-        Whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken the
-        vibration; it never arms, strengthens or changes what is detected.
+    - ``state``: settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier
+      value. The run itself refuses any ceiling above the local machine's; this check is the stricter.
+    - ``finger``: whose settings the request is for.
+    - ``local``: whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken
+      the vibration; it never arms, strengthens or changes what is detected.
 
     >>> parse_request('{"action": "mute"}', State()).action
     'mute'

@@ -29,16 +29,10 @@ GAIN = 0.025
 class BuiltFinger:
     """A finger as built.
 
-    Parameters
-    ----------
-    stiffness
-        Of the bed, in N/m: 12e3 in training; more of a hard silicone or a thin bed.
-    corner
-        High-pass corner in Hz: 16 of a high-impedance input, 1,600 of a line input.
-    air
-        Whether air is left under the disc: it hears less, and hardly any treble.
-    motors_db
-        By how much more of the robot's motors reaches the contact microphone than in training.
+    - ``stiffness``: of the bed, in N/m: 12e3 in training; more of a hard silicone or a thin bed.
+    - ``corner``: high-pass corner in Hz: 16 of a high-impedance input, 1,600 of a line input.
+    - ``air``: whether air is left under the disc: it hears less, and hardly any treble.
+    - ``motors_db``: by how much more of the robot's motors reaches the contact microphone than in training.
     """
 
     stiffness: float = 11.8e3

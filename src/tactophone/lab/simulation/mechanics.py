@@ -60,14 +60,9 @@ coefficient is about twice a hard plastic's (Persson, J. Chem. Phys. 115, 3840, 
 class ContactMechanics:
     """The contact of one tip with one body.
 
-    Parameters
-    ----------
-    modulus
-        Reduced modulus ``E*`` of both bodies, in Pa.
-    radius
-        Radius in m of the Hertz contact that has the true patch at 1 N.
-    adhesion
-        Adhesive friction relative to that of the default tip's skin.
+    - ``modulus``: reduced modulus ``E*`` of both bodies, in Pa.
+    - ``radius``: radius in m of the Hertz contact that has the true patch at 1 N.
+    - ``adhesion``: adhesive friction relative to that of the default tip's skin.
     """
 
     modulus: float

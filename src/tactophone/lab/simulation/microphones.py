@@ -191,14 +191,9 @@ def _convert(
 class SessionVariation:
     """What is constant within a session.
 
-    Parameters
-    ----------
-    finger, electronics
-        Mechanics and microphones.
-    seed
-        Draws the objects' modes and the phase of the hum.
-    flexure
-        Bending modes of what holds the tip.
+    - ``finger``, ``electronics``: mechanics and microphones.
+    - ``seed``: draws the objects' modes and the phase of the hum.
+    - ``flexure``: bending modes of what holds the tip.
     """
 
     finger: Finger = field(default_factory=Finger)

@@ -189,14 +189,9 @@ class PlacedObject:
 class Scene:
     """Objects on a ground.
 
-    Parameters
-    ----------
-    placed
-        The objects; footprints do not overlap.
-    ground
-        The surface between them, as an object.
-    height, rounding
-        Height of the objects over the ground and radius of their edges, in m.
+    - ``placed``: the objects; footprints do not overlap.
+    - ``ground``: the surface between them, as an object.
+    - ``height``, ``rounding``: height of the objects over the ground and radius of their edges, in m.
     """
 
     placed: tuple[PlacedObject, ...]

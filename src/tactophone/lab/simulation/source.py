@@ -43,16 +43,10 @@ SPEED_HOLD = 0.02
 class Truth:
     """Ground truth of a block, per sample.
 
-    Parameters
-    ----------
-    touch
-        int8: :class:`~tactophone.core.types.Touch`; ``NONE`` on the ground, which is neither smooth nor rough.
-    object_index
-        int16: index into the scene's ``objects``, of which the ground is the last; -1 in the air.
-    force
-        Contact force, in N.
-    x, y
-        Place of the finger, in m.
+    - ``touch``: int8: :class:`~tactophone.core.types.Touch`; ``NONE`` on the ground, which is neither smooth nor rough.
+    - ``object_index``: int16: index into the scene's ``objects``, of which the ground is the last; -1 in the air.
+    - ``force``: contact force, in N.
+    - ``x``, ``y``: place of the finger, in m.
     """
 
     touch: NDArray[np.int8]
@@ -82,22 +76,14 @@ class SimulatedFinger(AlwaysOpen):
     It renders on demand and reads no clock: in a live system, the caller paces it. The same moves and seeds give
     bit-equal samples at any block size.
 
-    Parameters
-    ----------
-    scene
-        Objects and ground under it.
-    moves
-        Its moves, oldest first; :meth:`move` adds more at any time.
-    session, seed
-        The session's set-up, and the seed of all noise.
-    duration
-        Seconds after which iteration ends; never, if ``None``. The attribute ``end`` has it in samples.
-    block_size
-        Samples per block of iteration.
-    place
-        Where it hovers at the start, in m.
-    hand
-        What leads it in place of moves, such as the finger of a physics engine: its ``follow(size)`` returns a `Path`.
+    - ``scene``: objects and ground under it.
+    - ``moves``: its moves, oldest first; :meth:`move` adds more at any time.
+    - ``session``, ``seed``: the session's set-up, and the seed of all noise.
+    - ``duration``: seconds after which iteration ends; never, if ``None``. The attribute ``end`` has it in samples.
+    - ``block_size``: samples per block of iteration.
+    - ``place``: where it hovers at the start, in m.
+    - ``hand``: what leads it in place of moves, such as the finger of a physics engine: its ``follow(size)`` returns a
+      `Path`.
 
     >>> from tactophone.lab.simulation.catalogue import find
     >>> from tactophone.lab.simulation.motion import single
@@ -255,12 +241,8 @@ BELOW = 0.02
 class SimulatedHand:
     """Several simulated fingers in one structure and one air, two channels of sound for each.
 
-    Parameters
-    ----------
-    fingers
-        From thumb to little finger, each with its own moves.
-    structure_db
-        Level of what reaches the next finger through the hand; -inf is none.
+    - ``fingers``: from thumb to little finger, each with its own moves.
+    - ``structure_db``: level of what reaches the next finger through the hand; -inf is none.
     """
 
     sample_rate = LIVE_SAMPLE_RATE

@@ -144,8 +144,6 @@ class Bands(_Module):
 class Texture(_Module):
     """Describes windows by the values of kind ``texture``, with or without the unevenness of the treble.
 
-    Examples
-    --------
     >>> Texture(512, 16_000)(torch.zeros(1, 2, 512)).shape
     torch.Size([1, 2, 20])
     """
@@ -328,8 +326,6 @@ FAINT_POWER = 1e-10
 class Cues(_Module):
     """The values :data:`tactophone.lab.training.options.CUES` of a window; all but the last are of the contact channel.
 
-    Examples
-    --------
     >>> sine = torch.sin(2 * torch.pi * 500 * torch.arange(4096) / 16_000)[None, None]
     >>> round(float(Cues(4096, 16_000)(sine)[0, 1]), 1)
     3.0

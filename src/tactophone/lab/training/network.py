@@ -29,13 +29,9 @@ from tactophone.signal.perception.levels import LoudnessRule
 class PaperNetwork(nn.Module):
     """The paper's residual MLP, from spectral magnitudes to log-probabilities.
 
-    Parameters
-    ----------
-    channels
-        2 as in the paper, or 1 for its piezo-only variant.
-    bins, residual, normalised
-        Ablations: magnitudes a channel, whether layers have residual connections, and whether each channel's magnitudes
-        are divided by their norm.
+    - ``channels``: 2 as in the paper, or 1 for its piezo-only variant.
+    - ``bins``, ``residual``, ``normalised``: Ablations: magnitudes a channel, whether layers have residual connections,
+      and whether each channel's magnitudes are divided by their norm.
 
     >>> sum(parameter.numel() for parameter in PaperNetwork().parameters())
     1882755

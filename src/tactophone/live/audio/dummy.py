@@ -28,18 +28,11 @@ _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
 class DummyServer:
     """``jackd`` with its dummy driver under a private name; a context manager.
 
-    Parameters
-    ----------
-    period
-        Samples a period.
-    outputs
-        Playback ports of the server.
-    synchronous
-        Whether a period ends only when all clients are done. JACK's default is false: it goes on without a late client,
-        and repeats that client's last period.
+    - ``period``: samples a period.
+    - ``outputs``: playback ports of the server.
+    - ``synchronous``: whether a period ends only when all clients are done. JACK's default is false: it goes on without
+      a late client, and repeats that client's last period.
 
-    Notes
-    -----
     The dummy driver delivers each period at its beginning, a sound card at its end. A process can be a client of only
     one server at a time: libjack keeps the server in global variables.
     """

@@ -49,18 +49,11 @@ def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[fl
 class GamepadDevice(ThreadedDevice):
     """A `tactophone.live.audio.device.Device` on a gamepad's motors.
 
-    Parameters
-    ----------
-    process
-        Called each period of 5 ms; see `tactophone.live.audio.device.Process`.
-    device
-        Part of the pad's name, or its path under ``/dev/input``; empty for the first pad with motors.
-    roughness
-        Returns that of the newest prediction, 0 to 1.
-    ceiling
-        Returns the greatest amplitude that is now allowed, 0 to 1 of full drive.
-    find
-        Returns the pads with motors; by default those that `evdev` lists.
+    - ``process``: called each period of 5 ms; see `tactophone.live.audio.device.Process`.
+    - ``device``: part of the pad's name, or its path under ``/dev/input``; empty for the first pad with motors.
+    - ``roughness``: returns that of the newest prediction, 0 to 1.
+    - ``ceiling``: returns the greatest amplitude that is now allowed, 0 to 1 of full drive.
+    - ``find``: returns the pads with motors; by default those that `evdev` lists.
     """
 
     latency = REFRESH

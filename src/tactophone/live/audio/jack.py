@@ -86,16 +86,12 @@ class _Counter:
 class JackClient:
     """A JACK client with named ports, each connected to another client's port or left free.
 
-    Parameters
-    ----------
-    name
-        Its name in the JACK graph.
-    process
-        Called each period, see `tactophone.live.audio.device.Process`; None for a client that only inspects the graph.
-    inputs, outputs
-        Names of the client's ports, each with the port to connect it to; an empty text leaves it free.
-    server
-        The JACK server's name; empty for the default one.
+    - ``name``: its name in the JACK graph.
+    - ``process``: called each period, see `tactophone.live.audio.device.Process`; None for a client that only inspects
+      the graph.
+    - ``inputs``, ``outputs``: names of the client's ports, each with the port to connect it to; an empty text leaves it
+      free.
+    - ``server``: the JACK server's name; empty for the default one.
     """
 
     def __init__(

@@ -38,21 +38,12 @@ def _any() -> int:
 class LiveSource:
     """A sound device at the live rate as a `tactophone.core.types.Source`.
 
-    Parameters
-    ----------
-    open_device
-        Makes the device, given the process that takes its sound.
-    channels
-        1 (contact) or 2 (contact, air); of a hand, two for each finger.
-    order
-        For each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their order.
-
-    Attributes
-    ----------
-    overflows
-        Periods dropped because too many waited.
-    period
-        Samples of the newest period; 0 before the first.
+    - ``open_device``: makes the device, given the process that takes its sound.
+    - ``channels``: 1 (contact) or 2 (contact, air); of a hand, two for each finger.
+    - ``order``: for each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their
+      order.
+    - ``overflows``: periods dropped because too many waited.
+    - ``period``: samples of the newest period; 0 before the first.
     """
 
     sample_rate = LIVE_SAMPLE_RATE

@@ -51,12 +51,8 @@ def _is_known(value: Any) -> bool:
 class RunReader:
     """Reads a run, and the processes that replace it, as messages.
 
-    Attributes
-    ----------
-    missed
-        Predictions and bytes of the session log that were overwritten before they were read.
-    names
-        Of the fingers of a hand; one empty name where there is no hand.
+    - ``missed``: predictions and bytes of the session log that were overwritten before they were read.
+    - ``names``: of the fingers of a hand; one empty name where there is no hand.
     """
 
     def __init__(self, name: str) -> None:
@@ -235,12 +231,8 @@ class PredictionReader:
 
     ``finger`` names the finger of a run that has a single one; those of a hand have names.
 
-    Attributes
-    ----------
-    fingers
-        Names of all fingers, in order.
-    missed
-        Predictions that were passed on to nobody: the oldest, where more than `READER_BACKLOG` were waiting.
+    - ``fingers``: names of all fingers, in order.
+    - ``missed``: predictions that were passed on to nobody: the oldest, where more than `READER_BACKLOG` were waiting.
     """
 
     def __init__(self, name: str, *, finger: str = "index") -> None:

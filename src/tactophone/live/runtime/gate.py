@@ -110,18 +110,11 @@ class FingerOutput:
     The network thread calls `submit`, `changed` and `controls`, the main thread `apply` and `state`; a signal may call
     `stop` at any time.
 
-    Parameters
-    ----------
-    settings
-        Of this finger (`tactophone.core.hand.of_finger`).
-    renderer
-        Drives the actuator, from another thread; its limits become the pipeline's too.
-    endpoint
-        Has the finger's pipeline: another one once a robot with other microphones has connected.
-    name
-        Empty for a single finger.
-    muted_because
-        Why it starts muted; empty to start armed.
+    - ``settings``: of this finger (`tactophone.core.hand.of_finger`).
+    - ``renderer``: drives the actuator, from another thread; its limits become the pipeline's too.
+    - ``endpoint``: has the finger's pipeline: another one once a robot with other microphones has connected.
+    - ``name``: empty for a single finger.
+    - ``muted_because``: why it starts muted; empty to start armed.
 
     ``roughness``: of the newest prediction.
     """

@@ -71,13 +71,9 @@ _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:
 class Operator(Side):
     """The operator's side while it runs; a context manager.
 
-    Parameters
-    ----------
-    robot
-        Name of the robot's run, where that is on this machine: source of the true touch and of the robot's part of
-        the latency budget.
-    keeper
-        To the process that finds the way to the robot of a call, instead of the port of the settings.
+    - ``robot``: name of the robot's run, where that is on this machine: source of the true touch and of the robot's
+      part of the latency budget.
+    - ``keeper``: to the process that finds the way to the robot of a call, instead of the port of the settings.
     """
 
     interval = OPERATOR_HOUSEKEEPING

@@ -54,12 +54,8 @@ _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
 class Robot(Side):
     """The robot's side while it runs; a context manager.
 
-    Parameters
-    ----------
-    open_source
-        Opens the microphones, or what replaces them.
-    keeper
-        To the process that finds the way to the operator of a call, instead of the addresses of the settings.
+    - ``open_source``: opens the microphones, or what replaces them.
+    - ``keeper``: to the process that finds the way to the operator of a call, instead of the addresses of the settings.
     """
 
     interval = ROBOT_HOUSEKEEPING

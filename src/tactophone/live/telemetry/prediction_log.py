@@ -48,15 +48,10 @@ class PredictionLog(RunFollower):
     Where there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and
     ``amplitude`` are ``nan``.
 
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    path
-        The CSV file, with the columns of `TimelineWriter`.
-    report
-        Called with a message when predictions were overwritten before they were read, and when the file can no longer
-        be written: the log ends then, the run goes on.
+    - ``name``: of a run that exists already.
+    - ``path``: the CSV file, with the columns of `TimelineWriter`.
+    - ``report``: called with a message when predictions were overwritten before they were read, and when the file can
+      no longer be written: the log ends then, the run goes on.
 
     Raises `ConfigError` when the file cannot be written.
     """

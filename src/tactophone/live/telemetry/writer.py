@@ -43,12 +43,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     Every count is kept in this process and only copied to the shared memory, which is never read back but for the
     mailbox: whoever overwrites or removes the memory disturbs watchers, and never the run.
 
-    Parameters
-    ----------
-    name
-        Name of the run, by which a `Watcher` finds it.
-    fingers
-        How many fingers have steps, sound and vibration.
+    - ``name``: name of the run, by which a `Watcher` finds it.
+    - ``fingers``: how many fingers have steps, sound and vibration.
 
     >>> with Telemetry("doctest-writer") as telemetry:
     ...     telemetry.count("packets_received", 3)
@@ -96,14 +92,9 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1, vibration_count: int | None = None) -> None:
         """Write one pipeline step of a finger: its sound, its predictions and its commands.
 
-        Parameters
-        ----------
-        now
-            The system-wide monotonic clock (s), which is the heartbeat.
-        truth
-            The known `Touch` at this time, where the sound is simulated or labelled.
-        vibration_count
-            Samples of vibration written when the step was computed; by default, until now.
+        - ``now``: the system-wide monotonic clock (s), which is the heartbeat.
+        - ``truth``: the known `Touch` at this time, where the sound is simulated or labelled.
+        - ``vibration_count``: samples of vibration written when the step was computed; by default, until now.
         """
         finger, block = step.finger, step.block
         self._append("sound", block.samples, finger)  # one microphone fills both channels

@@ -46,23 +46,14 @@ OTHER: dict[str, Role] = {"robot": "operator", "operator": "robot"}
 class Plan:
     """What the process is to do.
 
-    Attributes
-    ----------
-    settings
-        The servers.
-    answers
-        Whether this end answers a call.
-    code
-        To use; empty to ask the mailbox for one.
-    secrets
-        Of the last call with the same other end, from which the code is derived, and of the one before: the other end
-        may have missed the last one. Empty without.
-    name, fingerprint
-        Of this end.
-    role
-        That this end takes; empty where it takes the other one.
-    expected
-        Fingerprint of the other end; empty where that is not known.
+    - ``settings``: the servers.
+    - ``answers``: whether this end answers a call.
+    - ``code``: to use; empty to ask the mailbox for one.
+    - ``secrets``: of the last call with the same other end, from which the code is derived, and of the one before: the
+      other end may have missed the last one. Empty without.
+    - ``name``, ``fingerprint``: of this end.
+    - ``role``: that this end takes; empty where it takes the other one.
+    - ``expected``: fingerprint of the other end; empty where that is not known.
     """
 
     settings: Call

@@ -164,12 +164,9 @@ class Agreement:
 class Handshakes:
     """Starts handshakes for one identity and its trusted peers.
 
-    Attributes
-    ----------
-    is_taken
-        Whether a trusted peer, by its fingerprint, is refused because another session has it already.
-    accepted, taken
-        Fingerprint of the peer whose certificate was accepted since the last call, and name of one refused as taken.
+    - ``is_taken``: whether a trusted peer, by its fingerprint, is refused because another session has it already.
+    - ``accepted``, ``taken``: fingerprint of the peer whose certificate was accepted since the last call, and name of
+      one refused as taken.
     """
 
     def __init__(self, identity: Identity, peers: Peers) -> None:

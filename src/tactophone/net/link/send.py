@@ -25,18 +25,11 @@ Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 class Member:
     """One operator of a group: its session and stream, and what its reports say.
 
-    Attributes
-    ----------
-    stream
-        Makes the packets of the connection; ``None`` while there is none.
-    counters
-        In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``packets_broken``.
-    bandwidth
-        That the operator has requested, in Hz; 0 before it has.
-    round_trip
-        Round-trip time in s, by the newest report; ``None`` before the first.
-    loss
-        Share of packets lost, by the newest report.
+    - ``stream``: makes the packets of the connection; ``None`` while there is none.
+    - ``counters``: in telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``packets_broken``.
+    - ``bandwidth``: that the operator has requested, in Hz; 0 before it has.
+    - ``round_trip``: round-trip time in s, by the newest report; ``None`` before the first.
+    - ``loss``: share of packets lost, by the newest report.
     """
 
     def __init__(self, session: Session, rule: RedundancyRule) -> None:
@@ -58,14 +51,10 @@ class SendGroup:
     the first request for a larger bandwidth than before restarts the encoder. Each session calls another address;
     ``prompt`` is as of `BlockEncoder`. With ``follow`` the bandwidth follows the operators' requests.
 
-    Attributes
-    ----------
-    members
-        One for each session, in the order given. Whoever owns the operators' sockets passes what arrives to `receive`,
-        calls `poll`, and sends what each session has to send.
-    tap
-        Called with what a log of this end needs: each connection made or lost, and each packet before it is encrypted,
-        of one connected operator, the first that there is.
+    - ``members``: one for each session, in the order given. Whoever owns the operators' sockets passes what arrives to
+      `receive`, calls `poll`, and sends what each session has to send.
+    - ``tap``: called with what a log of this end needs: each connection made or lost, and each packet before it is
+      encrypted, of one connected operator, the first that there is.
     """
 
     def __init__(

@@ -117,14 +117,10 @@ def _policy(key: bytes, ssrc: int) -> pylibsrtp.Policy:
 class Connection:
     """A connected session: its keys, the peer's address, and its times.
 
-    Attributes
-    ----------
-    begun, last_received, until
-        When the handshake was finished, when the last authentic packet came, and until when the keys are used (s).
-    stream
-        SSRC of the peer's packets.
-    unprotect
-        Authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
+    - ``begun``, ``last_received``, ``until``: when the handshake was finished, when the last authentic packet came, and
+      until when the keys are used (s).
+    - ``stream``: SSRC of the peer's packets.
+    - ``unprotect``: authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
     """
 
     def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
@@ -155,14 +151,10 @@ class Connection:
 class KeyRing:
     """The connection in use, and while keys are renewed another one beside it.
 
-    Attributes
-    ----------
-    current
-        The connection that packets are sent through; ``None`` without a session.
-    beside
-        The next connection until the caller uses it, then for a while the one before; else ``None``.
-    remote
-        The peer's address and the SSRCs of its packets; ``None`` without a session. A new object only when it changes.
+    - ``current``: the connection that packets are sent through; ``None`` without a session.
+    - ``beside``: the next connection until the caller uses it, then for a while the one before; else ``None``.
+    - ``remote``: the peer's address and the SSRCs of its packets; ``None`` without a session. A new object only when it
+      changes.
     """
 
     def __init__(self) -> None:
@@ -223,17 +215,11 @@ class Session:
     It calls the addresses of ``call`` in turn; without one it waits for a call. ``renew_after`` is when a caller renews
     the keys, in s. ``version`` is what it tells the other end of itself, by default nothing.
 
-    Attributes
-    ----------
-    faults
-        Counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``, ``contained``
-        exceptions.
-    failure
-        Why the newest handshake failed, or ``None``.
-    sent_away
-        Name of the trusted caller that was sent away last, and when; ``None`` before the first.
-    hung_up
-        Name of the peer that ended the last session without a reason; empty if none has.
+    - ``faults``: counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``,
+      ``contained`` exceptions.
+    - ``failure``: why the newest handshake failed, or ``None``.
+    - ``sent_away``: name of the trusted caller that was sent away last, and when; ``None`` before the first.
+    - ``hung_up``: name of the peer that ended the last session without a reason; empty if none has.
     """
 
     def __init__(

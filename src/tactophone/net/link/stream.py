@@ -49,16 +49,11 @@ class BlockEncoder:
     ``prompt``: whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for
     the next block: with periods of 512 samples and packets of 480, for up to 10 ms.
 
-    Attributes
-    ----------
-    faults
-        ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of the codec.
-    origin
-        The RTP timestamp of the source's first sample, in all streams.
-    position
-        The first sample of the next block; ``None`` before the first.
-    moving
-        Whether the robot moves, as each packet says.
+    - ``faults``: ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of
+      the codec.
+    - ``origin``: the RTP timestamp of the source's first sample, in all streams.
+    - ``position``: the first sample of the next block; ``None`` before the first.
+    - ``moving``: whether the robot moves, as each packet says.
     """
 
     def __init__(self, codec: Codec, *, prompt: bool = False) -> None:

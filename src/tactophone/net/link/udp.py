@@ -39,8 +39,6 @@ def set_filter(
     With ``channel`` the socket belongs to a `Way`: STUN passes too (with ``stun``), and where it is not 0, what is in
     that channel.
 
-    Notes
-    -----
     Where the system has no such filter, everything passes too: the session refuses the same datagrams, only later.
     """
     if sys.platform != "linux":

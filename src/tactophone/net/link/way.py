@@ -41,16 +41,10 @@ _READS = 16
 class Way:
     """A found way.
 
-    Attributes
-    ----------
-    bound
-        The socket: bound, and where the way is relayed connected to the relay.
-    peer
-        The other end's address; where the way is relayed, as the relay has it.
-    channel
-        Number of the relay's channel to the peer; 0 if the way is direct.
-    name, fingerprint
-        Of the other end.
+    - ``bound``: the socket: bound, and where the way is relayed connected to the relay.
+    - ``peer``: the other end's address; where the way is relayed, as the relay has it.
+    - ``channel``: number of the relay's channel to the peer; 0 if the way is direct.
+    - ``name``, ``fingerprint``: of the other end.
     """
 
     bound: socket

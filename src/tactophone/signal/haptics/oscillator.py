@@ -234,8 +234,6 @@ def _tables(time_constant: float, settled: int) -> tuple[NDArray[np.float64], ND
 class Playback:
     """Renders commands in stream time; the waveform is bit-equal in portions of any size.
 
-    Examples
-    --------
     >>> playback = Playback(Oscillator())
     >>> wave = playback.push([HapticCommand(1.0, 60.0, time=0.005)], until=0.01)
     >>> len(wave), int(np.flatnonzero(wave)[0])

@@ -54,16 +54,11 @@ PASSTHROUGH_GAIN_DB = 24.0
 class Passthrough:
     """Renders the contact microphone's sound as vibration.
 
-    Parameters
-    ----------
-    shift
-        Factor on every frequency; 1: unchanged.
-    threshold_dbfs
-        Level in the tactile band above which sound passes unchanged; below it the expander works.
-    limits
-        Bounds of the vibration.
-    open_chain
-        Makes what turns values of the low band into vibration; by default the sound itself, with dynamics.
+    - ``shift``: factor on every frequency; 1: unchanged.
+    - ``threshold_dbfs``: level in the tactile band above which sound passes unchanged; below it the expander works.
+    - ``limits``: bounds of the vibration.
+    - ``open_chain``: makes what turns values of the low band into vibration; by default the sound itself, with
+      dynamics.
 
     >>> time = np.arange(4800) / 48_000
     >>> vibration = Passthrough().render_whole(0.3 * np.sin(2 * np.pi * 200 * time).astype(np.float32)[:, None])

@@ -47,8 +47,6 @@ class PaperProfile:
     The paper does not say how to interpolate. Here the level is interpolated in dB and the frequency by ratio, as both
     are perceived (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
 
-    Examples
-    --------
     >>> prediction = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
     >>> command = PaperProfile().command(prediction)
     >>> round(command.frequency, 1), round(command.amplitude, 3)
@@ -95,8 +93,6 @@ _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,
 class ActuatorResponse:
     """An actuator's resonance, band, motor speeds and level by frequency; NaN or empty where unknown.
 
-    Examples
-    --------
     >>> response = ActuatorResponse(lowest=80.0, levels=((80.0, -10.0), (160.0, 0.0)))
     >>> response.level_db(80.0), response.level_db(113.137).__round__(1), response.level_db(400.0)
     (-10.0, -5.0, 0.0)

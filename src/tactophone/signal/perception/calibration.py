@@ -195,14 +195,9 @@ def measure_calibration(
 ) -> CalibrationResult:
     """Measure the levels of a set-up and find what is wrong with it.
 
-    Parameters
-    ----------
-    sounds
-        At least a second of each that there is.
-    made, source
-        For the file: date and time, and name of the source.
-    false_alarms_per_minute
-        False contacts to allow in a minute of silence.
+    - ``sounds``: at least a second of each that there is.
+    - ``made``, ``source``: for the file: date and time, and name of the source.
+    - ``false_alarms_per_minute``: false contacts to allow in a minute of silence.
 
     Raises `ValueError` if a sound is shorter than a second.
     """

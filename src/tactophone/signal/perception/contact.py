@@ -68,16 +68,10 @@ JERK, PERSISTENT = 0.5, 0.15
 class Contact:
     """State of the contact gate from a moment on.
 
-    Parameters
-    ----------
-    time
-        Seconds since the stream began.
-    touching
-        Whether there is contact.
-    held
-        Whether that is only held over a silence.
-    threshold_dbfs
-        Level from which there was contact at that time.
+    - ``time``: seconds since the stream began.
+    - ``touching``: whether there is contact.
+    - ``held``: whether that is only held over a silence.
+    - ``threshold_dbfs``: level from which there was contact at that time.
     """
 
     time: float
@@ -89,25 +83,15 @@ class Contact:
 class ContactGate:
     """Detects contact from the level of the contact microphone.
 
-    Parameters
-    ----------
-    threshold_dbfs
-        Level from which there is contact.
-    rule
-        How the level is measured: ``rms``, ``mean_absolute``, or ``banded``: without hum and motors.
-    sample_rate
-        Of the sound to come, in Hz.
-    floor
-        Where there is one, the threshold begins at its own and follows it, until another threshold is assigned.
-    bands
-        Let the bands decide, each over its own floor, once the floor is known; not by a threshold that was assigned.
-    hold
-        Seconds that contact lasts on over silence.
-
-    Attributes
-    ----------
-    threshold
-        A shared one may take its place.
+    - ``threshold_dbfs``: level from which there is contact.
+    - ``rule``: how the level is measured: ``rms``, ``mean_absolute``, or ``banded``: without hum and motors.
+    - ``sample_rate``: of the sound to come, in Hz.
+    - ``floor``: where there is one, the threshold begins at its own and follows it, until another threshold is
+      assigned.
+    - ``bands``: let the bands decide, each over its own floor, once the floor is known; not by a threshold that was
+      assigned.
+    - ``hold``: seconds that contact lasts on over silence.
+    - ``threshold``: a shared one may take its place.
 
     >>> import numpy as np
     >>> gate = ContactGate(-40, sample_rate=48_000)

@@ -105,32 +105,18 @@ CERTAINLY_NONE: Probabilities = (1.0, 0.0, 0.0)
 class WindowDetector:
     """Classifies a stream of sound, window by window, with a model of any kind.
 
-    Parameters
-    ----------
-    model
-        With one channel it uses the contact microphone, channel 0, unless its card says air. Some kinds are trained to
-        do without the air channel; for them, one channel less counts as digital silence.
-    sample_rate
-        Of the sound to come, in Hz.
-
-    Attributes
-    ----------
-    faults
-        Predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was not a
-        probability distribution).
-    threshold
-        Level from which there is contact; the model's own, until another is assigned.
-    margin_db
-        How far under the threshold a window still counts as contact.
-    contact_at
-        Returns the state of the contact gate at a time in s, where there is a gate.
-    hop, bandwidth, latency
-        Seconds between two predictions; the highest frequency, in Hz, that the model uses; seconds from a window's end
-        until it can be classified.
-    fit
-        Says whether the sound fits the model, where it is not ``None``; it changes no prediction.
-    trace
-        Called with the features and the prediction of each window, where it is not ``None``: for fitting.
+    - ``model``: with one channel it uses the contact microphone, channel 0, unless its card says air. Some kinds are
+      trained to do without the air channel; for them, one channel less counts as digital silence.
+    - ``sample_rate``: of the sound to come, in Hz.
+    - ``faults``: predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was
+      not a probability distribution).
+    - ``threshold``: level from which there is contact; the model's own, until another is assigned.
+    - ``margin_db``: how far under the threshold a window still counts as contact.
+    - ``contact_at``: returns the state of the contact gate at a time in s, where there is a gate.
+    - ``hop``, ``bandwidth``, ``latency``: seconds between two predictions; the highest frequency, in Hz, that the model
+      uses; seconds from a window's end until it can be classified.
+    - ``fit``: says whether the sound fits the model, where it is not ``None``; it changes no prediction.
+    - ``trace``: called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
     Raises `ModelError` if the rate is too low, or this version cannot run the model.
     """
@@ -359,8 +345,6 @@ class TouchDetector:
     paper. Detector and gate are for sound of the same rate, and fed by this object alone; ``window`` is the length of
     the detector's windows in s.
 
-    Notes
-    -----
     Predictions are bit-equal at any block size. Lost sound (a jump of a block's ``start``) is closed up: windows join
     what was before it and what is after, and times follow the stream.
     """

@@ -95,14 +95,9 @@ Floats = NDArray[np.float64]
 class EventDetector:
     """Detects touch events in a stream; bit-equal at any block size.
 
-    Parameters
-    ----------
-    sample_rate
-        Of the sound to come, in Hz; 2 kHz or more.
-    channels
-        With two, channel 1 is air and knocks in the air are rejected.
-    tip
-        What touches, one of `tactophone.core.tips.TIP_NAMES`.
+    - ``sample_rate``: of the sound to come, in Hz; 2 kHz or more.
+    - ``channels``: with two, channel 1 is air and knocks in the air are rejected.
+    - ``tip``: what touches, one of `tactophone.core.tips.TIP_NAMES`.
 
     >>> sound = np.random.default_rng(0).normal(0, 1e-3, (48_000, 1)).astype(np.float32)
     >>> sound[24_000:24_240] *= 200

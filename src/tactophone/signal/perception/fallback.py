@@ -83,12 +83,8 @@ class FallbackDetector:
     ``main`` is for microphones without faults; ``spare`` uses the contact microphone alone, for when the air microphone
     is faulty; ``None`` if there is none, or only one microphone.
 
-    Attributes
-    ----------
-    active
-        Which of the two is in use: name, latency, bandwidth and faults are its own.
-    mode, sensor_faults
-        The fallback in use, and the faults of the microphones now.
+    - ``active``: which of the two is in use: name, latency, bandwidth and faults are its own.
+    - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
     """
 
     def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:

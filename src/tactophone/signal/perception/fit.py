@@ -92,10 +92,7 @@ class FitCheck:
     ``name`` and ``tip`` are the model's; without a tip no sound is known to compare with, as that of a user's own
     model. ``air``: its only channel is the air microphone.
 
-    Attributes
-    ----------
-    misfit
-        What does not fit now, the first cause of several.
+    - ``misfit``: what does not fit now, the first cause of several.
     """
 
     def __init__(self, name: str, sample_rate: int, *, tip: str = "", air: bool = False) -> None:

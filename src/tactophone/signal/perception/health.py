@@ -362,10 +362,7 @@ _STRONG_DB = 6.0
 class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
-    Attributes
-    ----------
-    faults
-        Present now. Read at every block, found at every eighth of a second.
+    - ``faults``: present now. Read at every block, found at every eighth of a second.
 
     >>> import numpy as np
     >>> detector = FaultDetector(48_000, Reference())

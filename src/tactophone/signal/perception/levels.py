@@ -100,12 +100,9 @@ _NONE = np.empty(0, np.float32)
 class StepLevels:
     """Measures steps of 0.25 ms; the same values at any block size.
 
-    Parameters
-    ----------
-    rule
-        ``rms``, ``mean_absolute`` or ``banded``.
-    sample_rate
-        In Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule ``banded``).
+    - ``rule``: ``rms``, ``mean_absolute`` or ``banded``.
+    - ``sample_rate``: in Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule
+      ``banded``).
 
     >>> levels = StepLevels("rms", sample_rate=48_000)
     >>> levels.push(AudioBlock(np.full((30, 1), 0.5, np.float32), 48_000)).tolist()

@@ -119,14 +119,9 @@ class NoiseFloor:
     ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of the
     gate's level by which it may be noise, see `SPREAD_DB`.
 
-    Attributes
-    ----------
-    threshold_dbfs, release_dbfs
-        The gate's threshold now, and the level under which a touch ends.
-    known
-        Whether the floor has been measured.
-    margin_db
-        How far a band must exceed its floor to be heard.
+    - ``threshold_dbfs``, ``release_dbfs``: the gate's threshold now, and the level under which a touch ends.
+    - ``known``: whether the floor has been measured.
+    - ``margin_db``: how far a band must exceed its floor to be heard.
 
     >>> floor = NoiseFloor(-26.0)
     >>> for _ in range(100):

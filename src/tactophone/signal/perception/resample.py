@@ -29,12 +29,8 @@ RESAMPLER_LOWEST_RATE = 2000
 class Resampler:
     """Resamples a stream from ``input_rate`` to ``output_rate`` Hz, block by block.
 
-    Attributes
-    ----------
-    reach
-        Input samples on either side that contribute to an output sample.
-    latency
-        The same in seconds: the delay from an output sample's own time to its availability.
+    - ``reach``: input samples on either side that contribute to an output sample.
+    - ``latency``: the same in seconds: the delay from an output sample's own time to its availability.
 
     >>> resampler = Resampler(48_000, 2000, channels=1)
     >>> len(resampler.push(np.zeros((48_000, 1), np.float32))) + len(resampler.flush())
