@@ -50,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = add_action("competition", words, _competition).add_argument
     _add_sound(add)
     add("--runs", type=Within(int, 1), default=5, help="runs per day, %(type)s")
+    words = "hard: stones almost alike, touched lightly through a damped pad"
+    add("--task", choices=("box", "hard"), default="box", help=words)
     add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
     words = "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each"
     add = add_action("hand", words, _hand).add_argument
@@ -121,10 +123,21 @@ def _check_layout(args: argparse.Namespace) -> None:
 
 def _competition(args: argparse.Namespace) -> int:
     from tactophone.lab.dataset.metadata import write_metadata
-    from tactophone.lab.simulation.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
+    from tactophone.lab.simulation.competition import (
+        DAYS,
+        TASKS,
+        CompetitionRun,
+        run_recording,
+        write_finals,
+        write_run,
+    )
 
     _check_layout(args)
-    runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
+    runs = [
+        CompetitionRun(day, number, args.seed, args.tip, TASKS[args.task])
+        for day in DAYS
+        for number in range(1, args.runs + 1)
+    ]
     output.make_folder(args.out)
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")

@@ -5,6 +5,7 @@ import pytest
 
 from tactophone.core.types import Touch
 from tactophone.lab.simulation.competition import (
+    TASKS,
     CompetitionRun,
     render_run,
     run_recording,
@@ -38,3 +39,15 @@ def test_finals_hold_one_label_each(tmp_path: Path) -> None:
 
 def test_stones_are_three_smooth_and_two_rough() -> None:
     assert sorted(CompetitionRun(2, 3).order) == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
+
+
+def test_the_hard_tasks_stones_are_painted_almost_smooth_and_touched_lightly() -> None:
+    easy, hard = (CompetitionRun(1, 1, task=TASKS[name]) for name in ("box", "hard"))
+    rough = [next(obj for obj in run.scene.objects if obj.label is Touch.ROUGH).roughness.ra for run in (easy, hard)]
+    smooth = [next(obj for obj in run.scene.objects if obj.label is Touch.SMOOTH) for run in (easy, hard)]
+    assert smooth[0].surface == smooth[1].surface
+    assert smooth[0].roughness.ra < rough[1] < 0.2 * rough[0]
+    assert easy.fingerprint != hard.fingerprint
+    (sound, truth), (quiet, touched) = map(render_run, (easy, hard))
+    assert touched.force[touched.touch == Touch.SMOOTH].mean() < truth.force[truth.touch == Touch.SMOOTH].mean() / 1.5
+    assert np.std(quiet[touched.touch == Touch.ROUGH]) < np.std(sound[truth.touch == Touch.ROUGH]) / 2

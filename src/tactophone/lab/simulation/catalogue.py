@@ -152,6 +152,16 @@ def synthetic_object(label: Touch, rng: np.random.Generator) -> SimulatedObject:
     )  # fmt: skip
 
 
+def akin(obj: SimulatedObject, other: SimulatedObject, share: float) -> SimulatedObject:
+    """Return an object with this share of another one's geometry; grains that only one of them has keep that share."""
+    mine, theirs = obj.surface, other.surface
+    grains = mine.grains or theirs.grains
+    if grains and not (mine.grains and theirs.grains):
+        grains = replace(grains, height=grains.height * (1 - share if mine.grains else share))
+    plain = replace(mine, grains=None, pits=None), replace(theirs, grains=None, pits=None)
+    return replace(obj, surface=replace(_blend(*plain, 1 - share), grains=grains, pits=mine.pits))
+
+
 def _blended_surface(first: Surface, second: Surface, share: float, rng: np.random.Generator) -> Surface:
     features: dict[str, Any] = {}
     for name in ("grains", "pits", "ridges"):

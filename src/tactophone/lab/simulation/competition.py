@@ -1,7 +1,7 @@
 """The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,51 @@ COMPETITION_VERSION = "2"
 
 DAYS = (1, 2)
 
-SLIP_SHARE = 0.35
-"""Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section V-B)."""
-
 _START = (-0.05, 0.035)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """How hard the stones are to tell apart.
+
+    Parameters
+    ----------
+    name
+        Part of what is written; empty for the first one.
+    force, speed
+        Ranges of newtons and of peak m/s that a visit is drawn from.
+    slips
+        Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section V-B).
+    paint
+        Share of the smooth stones' geometry in the rough ones', 0 to 1, where both kinds are alike.
+    damping
+        Factor of the pad's loss, along and across, as of a glove over it; what the tip radiates falls by as much.
+    """
+
+    name: str = ""
+    force: tuple[float, float] = (0.5, 2.5)
+    speed: tuple[float, float] = (0.04, 0.14)
+    slips: float = 0.35
+    paint: float = 0.0
+    damping: float = 1.0
+
+    def session(self, seed: int, tip: str) -> SessionVariation:
+        drawn = SessionVariation.draw(seed, COMPETITION, tip=tip)
+        finger, factor = drawn.finger, self.damping
+        return replace(
+            drawn,
+            finger=finger._replace(
+                pad_damping=finger.pad_damping * factor, shear_damping=finger.shear_damping * factor,
+                pad_radiation=finger.pad_radiation / factor, shear_radiation=finger.shear_radiation / factor,
+            ),
+        )  # fmt: skip
+
+
+TASKS = {
+    "box": Task(),
+    "hard": Task("hard", force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0),
+}
+"""By the word of ``tactophone simulate competition --task``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +76,7 @@ class CompetitionRun:
     number: int
     seed: int = 0
     tip: str = DEFAULT_TIP
+    task: Task = TASKS["box"]
 
     @property
     def name(self) -> str:
@@ -43,11 +85,11 @@ class CompetitionRun:
     @property
     def fingerprint(self) -> str:
         """Everything that the sound depends on."""
-        return f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip}"
+        return f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip} {self.task}"
 
     @property
     def scene(self) -> Scene:
-        return five_stones(self.order)
+        return five_stones(self.order, paint=self.task.paint)
 
     @property
     def order(self) -> tuple[Touch, ...]:
@@ -62,11 +104,11 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
     script.hover(rng.uniform(1, 2.5))
     scene = run.scene
     for placed in scene.placed:
-        visit = Visit(rng.uniform(2, 4), log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)),
-                      slips=rng.random() < SLIP_SHARE)  # fmt: skip
+        visit = Visit(rng.uniform(2, 4), log_uniform(rng, run.task.force), log_uniform(rng, run.task.speed),
+                      slips=rng.random() < run.task.slips)  # fmt: skip
         explore(script, placed, visit)
     script.hover(1.0)
-    session = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION, tip=run.tip)
+    session = run.task.session(1000 * run.seed + run.day, run.tip)
     seed = [0xC1, run.seed, run.day, run.number]
     finger = SimulatedFinger(scene, script.moves, session=session, seed=seed, place=_START)
     return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
@@ -106,6 +148,6 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
         for label in SURFACE_LABELS:
             sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
-            write_sound(path, sound, RenderMetadata(f"finals {COMPETITION_VERSION}", ()), bits=bits)
+            write_sound(path, sound, RenderMetadata(f"finals {runs[0].fingerprint}", ()), bits=bits)
             written.append(path)
     return written
