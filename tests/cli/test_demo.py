@@ -45,6 +45,17 @@ def _feel_agrees(demo: dict[str, Any], folder: Path, capsys: pytest.CaptureFixtu
     assert not offline["amplitude"][after].any()
 
 
+def test_the_demo_prints_two_sentences_and_its_picture_and_the_counts_if_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, lines in (([], 3), (["--verbose"], 15)):
+        assert main(["demo", "--out", str(tmp_path), *words]) == 0
+        printed = [line for line in capsys.readouterr().out.splitlines() if "of vibration are missing" not in line]
+        assert [line.split(":")[0] for line in printed[-3:]][-1] == "picture"
+        assert sum("stone:" in line for line in printed) == 2
+        assert len(printed) == lines if lines == 3 else len(printed) >= lines
+
+
 def test_a_recording_may_replace_the_finger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sound = write_sound(tmp_path / "stroke.wav")
     assert main(["demo", "--out", str(tmp_path / "out"), "--recording", str(sound), "--json"]) == 0

@@ -214,3 +214,13 @@ def test_noise_over_every_threshold_is_said_to_count_as_touch(
     soundfile.write(tmp_path / "a.wav", noise(level_dbfs=-3, duration=2, channels=1), 48_000, subtype="FLOAT")
     assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
     assert "louder than any threshold" in capsys.readouterr().out
+
+
+def test_noise_far_under_any_microphones_is_not_advised_to_be_touch(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "quiet.wav", noise(level_dbfs=-102, duration=3), 48_000, subtype="FLOAT")
+    assert main(["feel", str(tmp_path / "quiet.wav"), "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "the microphone or its gain is off" in printed
+    assert "--threshold" not in printed

@@ -1,3 +1,5 @@
+import io
+import re
 import shlex
 import subprocess
 import sys
@@ -6,7 +8,7 @@ from pathlib import Path
 import pytest
 import soundfile
 
-from tactophone.cli import main
+from tactophone.cli import NEWCOMER, VERBS, main, output
 
 
 def test_version_and_help_exit_with_zero(capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,3 +69,40 @@ def test_a_sound_file_on_a_full_disk_is_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert "demo/vibration.wav" in line
     assert "is the disk full?" in line
+
+
+def printed(words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit):
+        main(words.split())
+    return capsys.readouterr().out
+
+
+def test_the_help_explains_six_verbs_and_names_the_rest_but_all_explains_each(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    short, everything = printed("--help", capsys), printed("--help all", capsys)
+    assert {verb for verb, line in VERBS.items() if line in short} == set(NEWCOMER)
+    assert len(NEWCOMER) == 6
+    named = set(re.findall(r"[a-z-]+", short.partition("--help all")[2]))
+    assert set(VERBS) - set(NEWCOMER) - named == {"finetune", "roughness", "export"}
+    assert all(line in everything for line in VERBS.values())
+
+
+def test_a_verb_shows_six_options_and_all_on_request(capsys: pytest.CaptureFixture[str]) -> None:
+    short, everything = printed("receive --help", capsys), printed("receive --help all", capsys)
+    shown, each = (set(re.findall(r"^  (--[a-z]+)", text, re.MULTILINE)) for text in (short, everything))
+    assert len(shown) == 6
+    assert {"--tip", "--model", "--dashboard"} < shown < each
+    assert f"{len(each) - 6} more options: `tactophone receive --help all`" in short
+    assert "more options" not in everything
+
+
+def test_a_line_that_is_replaced_leaves_nothing_of_it_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for terminal in (True, False):
+        screen = io.StringIO()
+        console = output._Console(file=screen, force_terminal=terminal, highlight=False)
+        monkeypatch.setattr(output, "log", lambda console=console: console)
+        for line in ("still starting (5 s)\r", "still starting (10 s)\r", "armed"):
+            output.note(line)
+        replaced = "still starting (5 s)\r\x1b[2Kstill starting (10 s)\r\x1b[2Karmed\n"
+        assert screen.getvalue() == (replaced if terminal else "still starting (5 s)\nstill starting (10 s)\narmed\n")

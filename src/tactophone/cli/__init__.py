@@ -90,6 +90,12 @@ EXTRAS_OF_VERB = {
 }
 """What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
 
+NEWCOMER = ("demo", "play", "try", "feel", "setup", "call")
+"""The verbs that a newcomer needs, which ``tactophone --help`` explains."""
+
+SPECIAL = ("finetune", "roughness", "export")
+"""Verbs that only ``tactophone --help all`` names."""
+
 _SHARED_MODULES = {
     "answer": "call",
     **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
@@ -103,13 +109,10 @@ _SHARED_MODULES = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130 (interrupted)."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verb = next((word for word in words if not word.startswith("-")), "")
+    verb = "" if words[:1] in (["-h"], ["--help"]) else next((word for word in words if not word.startswith("-")), "")
     args = argparse.Namespace()
     try:
-        if not words:
-            _print_short_help()
-            return 0
-        args = _parse(words, verb)
+        args = _parse(words or ["--help"], verb)
         extras.require_extras(*EXTRAS_OF_VERB.get(verb, ()))
         code = int(args.run(args))
         if sys.stdout is not None:  # it is closed with `>&-`
@@ -150,7 +153,12 @@ def _discard_output() -> None:
 
 
 def _parse(words: list[str], verb: str) -> argparse.Namespace:
-    parser = Parser(prog="tactophone", description=_ABOUT, epilog=_listed(), usage="%(prog)s [-h] [--version] VERB ...")
+    parser = Parser(
+        prog="tactophone",
+        description=_ABOUT,
+        epilog=_listed(words),
+        usage="%(prog)s [--help [all]] [--version] VERB ...",
+    )
     parser.add_argument("--version", action="version", version=f"tactophone {__version__}")
     if verb and verb not in VERBS:
         parser.error(f"there is no verb {verb}{did_you_mean(verb, VERBS)}")
@@ -176,15 +184,17 @@ def examples_of(verb: str) -> Sequence[str]:
     return examples
 
 
-def _listed() -> str:
-    lines = []
-    for group, verbs in GROUPS.items():
-        lines += [f"{group}:", *(f"  {verb:14} {line}" for verb, line in verbs.items()), ""]
+def _listed(words: Sequence[str]) -> str:
+    if "all" in words:
+        lines = [line for group, verbs in GROUPS.items() for line in (f"{group}:", *map(_line, verbs), "")]
+    else:
+        listed = {
+            group: [verb for verb in verbs if verb not in (*NEWCOMER, *SPECIAL)] for group, verbs in GROUPS.items()
+        }
+        more = [f"  {group:14} {', '.join(verbs)}" for group, verbs in listed.items()]
+        lines = ["begin with:", *map(_line, NEWCOMER), "", "more, explained by `tactophone --help all`:", *more, ""]
     return "\n".join([*lines, "`tactophone VERB --help` shows a verb's options and examples."])
 
 
-def _print_short_help() -> None:
-    print(f"{_ABOUT}\n")
-    for group, verbs in GROUPS.items():
-        print(f"  {group:8} {', '.join(verbs)}")
-    print("\nBegin with `tactophone demo`; `tactophone --help` says what each verb does, `tactophone VERB --help` how.")
+def _line(verb: str) -> str:
+    return f"  {verb:14} {VERBS[verb]}"

@@ -47,25 +47,30 @@ RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 """Settings of both sides over a recording."""
 
 
-def _parts(fingers: "Fingers", last: "Snapshot") -> Iterator[output.Part]:
-    yield "packets, and median latency by stage:"
-    yield from live.counts_and_budget(last.counters, last.gauges)
-    yield ""
+def _parts(fingers: "Fingers", last: "Snapshot", *, verbose: bool) -> Iterator[output.Part]:
+    if verbose:
+        yield "packets, and median latency by stage:"
+        yield from live.counts_and_budget(last.counters, last.gauges)
+        yield ""
+    if lost := last.counters["xruns"] * last.gauges["device_period"]:
+        yield f"{lost:.1f} s of vibration are missing: this machine stood still for too long"
     for name, (scores, _) in fingers.items():
         yield from _words(name, scores)
     files = {f"{name} {kind}".strip(): path for name, (_, own) in fingers.items() for kind, path in own.items()}
     # The picture last: it is what to look at next.
-    yield output.listing(((f"{kind}:", path) for kind, path in reversed(files.items())), style="")
+    for kind, path in reversed(files.items()):
+        if verbose or kind.endswith("picture"):
+            yield f"{kind + ':':12} {path}"
 
 
 def _words(name: str, scores: "RunScores") -> Iterator[str]:
     of = f"{name}, " * bool(name)
     if math.isfinite(scores.smooth_right):
         bumps = f"{scores.false_bumps} false bump{'s' * (scores.false_bumps != 1)}"
-        yield f"{of}on the smooth stone: {scores.smooth_right:.0%} of predictions are smooth, {bumps}"
+        yield f"{of}on the smooth stone: {output.percent(scores.smooth_right)} of predictions are smooth, {bumps}"
     if math.isfinite(scores.rough_right):
         dips = f"{scores.dips} dip{'s' * (scores.dips != 1)}"
-        yield f"{of}on the rough stone:  {scores.rough_right:.0%} of predictions are rough, {dips}"
+        yield f"{of}on the rough stone:  {output.percent(scores.rough_right)} of predictions are rough, {dips}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,9 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for picture and sound")
     add("--recording", type=Path, metavar="FILE", help="WAV or FLAC to send in place of the simulated finger's sound")
     options.add_json(parser, "print the scores as JSON")
+    add("--verbose", action="store_true", help="print the counts of packets, the latency by stage and every file too")
     options.add_settings(parser, "demo", USUAL)
     options.add_fingers(parser)
-    live.add_record(parser)
+    live.add_record(parser, bridge=False)
     page.add_dashboard(parser)
 
 
@@ -133,7 +139,7 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str, *, rec
     values: dict[str, Any] = {name: {**files, **asdict(scores)} for name, (scores, files) in fingers.items()}
     if "" in values:
         values = {**values[""], "counters": last.counters, "gauges": last.gauges}
-    output.show(values, _parts(fingers, last), as_json=args.json)
+    output.show(values, _parts(fingers, last, verbose=args.verbose), as_json=args.json)
     return 0
 
 

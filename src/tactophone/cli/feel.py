@@ -9,6 +9,7 @@ from tactophone.app.feel import Felt, feel, sounds_of, unique_stems
 from tactophone.cli import options, output, page
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings
+from tactophone.lab.dataset.checks import CHECKED_SILENT_DBFS
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS
@@ -74,12 +75,12 @@ def _no_contact(result: Felt) -> tuple[str, str]:
         return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector.name)}"
     if loudest < FLOOR_SILENT_DBFS:
         return "the recording is digital silence: no microphone was connected", "tactophone setup --check"
+    if loudest < CHECKED_SILENT_DBFS:
+        return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone setup --check"
     if floor is None:
         return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"
-    if floor.known:
-        found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
-        return found, f"{again} {floor.floor_dbfs - 6:.0f}"
-    return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone setup --check"
+    found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
+    return found, f"{again} {floor.floor_dbfs - 6:.0f}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -55,12 +55,15 @@ def add_end(parser: argparse.ArgumentParser) -> None:
     options.add_json(parser, "at the end, print all counters as JSON")
 
 
-def add_record(parser: argparse.ArgumentParser) -> None:
+def add_record(parser: argparse.ArgumentParser, *, bridge: bool = True) -> None:
     parser.add_argument(
         "--record", type=Path, action="append", default=[], metavar="FILE",
         help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
         "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
     )  # fmt: skip
+    if not bridge:
+        parser.set_defaults(bridge=())
+        return
     words = "; ".join(f"{name}: {what}" for name, what in runs.BRIDGES.items())
     parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=FOXGLOVE_ADDRESS]",
         help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip

@@ -81,6 +81,32 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._fill_text(text, width, indent)
 
 
+FIRST_OPTIONS = (
+    "out", "plot", "recording", "data", "recipe", "split", "smooth", "rough", "check", "peer", "source", "actuator",
+    "tip", "dashboard", "lan", "https", "open", "model", "record", "network", "baselines", "threshold", "duration",
+)  # fmt: skip
+"""Options by how soon a newcomer needs them."""
+
+SHOWN_OPTIONS = 6
+"""How many of a verb's options its short help shows, unless it has hardly more."""
+
+
+class _Help(argparse.Action):
+    """``--help`` shows the options that a newcomer needs, ``--help all`` every one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: object, values: Any, option: str | None = None) -> None:
+        own = [action for action in parser._actions if action.option_strings and action is not self]
+        if values != "all" and len(own) > SHOWN_OPTIONS + 2:
+            ranks = {f"--{name}": rank for rank, name in enumerate(FIRST_OPTIONS)}
+            own.sort(key=lambda action: (not action.required, ranks.get(action.option_strings[-1], len(ranks))))
+            for action in own[SHOWN_OPTIONS:]:
+                action.help = argparse.SUPPRESS
+            more = f"{len(own) - SHOWN_OPTIONS} more options: `{parser.prog} --help all`\n"
+            parser.epilog = "\n".join(filter(None, (more, parser.epilog)))
+        parser.print_help()
+        parser.exit()
+
+
 class Parser(argparse.ArgumentParser):
     """Shows defaults and examples, and names in errors the option or choice nearest to an unknown one.
 
@@ -88,7 +114,11 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, **options)
+        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, add_help=False, **options)
+        self.add_argument(
+            "-h", "--help", action=_Help, nargs="?", default=argparse.SUPPRESS, metavar="all",
+            help="show this help and exit; --help all leaves nothing out",
+        )  # fmt: skip
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, and refuse what is unknown at once: this parser knows which options are near."""

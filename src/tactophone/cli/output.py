@@ -30,7 +30,18 @@ Part = str | RenderableType | Sequence[Mapping[str, Any]]
 
 
 class _Console(Console):
-    """Prints text as it is: what comes from files, devices and the other end is neither markup nor escape sequences."""
+    """Prints text as it is: what comes from files, devices and the other end is neither markup nor escape sequences.
+
+    On a terminal, a line that ends in a carriage return is replaced by whatever is printed next.
+    """
+
+    _replaced = False
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        if self._replaced:
+            self.file.write("\x1b[2K")
+        self._replaced = self.is_terminal and options.get("end") == "\r"
+        super().print(*objects, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
         return super().render_str(plain(text), **options | {"markup": False, "emoji": False})
@@ -154,8 +165,9 @@ def print_error(message: str) -> None:
 
 
 def note(line: str) -> None:
-    """Print a line for people on stderr, as it is; may be called from another thread."""
-    log().print(line, soft_wrap=True)
+    """Print a line for people on stderr; one that ends in a carriage return stands until the next. From any thread."""
+    text = line.rstrip("\r")
+    log().print(text, soft_wrap=True, end="\r" if text != line and log().is_terminal else "\n")
 
 
 def warn(line: str) -> None:

@@ -1,3 +1,4 @@
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from tactophone.core.errors import DeviceError
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.actuator import (
     Actuator,
+    ClockedDevice,
     Render,
     clocked_hand_actuator,
     jack_hand_actuator,
@@ -67,6 +69,26 @@ def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(tmp_path: 
     assert len(waveform) == 64 * len(render.sizes)
     assert set(np.unique(waveform)) == {0.0, 0.25}
     assert waveform[-1] == 0.0
+
+
+def test_the_waveform_keeps_its_length_through_a_stall_and_what_a_longer_one_costs_is_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now, periods = [0.0], [0]
+
+    def stall(_: object, timeout: float) -> bool:
+        """Pass the time at once, and stand still for 1 s, then for 3 s."""
+        now[0] += timeout + {100: 1.0, 1000: 3.0}.get(periods[0], 0.0)
+        periods[0] += 1
+        return periods[0] > 2000
+
+    monkeypatch.setattr(threading.Event, "wait", stall)
+    monkeypatch.setattr("tactophone.live.audio.actuator.time.monotonic", lambda: now[0])
+    device = ClockedDevice(lambda ins, outs: None, period=480)
+    device._file = None
+    device._run()
+    assert device.xruns == 300
+    assert periods[0] == pytest.approx(now[0] / 0.01 - device.xruns, abs=2)
 
 
 def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:

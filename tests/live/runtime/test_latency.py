@@ -39,6 +39,16 @@ def test_what_has_not_come_through_yet_is_left_out() -> None:
     assert follow({"decoded": marks((120, 1.0)), "detected": marks()})["decoded"].size == 0
 
 
+def test_a_new_session_is_measured_by_its_own_marks_alone() -> None:
+    """Its timestamps begin anywhere: before or behind all that came before."""
+    for began in (WRAP // 2 + 7, 3_000_000_000):
+        old, new = [(120 * n, float(n)) for n in range(50)], [(began + 120 * n, 100.0 + n) for n in range(3)]
+        received = marks(*old, *new)
+        times = follow({"received": received, "sent": marks(*((place, time - 0.25) for place, time in new))})
+        assert (times["received"] - times["sent"]).tolist() == [0.25] * 3
+        assert follow({"rendered": marks(*old), "received": received})["received"].size == 0
+
+
 @pytest.mark.parametrize("name", ["doctest-budget"])
 def test_the_stages_add_up_to_the_total(name: str) -> None:
     codec = Codec("opus", packet_size=120)

@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import threading
 import time
@@ -168,6 +169,16 @@ def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch
         Supervisor(start_never, Settings(), name=name),
     ):
         pass
+
+
+def test_a_slow_start_says_what_it_does_ever_more_rarely(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.live.runtime.supervisor.SLOW_START", 0.2)
+    lines: list[str] = []
+    with pytest.raises(TactophoneError), Supervisor(start_never, Settings(), name=name, report=lines.append):
+        pass
+    assert 3 <= len(lines) <= 6
+    assert re.fullmatch(r"still starting \(\d+ s\): waiting for a device\r", lines[-1])
 
 
 def start_deaf(settings: Settings, info: ProcessInfo) -> None:

@@ -46,10 +46,11 @@ class Actuator(AbstractContextManager["Actuator", None]):
 class ClockedDevice(ThreadedDevice):
     """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
 
-    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
+    After a stall it catches up, so that the waveform keeps its length; after one over `_LONGEST_DELAY` s (the machine
+    slept), the periods before are lost and counted.
     """
 
-    _LONGEST_DELAY = 0.1
+    _LONGEST_DELAY = 2.0
 
     def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
         super().__init__(process, thread="actuator")
@@ -79,7 +80,7 @@ class ClockedDevice(ThreadedDevice):
         due = time.monotonic()
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             if time.monotonic() - due > self._LONGEST_DELAY:
-                self.xruns += 1
+                self.xruns += int((time.monotonic() - due) / self.latency)
                 due = time.monotonic()
             self._render(waveform)
             due += self.latency

@@ -19,6 +19,9 @@ from tactophone.net.link.codec import Codec
 
 _WRAP = 1 << 32
 
+_NEW_SESSION = 10 * LIVE_SAMPLE_RATE
+"""Samples between two marks of a stage from which a new session began between them: it starts at a random timestamp."""
+
 Marks = dict[str, NDArray[np.void]]
 
 
@@ -92,7 +95,7 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     ``marks``: by stage. The blocks of the first stage are followed; a block has reached another stage when a mark at
     its end or beyond has. Returns for each stage the times (s), one for each block that has reached them all.
     """
-    first = next(iter(marks))
+    first, marks = next(iter(marks)), {name: _newest_session(found) for name, found in marks.items()}
     if any(not len(found) for found in marks.values()):
         return {name: np.empty(0) for name in marks}
     reference = int(marks[first]["position"][-1])
@@ -105,6 +108,12 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
         known &= (index < len(found)) & (positions[0] < ends + 1)
         times[name] = found["time"][np.minimum(index, len(found) - 1)]
     return {name: moments[known] for name, moments in times.items()}
+
+
+def _newest_session(found: NDArray[np.void]) -> NDArray[np.void]:
+    """Marks of one stage since its newest session began; those of an earlier one would match any later sound."""
+    jumps = np.flatnonzero(abs((np.diff(found["position"]) + _WRAP // 2) % _WRAP - _WRAP // 2) > _NEW_SESSION)
+    return found[jumps[-1] + 1 :] if len(jumps) else found
 
 
 def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:

@@ -56,7 +56,7 @@ LONGEST_START = 300.0
 """Seconds that a start may take in all; compiling the simulation on a busy machine takes one minute."""
 
 SLOW_START = 5.0
-"""Seconds between two lines on what a slow start is at."""
+"""Seconds after which a line says what a slow start is at; the next comes after twice as long."""
 
 BUDGET_INTERVAL = 1.0
 """Seconds between two updates of the latency budget."""
@@ -107,8 +107,8 @@ SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType({
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
-    ``report`` is called with a line for people: why a process is restarted, or what a slow start is at; from another
-    thread.
+    ``report`` is called with a line for people: why a process is restarted, or what a slow start is at, which ends in
+    ``"\\r"`` since the next such line replaces it; from another thread.
 
     ``progress``, which may be replaced, is called with what the process does next, while it is awaited at its start.
 
@@ -185,11 +185,11 @@ class Supervisor:
 
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
-        child, doing, failure = self._child, "importing", "it ended"
+        child, doing, failure = self._child, "loading libraries", "it ended"
         if child is None:
             return
-        began = progressed = shown = time.monotonic()
-        used = 0
+        began = progressed = time.monotonic()
+        used, slow = 0, SLOW_START
         while True:
             now = time.monotonic()
             alive = child.alive  # asked first: what it told before its end is then read below
@@ -213,9 +213,9 @@ class Supervisor:
             if now - began > LONGEST_START:
                 failure = f"not done within {LONGEST_START:g} s"
                 break
-            if now - shown >= SLOW_START:
-                shown = now
-                self._report(f"{self.name}: starting for {now - began:.0f} s, now {doing}")
+            if now - began >= slow:
+                slow *= 2
+                self._report(f"still starting ({now - began:.0f} s): {doing}\r")
             time.sleep(0.02)
         raise TactophoneError(f"{self.name} did not start: {failure}; it was last {doing}")
 
