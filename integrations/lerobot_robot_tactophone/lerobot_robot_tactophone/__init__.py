@@ -1,80 +1,103 @@
-"""A LeRobot plug-in: your robot, whose observation also holds the fingertip's newest values.
+"""A LeRobot plug-in: a robot whose observation holds the newest values of its fingertip.
 
-`lerobot-record --robot.type=tactophone --robot.run=NAME` writes them as scalars of `observation.state`: it cannot write
-arrays at our rate today, which `tactophone export lerobot` adds afterwards. NAME is that of a run, as
-`tactophone status` lists it. Replace `Arm` by the class of your robot.
+LeRobot records them as scalars of ``observation.state``; `tactophone export lerobot` adds every prediction afterwards.
+LeRobot finds the robot by importing this package.
 """
 
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lerobot.robots import Robot, RobotConfig
+from tactophone.live.log.reader import Passed, PredictionReader
 
-from tactophone import Watcher
+FRESH = 0.1
+"""Seconds after which a value is no longer that of this moment: a run that ends leaves no frozen touch."""
 
-FELT = ("touch", "roughness", "level_dbfs", "amplitude")
-
-
-@RobotConfig.register_subclass("tactophone")
-@dataclass
-class TactophoneConfig(RobotConfig):
-    """The run to read."""
-
-    run: str = "loopback"
+NOTHING = {"touch": 0.0, "roughness": 0.0, "level_dbfs": -200.0, "amplitude": 0.0}
+"""The values of no contact and of silence."""
 
 
-class Tactophone(Robot):
-    """A fingertip alone; add your robot's joints to each method."""
+class Felt:
+    """The newest values of a finger of a run; ``read`` and ``clock`` (s since 1970) are replaced in tests."""
 
-    config_class = TactophoneConfig
-    name = "tactophone"
+    def __init__(
+        self, run: str, finger: str, *, read: Callable[[], list[Passed]] | None = None,
+        clock: Callable[[], float] = time.time,
+    ) -> None:  # fmt: skip
+        self._read, self._clock = read or PredictionReader(run).read, clock
+        self._finger, self._newest = finger, None
 
-    def __init__(self, config: TactophoneConfig) -> None:
-        super().__init__(config)
-        self.config, self._watcher = config, None
+    def values(self) -> dict[str, float]:
+        """Return the values of this moment, those of `NOTHING` where none is known."""
+        for passed in self._read():
+            self._newest = passed if passed.finger == self._finger else self._newest
+        newest = self._newest
+        if newest is None or self._clock() - newest.made > FRESH:
+            return dict(NOTHING)
+        found = newest.prediction
+        level = max(found.level_dbfs, NOTHING["level_dbfs"])
+        values = float(found.touch), found.roughness, level, newest.command.amplitude
+        return dict(zip(NOTHING, values, strict=True))
 
-    @cached_property
-    def observation_features(self) -> dict[str, type]:
-        """A number for each value."""
-        return {f"finger.{name}": float for name in FELT}
 
-    @cached_property
-    def action_features(self) -> dict[str, type]:
-        """A fingertip does nothing."""
-        return {}
+with suppress(ModuleNotFoundError):
+    from lerobot.robots import Robot, RobotConfig
+    from lerobot.utils.errors import DeviceNotConnectedError
 
-    @property
-    def is_connected(self) -> bool:
-        """Whether the run was found."""
-        return self._watcher is not None
+    @RobotConfig.register_subclass("tactophone")
+    @dataclass
+    class TactophoneConfig(RobotConfig):
+        """``run`` is the name of a run (``tactophone status``); a run of one finger calls it ``index``."""
 
-    def connect(self, calibrate: bool = True) -> None:
-        """Find the run."""
-        self._watcher = Watcher(self.config.run)
+        run: str = "loopback-operator"
+        finger: str = "index"
 
-    @property
-    def is_calibrated(self) -> bool:
-        """There is nothing to calibrate."""
-        return True
+    class Tactophone(Robot):
+        """A fingertip alone; add the joints of your robot to each method, or its class as a base."""
 
-    def calibrate(self) -> None:
-        """Do nothing."""
+        config_class = TactophoneConfig
+        name = "tactophone"
 
-    def configure(self) -> None:
-        """Do nothing."""
+        def __init__(self, config: TactophoneConfig) -> None:
+            super().__init__(config)
+            self.config = config
+            self._felt: Felt | None = None
 
-    def get_observation(self) -> dict[str, Any]:
-        """Return the newest values; zeros before the first."""
-        self._watcher.follow(drain=False)
-        rows, _ = self._watcher.predictions()
-        newest = rows[-1] if len(rows) else dict.fromkeys(FELT, 0.0)
-        return {f"finger.{name}": float(newest[name]) for name in FELT}
+        @cached_property
+        def observation_features(self) -> dict[str, type]:
+            return {f"finger.{name}": float for name in NOTHING}
 
-    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Do nothing."""
-        return action
+        @cached_property
+        def action_features(self) -> dict[str, type]:
+            return {}
 
-    def disconnect(self) -> None:
-        """Let the run go."""
-        self._watcher = None
+        @property
+        def is_connected(self) -> bool:
+            return self._felt is not None
+
+        def connect(self, calibrate: bool = True) -> None:
+            """Find the run; raises ``tactophone.TactophoneError`` where there is none."""
+            self._felt = Felt(self.config.run, self.config.finger)
+
+        @property
+        def is_calibrated(self) -> bool:
+            return True
+
+        def calibrate(self) -> None: ...
+
+        def configure(self) -> None: ...
+
+        def get_observation(self) -> dict[str, Any]:
+            """Return the values of this moment."""
+            if self._felt is None:
+                raise DeviceNotConnectedError("the fingertip is not connected: call connect() first")
+            return {f"finger.{name}": value for name, value in self._felt.values().items()}
+
+        def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+            return action
+
+        def disconnect(self) -> None:
+            self._felt = None

@@ -28,6 +28,10 @@ PRESS_CORNER = 9.0
 """Hz up to which the finger's kernels are pressed with the physics' force: that of the simulated finger's force
 control. Faster forces are the kernels' own, as the physics does not know what lies between two of its steps."""
 
+PATH_CORNERS = (28.0, 14.0, 14.0)
+"""Hz of the poles by which the tip's place is eased, those of the simulated finger's hand: what MuJoCo's tip trembles
+faster, under its servo and its soft friction, would be a vibration twice, as the kernels have their own."""
+
 HOLD = 0.02
 """Seconds without contact after which the tip has left the geom: MuJoCo's tip hops between two steps."""
 
@@ -85,7 +89,10 @@ class ContactMicrophone:
         self._since = 0.0
         self.finger = SimulatedFinger(scene, session=SessionVariation.of_tip(tip, seed), seed=seed, hand=self)
         self.slip = self.force = self._slipped = 0.0
-        self._share = 1 - math.exp(-2 * math.pi * PRESS_CORNER * model.opt.timestep)  # of two poles
+        self._share, *self._shares = (
+            1 - math.exp(-2 * math.pi * corner * model.opt.timestep) for corner in (PRESS_CORNER, *PATH_CORNERS)
+        )
+        self._places = [0.0] * len(PATH_CORNERS)
         self._eased, self._press, self._left = LIFT, LIFT, HOLD
 
     def step(self) -> None:
@@ -100,7 +107,11 @@ class ContactMicrophone:
         self._along += self._sign * self.slip * step
         self._eased += self._share * ((self.force if self._left < HOLD else LIFT) - self._eased)
         self._press += self._share * (self._eased - self._press)
-        self._steps.append((self._along, self._sign * self.slip, self._press, index))
+        place, before = self._along, self._places[-1]
+        for pole, share in enumerate(self._shares):
+            self._places[pole] += share * (place - self._places[pole])
+            place = self._places[pole]
+        self._steps.append((place, (place - before) / step, self._press, index))
 
     def read(self) -> AudioBlock:
         """Return the sound of all steps since the last call, two channels at 48 kHz."""

@@ -37,11 +37,11 @@ _ACTUATED = """
 """
 
 
-def stones_model(names: Sequence[str]) -> mujoco.MjModel:
-    """Return a model of a finger over a row of stones of these names of the catalogue."""
+def stones_model(names: Sequence[str], width: float = WIDTH) -> mujoco.MjModel:
+    """Return a model of a finger over a row of stones of these names of the catalogue, ``width`` m wide."""
     texts = "".join(f'<text name="stone{k}" data="{name}"/>' for k, name in enumerate(names))
     stones = "".join(
-        f'<geom name="stone{k}" type="box" pos="{k * PITCH} 0 -0.01" size="{WIDTH / 2} 0.035 0.01" '
+        f'<geom name="stone{k}" type="box" pos="{k * PITCH} 0 -0.01" size="{width / 2} 0.035 0.01" '
         f'rgba="0.55 0.55 0.6 1"/>'
         for k in range(len(names))
     )
