@@ -29,7 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
-from tactophone.signal.perception.levels import BANDS_HOP, BANDS_WINDOW, BandLevels, LoudnessRule, StepLevels
+from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BANDS_WINDOW, BandLevels, LoudnessRule, StepLevels
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW, HIGHEST_DBFS, NoiseFloor, RecordingFloor
 
 FAST, SLOW = 0.004, FLOOR_WINDOW
@@ -244,7 +244,7 @@ class ContactGate:
         return self._report(due=self._steps % (2 * self._hop) == 0)
 
     def _hear(self, floor: NoiseFloor, bands: FloatArray) -> None:
-        over = float(np.maximum(bands - floor.bands - floor.margin_db, 0.0).mean())
+        over = float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0))) / BANDS  # their mean
         self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)  # false where it is NaN
         self._silent_for = 0 if self._heard else self._hold + 1 if math.isnan(over) else self._silent_for + self._hop
         if self._open and self._believed and self._lasted >= self._early:

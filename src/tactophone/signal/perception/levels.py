@@ -194,6 +194,9 @@ only, motors pass for touch."""
 BANDS_WINDOW, BANDS_HOP, BANDS_RATE = 0.064, 0.005, 16_000
 """Seconds that a band's level covers, and about the seconds to the next; Hz that the sound is averaged down to."""
 
+MOST_HOPS = 64
+"""Hops of a longer block whose bands are measured at once."""
+
 FAINTEST_POWER = 1e-14
 """Added to the power of a band, so that digital silence has a finite level."""
 
@@ -218,34 +221,33 @@ class BandLevels:
         order = np.arange(BANDS + 1)
         self._edges = np.maximum.accumulate(np.round(edges).astype(int) - order) + order
         self._window = np.asarray(np.hanning(size + 2)[1:-1] / size, np.float32)
-        self._recent, self._sound = np.zeros(size, np.float32), np.zeros(hop, np.float32)
+        self._hop = hop
         self.reset()
 
     def reset(self) -> None:
-        self._recent[:] = 0
-        self._filled = 0
+        self._recent, self._rest = np.zeros(len(self._window), np.float32), _NONE
 
     def push(self, contact: FloatArray) -> list[FloatArray]:
         """Take samples of one channel; return the levels in dBFS, shape ``(BANDS,)``, of each hop that they complete.
 
         While a window holds an invalid sample they are NaN.
         """
-        rows, taken, hop = list[FloatArray](), 0, len(self._sound)
-        while taken < len(contact):
-            part = contact[taken : taken + hop - self._filled]
-            self._sound[self._filled : self._filled + len(part)] = part
-            self._filled, taken = self._filled + len(part), taken + len(part)
-            if self._filled == hop:
-                self._filled = 0
-                rows.append(self._measure())
+        sound, rows = np.concatenate((self._rest, contact)), list[FloatArray]()
+        whole = len(sound) // self._hop * self._hop
+        self._rest = sound[whole:]
+        for start in range(0, whole, MOST_HOPS * self._hop):
+            rows += self._measure(sound[start : min(start + MOST_HOPS * self._hop, whole)].reshape(-1, self._hop))
         return rows
 
-    def _measure(self) -> FloatArray:
-        new = self._sound.reshape(-1, self._decimation).mean(axis=1)
-        if len(find_invalid(self._sound[:, None])):
-            new[:] = np.nan
-        self._recent[: -len(new)] = self._recent[len(new) :]
-        self._recent[-len(new) :] = new
-        spectrum = np.fft.rfft(self._recent * self._window)
-        power = np.square(spectrum.real) + np.square(spectrum.imag)
-        return np.asarray(10 * np.log10(np.add.reduceat(power, self._edges)[:BANDS] + FAINTEST_POWER), np.float32)
+    def _measure(self, hops: FloatArray) -> list[FloatArray]:
+        new = hops.reshape(len(hops), -1, self._decimation).mean(axis=2)
+        if len(invalid := find_invalid(hops)):
+            new[invalid] = np.nan
+        size, step = len(self._window), new.shape[1]
+        joined = np.concatenate((self._recent, new.ravel()))
+        self._recent = joined[-size:]
+        # As `sliding_window_view`, which takes as long as the rest of this for a single hop.
+        windows = np.ndarray((len(hops), size), np.float32, joined, 4 * step, (4 * step, 4))
+        spectra = np.fft.rfft(windows * self._window)
+        power = np.add.reduceat(np.square(spectra.real) + np.square(spectra.imag), self._edges, axis=1)[:, :BANDS]
+        return list(np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32))
