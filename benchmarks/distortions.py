@@ -9,9 +9,13 @@ These *ten* have been looked at often. Eight more were written down before any o
 (headset, old headset), quiet sound lost (conference, recorder), filtered (port, table), disturbed (lost packets,
 supply). Of each pair the first by alphabet is for *development*: designs may be chosen by it. The other is *kept*, and
 is scored once for each design that is adopted.
+
+The group *robot*, added later, needs TACTOPHONE_RECORDINGS with `gripper`: its motion in the air and the noise around
+it, 10 dB under the take.
 """
 
 import io
+import os
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
@@ -261,12 +265,39 @@ def _named(*channels: Distortion) -> dict[str, Distortion]:
     return {each.__name__.replace("_", " "): each for each in channels}
 
 
+ROBOT_DB = -10.0
+"""Level of the robot under the take."""
+MOTION, AMBIENT = ("pencil_moveOnly.flac", 2.15, 5.44), ("pencil_noise.flac", 0.0, 1.0)
+"""File of `gripper`, and the seconds in which it moves in the air; in which its laser hears nothing of the noise."""
+
+
+def _robot(sound: Sound, rate: int, rng: np.random.Generator, part: tuple[str, float, float]) -> Sound:
+    """Add a part of `gripper`, played to and fro from anywhere."""
+    name, begin, end = part
+    found, own = soundfile.read(Path(os.environ["TACTOPHONE_RECORDINGS"], "gripper", name), always_2d=True)
+    once = _resampled(found[round(begin * own) : round(end * own)], own, rate)[:, 0]
+    endless = np.tile(np.concatenate((once, once[::-1])), 2 + len(sound) // len(once))
+    added = endless[rng.integers(2 * len(once)) :][: len(sound), None]
+    return sound + added / _rms(added) * 10 ** (ROBOT_DB / 20) * [_rms(channel) for channel in sound.T]
+
+
+def motion(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
+    """A gripper that moves in the air (Proesmans et al., ICRA 2025), 10 dB under the take."""
+    return _robot(sound, rate, rng, MOTION)
+
+
+def ambient(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
+    """The loud noise around that gripper, 10 dB under the take."""
+    return _robot(sound, rate, rng, AMBIENT)
+
+
 DISTORTIONS = _named(telephone, mobile, opus, mp3, office, hall, clipped, motor, wind, gain_control)
 
 GROUPS: dict[str, dict[str, Distortion]] = {
     "ten": DISTORTIONS,
     "development": _named(headset, conference, port, lost_packets),
     "kept": _named(old_headset, recorder, table, supply),
+    "robot": _named(motion, ambient),
 }
 
 

@@ -13,11 +13,13 @@ QUIET = Electronics(
 )  # fmt: skip
 
 
-def convert(strain: np.ndarray, pressure: np.ndarray, electronics: Electronics, motor: float = 0.0) -> np.ndarray:
+def convert(
+    strain: np.ndarray, pressure: np.ndarray, electronics: Electronics, motor: float | np.ndarray = 0.0
+) -> np.ndarray:
     microphones = Microphones(electronics, Mounting.TABLE, seed=np.random.SeedSequence(1), rate=RATE)
     signals = ContactSignals(strain, np.zeros_like(strain), pressure, np.zeros_like(strain))
     normals = np.random.default_rng(0).standard_normal((strain.size, NORMALS))
-    return microphones.convert(signals, np.full(strain.size, motor), normals)
+    return microphones.convert(signals, np.broadcast_to(motor, strain.size).astype(float), normals)
 
 
 def tone(frequency: float, amplitude: float) -> np.ndarray:
@@ -58,3 +60,21 @@ def test_only_boxes_resonate() -> None:
     rng = np.random.default_rng(0)
     assert len(cavity_sections(Mounting.BOX, rng, RATE)) == 3
     assert len(cavity_sections(Mounting.HELD, rng, RATE)) == 0
+
+
+def test_gears_are_heard_while_motors_run_and_jerks_at_starts_and_stops_but_not_where_they_turn() -> None:
+    still, time = np.zeros(RATE), np.arange(RATE) / RATE
+    # Runs from 0.2 to 0.7 s, and turns at 0.45 s within 20 ms.
+    runs = ((time >= 0.2) & (time < 0.7) & (np.abs(time - 0.45) > 0.01)).astype(float)
+    gears, jerks = (
+        convert(still, still, QUIET._replace(**{name: -20.0}), motor=runs)[:, 0] for name in ("gear_dbfs", "jerk_dbfs")
+    )
+
+    def level(sound: np.ndarray, begin: float) -> float:
+        return float(20 * np.log10(sound[round(begin * RATE) : round((begin + 0.05) * RATE)].std() + 1e-9))
+
+    assert level(gears, 0.1) < -100
+    assert level(gears, 0.3) == pytest.approx(-20, abs=2)
+    assert level(jerks, 0.1) < -100
+    assert [level(jerks, begin) for begin in (0.2, 0.75)] == pytest.approx([-22, -22], abs=3)
+    assert level(jerks, 0.65) < level(jerks, 0.47) < level(jerks, 0.3) < -25

@@ -117,6 +117,8 @@ class Electronics(NamedTuple):
       hum, white noise, and handling rumble (12 to 80 Hz).
     - ``air_noise_dbfs``, ``room_dbfs``: the microphone's own noise, and the room's, which falls by 3 dB an octave.
     - ``motor_air_dbfs``, ``motor_contact_dbfs``: motors at full speed, through the air and through the arm.
+    - ``gear_dbfs``, ``jerk_dbfs``: noise of gears, cables and joints at full speed through the arm, and of a start or
+      stop as it begins.
     - ``mains``: in Hz.
     """
 
@@ -131,6 +133,8 @@ class Electronics(NamedTuple):
     room_dbfs: float = -59.0
     motor_air_dbfs: float = -62.0
     motor_contact_dbfs: float = -46.0
+    gear_dbfs: float = -np.inf
+    jerk_dbfs: float = -np.inf
     mains: float = 50.0
 
     def amplified(self, gain_db: float, air_gain_db: float = 0.0) -> Self:
@@ -141,6 +145,8 @@ class Electronics(NamedTuple):
             contact_noise_dbfs=self.contact_noise_dbfs + gain_db,
             contact_rumble_dbfs=self.contact_rumble_dbfs + gain_db,
             motor_contact_dbfs=self.motor_contact_dbfs + gain_db,
+            gear_dbfs=self.gear_dbfs + gain_db,
+            jerk_dbfs=self.jerk_dbfs + gain_db,
             air_gain=self.air_gain * 10 ** (air_gain_db / 20),
             room_dbfs=self.room_dbfs + air_gain_db,
             air_noise_dbfs=self.air_noise_dbfs + air_gain_db,

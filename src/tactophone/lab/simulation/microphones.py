@@ -34,6 +34,13 @@ _HUM = ((1, 1.0), (2, 0.35), (3, 0.5), (5, 0.3), (7, 0.2), (9, 0.1))
 _MOTOR = (1.0, 0.6, 0.45, 0.3, 0.2, 0.15)
 """Amplitudes of the first harmonics of a geared motor's whine."""
 
+_STILL, _BRAKE = 0.02, 0.05
+"""Activity under which a motor stands, and seconds after which its brake closes; a turn is shorter."""
+
+_JERK_DECAY, _GEAR_CORNER = 0.1, 1500.0
+"""Seconds in which a jerk falls to 1/e, and Hz over which gears fall by 6 dB an octave: of the one gripper that was
+recorded, a start lasts 0.4 s and motion reaches 2 kHz (docs/research/contact.md)."""
+
 _CEILING = 1.0 - 2.0**-23
 
 
@@ -54,7 +61,7 @@ class Electrics(NamedTuple):
     cavity: Filter
     hum: Array
     whine: Array
-    phase: Array
+    motor: Array  # phase of the whine, seconds of standing, jerk, and the newest sample of the gears
     whine_frequency: float
     gains: Array
 
@@ -102,12 +109,12 @@ def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, 
     rumble, room, gains = _noise_filters(rate)
     levels = (e.contact_noise_dbfs, e.contact_rumble_dbfs, e.room_dbfs, e.air_noise_dbfs)
     noise = np.array([_amplitude(level) for level in levels]) / gains
-    motors = _amplitude(e.motor_contact_dbfs), _amplitude(e.motor_air_dbfs)
+    motors = [_amplitude(level) for level in (e.motor_contact_dbfs, e.motor_air_dbfs, e.gear_dbfs, e.jerk_dbfs)]
     return Electrics(
         contact=_filter(signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")),
         air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")), rumble=_filter(rumble),
         room=_filter(room), cavity=_filter(cavity_sections(cavity, rng, rate)), hum=_hum(e, rng, rate),
-        whine=_wave(4096, enumerate(_MOTOR, start=1), rng), phase=np.zeros(1),
+        whine=_wave(4096, enumerate(_MOTOR, start=1), rng), motor=np.array([0.0, 1.0, 0.0, 0.0]),
         whine_frequency=float(rng.uniform(240, 420)), gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
     )  # fmt: skip
 
@@ -160,13 +167,25 @@ def _filtered(x: float, sections: Array, state: Array) -> float:
 @compiled
 def _motor(electrics: Electrics, activity: float, normal: float, rate: float) -> float:
     """The whine's next sample; pitch and loudness follow the motor's activity."""
-    phase = electrics.phase[0] + electrics.whine_frequency * (0.4 + 0.6 * activity) / rate
-    electrics.phase[0] = phase - np.floor(phase)
-    place = electrics.phase[0] * electrics.whine.size
+    phase = electrics.motor[0] + electrics.whine_frequency * (0.4 + 0.6 * activity) / rate
+    electrics.motor[0] = phase - np.floor(phase)
+    place = electrics.motor[0] * electrics.whine.size
     left = int(place)
     right = (left + 1) % electrics.whine.size
     wave = electrics.whine[left] * (left + 1 - place) + electrics.whine[right] * (place - left)
     return wave * activity * (1.0 + 0.15 * normal)
+
+
+@compiled
+def _gears(electrics: Electrics, activity: float, normal: float, rate: float) -> float:
+    """The next sample of gears, cables and joints, and of the jerk where the motors start or their brakes close."""
+    motor, share = electrics.motor, 2 * np.pi * _GEAR_CORNER / rate
+    stood, motor[1] = motor[1], motor[1] + 1 / rate if activity < _STILL else 0.0
+    if (stood < _BRAKE) != (motor[1] < _BRAKE):
+        motor[2] = 1.0
+    motor[2] *= 1 - 1 / (_JERK_DECAY * rate)
+    motor[3] += share * (normal / np.sqrt(share / (2 - share)) - motor[3])  # of unit rms, as the normals
+    return motor[3] * (electrics.gains[8] * activity + electrics.gains[9] * motor[2])
 
 
 @compiled
@@ -180,6 +199,7 @@ def _convert(
         contact = g[0] * _filtered(signals.strain[i], e.contact.sections, e.contact.state)
         contact += e.hum[(position + i) % e.hum.size] + g[2] * normals[i, 0]
         contact += g[3] * _filtered(normals[i, 1], e.rumble.sections, e.rumble.state) + g[6] * whine
+        contact += _gears(e, motor[i], normals[i, 4], rate)
         pressure = signals.finger[i] + _filtered(signals.body[i], e.cavity.sections, e.cavity.state)
         air = g[1] * _filtered(pressure, e.air.sections, e.air.state) + g[5] * normals[i, 3]
         air += g[4] * _filtered(normals[i, 2], e.room.sections, e.room.state) + g[7] * whine
@@ -236,6 +256,9 @@ class SessionVariation:
             flexure=chosen.flexure,
         )
 
+
+ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)
+"""A robot whose motion is as loud over its noise as that of the gripper that was recorded (`benchmarks/moving.py`)."""
 
 COMPETITION = Electronics(room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0)
 """A hall full of people, and running motors."""

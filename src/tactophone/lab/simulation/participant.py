@@ -10,7 +10,7 @@ import numpy as np
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 from tactophone.lab.simulation.catalogue import SimulatedObject
-from tactophone.lab.simulation.finger import tip_named
+from tactophone.lab.simulation.finger import Electronics, tip_named
 from tactophone.lab.simulation.microphones import SessionVariation
 from tactophone.lab.simulation.modes import Mounting
 from tactophone.lab.simulation.motion import LIFT, single
@@ -31,8 +31,8 @@ TAP = 2.0
 class SimulatedParticipant(AlwaysOpen):
     """A simulated finger on an object, moved on request; a :class:`~tactophone.core.types.Source`.
 
-    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers. ``mounting`` is the catalogue's by
-    default; ``seed`` draws the set-up, the movement and the noise.
+    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers; ``electronics`` replaces those of the tip.
+    ``mounting`` is the catalogue's by default; ``seed`` draws the set-up, the movement and the noise.
 
     >>> from tactophone.lab.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))
@@ -46,13 +46,13 @@ class SimulatedParticipant(AlwaysOpen):
 
     def __init__(
         self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, air_gain_db: float = 0.0,
-        seed: int = 0, tip: str = DEFAULT_TIP,
+        seed: int = 0, tip: str = DEFAULT_TIP, electronics: Electronics | None = None,
     ) -> None:  # fmt: skip
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        electronics = tip_named(tip).electronics.amplified(gain_db, air_gain_db)
-        session = SessionVariation.draw(seed, electronics, tip=tip)
+        wired = (electronics or tip_named(tip).electronics).amplified(gain_db, air_gain_db)
+        session = SessionVariation.draw(seed, wired, tip=tip)
         self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
         self._now = 0.0
 
