@@ -61,7 +61,7 @@ tips: sets
 
 # Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast: about 4 h on two
 # cores. Every training is cached by hash, so that it can be stopped and goes on. PAPER_DATA takes real recordings in the
-# authors' layout (`tactophone dataset fetch authors`); `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'`
+# authors' layout (`python examples/published_sets.py authors OUT`); `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'`
 # is a small one.
 PAPER         = build/paper
 PAPER_SECONDS = 30

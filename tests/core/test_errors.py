@@ -22,9 +22,7 @@ def test_the_nearest_name_or_one_that_holds_the_word() -> None:
     assert did_you_mean("xyz", ["paper"]) == ""
 
 
-@pytest.mark.parametrize(
-    ("words", "hint"), [(["feal"], "feel"), (["dataset", "import", "--format", "biotak"], "biotac")]
-)
+@pytest.mark.parametrize(("words", "hint"), [(["feal"], "feel"), (["feel", "a.wav", "--profile", "papr"], "paper")])
 def test_verbs_and_choices_are_suggested(words: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(words)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
+from examples.published_sets import import_biotac
 
 from tactophone.app import lerobot
 from tactophone.core.errors import TactophoneError
@@ -21,7 +22,6 @@ from tactophone.core.types import Prediction, Touch
 from tactophone.faces.bridges.foxglove import _Viewer
 from tactophone.faces.web.dashboard import parse_request
 from tactophone.faces.web.game_rules import read_results
-from tactophone.lab.dataset.layouts import import_biotac
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.roughness import measure_heights, read_heights
 from tactophone.lab.recording.safe_writer import _read_entry

@@ -15,10 +15,7 @@ from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.lab.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
-from tactophone.lab.dataset.cluster import import_cluster
 from tactophone.lab.dataset.convert import convert, set_columns, write_card
-from tactophone.lab.dataset.fetch import SHARES, fetch
-from tactophone.lab.dataset.layouts import import_biotac
 from tactophone.lab.dataset.metadata import FILE_NAME
 from tactophone.lab.dataset.plots import draw_dataset
 from tactophone.lab.dataset.read import find_importable, open_dataset
@@ -35,10 +32,6 @@ EXAMPLES = (
     "tactophone dataset check recordings --calibration calibration.toml",
     "tactophone dataset import downloads recordings",
 )
-
-
-PUBLISHED = {"biotac": import_biotac, "cluster": import_cluster}
-"""What `import --format` takes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,20 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    words = (
-        "as published: BioTac's CSV with pac1 to "
-        "pac22; the Cluster Haptic Texture Dataset's sensor_data and texture_list.xlsx"
-    )
-    sub.add_argument("--format", choices=tuple(PUBLISHED), help=words)
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
-    words = "download a published data set, show its licence, and unpack it; an interrupted download goes on"
-    sub = add_action("fetch", words, _fetch)
-    sub.add_argument("name", choices=tuple(SHARES), help="authors: the recordings of the paper's authors")
-    sub.add_argument("out", type=Path, metavar="OUT", help="folder to write to")
-    sub.add_argument("--archive", default="", metavar="URL", help="where the archive is, if it has moved")
-    sub.add_argument("--sha256", default="", metavar="HEX", help="checksum that it must have; none was published")
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -187,8 +169,6 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
 def _import(args: argparse.Namespace) -> int:
     if is_mcap(Path(args.folder)):
         return _import_log(args, Path(args.folder))
-    if args.format:
-        return _import_published(args)
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
         output.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
@@ -209,32 +189,6 @@ def _import(args: argparse.Namespace) -> int:
             f"beware: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
             f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
         )
-    return 0
-
-
-def _import_published(args: argparse.Namespace) -> int:
-    with output.progress("converting") as update:
-        made, problems = PUBLISHED[args.format](
-            Path(args.folder), args.out, progress=lambda done: update(completed=done)
-        )
-    for problem in problems:
-        output.note(f"left out: {problem}")
-    _print_count(len(made.recordings), args.out)
-    if not any(recording.label is not None for recording in made.recordings):
-        output.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")
-    return 0
-
-
-def _fetch(args: argparse.Namespace) -> int:
-    share = SHARES[args.name]
-    output.log().print(f"{share.page}: licence {share.licence}", soft_wrap=True)
-    with output.progress("downloading") as update:
-        folder, found = fetch(
-            args.name, args.out, archive=args.archive, sha256=args.sha256,
-            progress=lambda done, total: update(completed=done, total=total or None),
-        )  # fmt: skip
-    output.log().print(f"SHA-256 {found}; cite the authors", soft_wrap=True)
-    print(folder)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders, BioTac vibration.
+"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders.
 
 **The authors'** is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
 ``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
@@ -8,28 +8,20 @@
 (``rough/``), a microphone (``piezo/``, ``mems/``) or a side of a split (``train/``); a file's name may end in a
 microphone (``x_contact.wav`` beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
 all else equal are a pair, which conversion joins into a file of two channels.
-
-**BioTac** vibration is published as CSV, without the labels rough and smooth that people give. A file ``labels.csv``
-with the columns ``surface`` and ``label`` in the folder adds them.
 """
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-import soundfile
-from numpy.typing import NDArray
-
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.processes import make_room
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.lab.dataset.checks import pair_fault
-from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, refuse_link, rows, write_metadata
+from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, rows
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
 
 MANIFEST = "manifest.csv"
@@ -289,74 +281,3 @@ def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:
             return (microphone,) if file.channels == 1 else ()
     except DatasetError:
         return ()
-
-
-BIOTAC_RATE = 2200
-"""Hz of the BioTac's dynamic pressure, PAC: 22 values in each line of 10 ms (SynTouch's product manual)."""
-
-BIOTAC_FULL_SCALE = 2048
-"""Half of the range of its 12-bit converter."""
-
-PAC = tuple(f"pac{number}" for number in range(1, 23))
-
-LABELS = "labels.csv"
-
-Imported = tuple[Dataset, tuple[Problem, ...]]
-
-
-def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
-    """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact alone.
-
-    ``folder`` is searched to any depth; the folder of a file names its surface.
-    """
-    if not folder.is_dir():
-        raise DatasetError(f"{folder}: no such folder; name the one that holds the published files")
-    problems: list[Problem] = []
-    labels = read_labels(folder / LABELS, problems)
-    recordings = []
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".csv" and path.name != LABELS)
-    for done, path in enumerate(files, 1):
-        progress(done)
-        try:
-            sound = _read_pac(path)
-        except (ValueError, AssertionError, IndexError) as error:  # of text that is no UTF-8, too
-            problems.append(Problem(path, "columns", f"no table of numbers ({str(error)[:80]}); left out"))
-            continue
-        if sound is None:
-            problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
-            continue
-        target = (out / path.relative_to(folder)).with_suffix(".flac")
-        refuse_link(target.parent, out)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        make_room(target)
-        soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
-        surface = path.parent.name
-        recordings.append(Recording(target, surface, labels.get(surface), ("contact",), take=path.stem))
-    if not recordings:
-        raise DatasetError(f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}")
-    write_metadata(out, recordings)
-    return Dataset(out.name, out, tuple(recordings)), tuple(problems)
-
-
-def read_labels(path: Path, problems: list[Problem]) -> dict[str, Touch | None]:
-    """Return the label of each surface of a ``labels.csv``, none if there is no such file."""
-    if not path.is_file():
-        return {}
-    return {
-        row["surface"]: LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)]
-        for _, row in rows(path, required=("surface", "label"))
-    }
-
-
-def _read_pac(path: Path) -> NDArray[np.float64] | None:
-    """Return the dynamic pressure of a file, each line's 22 values in turn, less its mean, in [-1, 1]."""
-    with path.open(encoding="utf-8-sig") as file:
-        names = [name.strip().lower() for name in file.readline().replace(";", ",").split(",")]
-        if not set(PAC) <= set(names):
-            return None
-        columns = [names.index(name) for name in PAC]
-        values = np.loadtxt((line.replace(";", ",") for line in file), delimiter=",", usecols=columns, ndmin=2)
-    if not values.size or not np.isfinite(values).all():
-        raise ValueError("no values, or some that are no numbers")
-    pac = values.reshape(-1) / BIOTAC_FULL_SCALE
-    return np.asarray(np.clip(pac - pac.mean(), -1, 1))

@@ -1,4 +1,4 @@
-"""Published data sets: fetched from a local server, imported from made-up files in their layout."""
+"""examples/published_sets.py: fetches from a local server, converts made-up files in the layouts of published sets."""
 
 import functools
 import hashlib
@@ -12,13 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from examples import published_sets
+from examples.published_sets import ARCHIVE, PAC, fetch, import_biotac, import_cluster
 
-from tactophone.cli import main
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.cluster import import_cluster
-from tactophone.lab.dataset.fetch import SHARES, fetch
+from tactophone.lab.dataset.checks import check
 from tactophone.lab.dataset.read import open_dataset
+from tests.lab.dataset.folders import write_text
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr("sys.argv", ["published_sets.py", *words])
+    return published_sets.main()
 
 
 @pytest.fixture
@@ -44,17 +50,17 @@ def archive(path: Path, *, name: str = "share/opus/stereo/00_long_light.wav") ->
 
 
 def test_the_authors_share_is_fetched_checked_and_read(
-    server: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    server: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, address = server
     sha256 = archive(folder / "share.zip")
-    words = ["dataset", "fetch", "authors", str(tmp_path / "out"), "--archive", f"{address}/share.zip"]
-    assert main([*words, "--sha256", sha256]) == 0
+    words = ["authors", str(tmp_path / "out"), "--archive", f"{address}/share.zip"]
+    assert run(monkeypatch, *words, "--sha256", sha256) == 0
     shown = capsys.readouterr()
     assert "BSD 3-Clause" in shown.err + shown.out
     (recording,) = open_dataset(shown.out.strip().splitlines()[-1]).recordings
     assert recording.label == Touch.ROUGH
-    assert SHARES["authors"].archive.startswith("https://cloud.vi.cs.uni-bonn.de/")
+    assert ARCHIVE.startswith("https://cloud.vi.cs.uni-bonn.de/")
 
 
 def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_told(
@@ -64,14 +70,14 @@ def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_to
     archive(folder / "share.zip")
     (folder / "page.zip").write_text("<html>moved</html>")
     with pytest.raises(DatasetError, match="its SHA-256 is"):
-        fetch("authors", tmp_path / "one", archive=f"{address}/share.zip", sha256="0" * 64)
+        fetch(tmp_path / "one", archive=f"{address}/share.zip", sha256="0" * 64)
     with pytest.raises(DatasetError, match="is no zip archive"):
-        fetch("authors", tmp_path / "two", archive=f"{address}/page.zip")
+        fetch(tmp_path / "two", archive=f"{address}/page.zip")
     with pytest.raises(DatasetError, match="cannot be downloaded"):
-        fetch("authors", tmp_path / "three", archive=f"{address}/missing.zip")
+        fetch(tmp_path / "three", archive=f"{address}/missing.zip")
     archive(folder / "evil.zip", name="../../evil.wav")
     with pytest.raises(DatasetError, match="outside its folder"):
-        fetch("authors", tmp_path / "four", archive=f"{address}/evil.zip")
+        fetch(tmp_path / "four", archive=f"{address}/evil.zip")
     assert not list(tmp_path.rglob("evil.wav"))
 
 
@@ -96,11 +102,10 @@ def cluster(folder: Path) -> Path:
     return folder
 
 
-def test_the_cluster_set_becomes_slides_of_one_air_microphone(tmp_path: Path) -> None:
+def test_the_cluster_set_becomes_slides_of_one_air_microphone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     theirs = cluster(tmp_path / "theirs")
     (theirs / "labels.csv").write_text("surface,label\nNyatoh,rough\nStainless steel,smooth\n")
-    words = ["dataset", "import", str(theirs), str(tmp_path / "ours"), "--format", "cluster"]
-    assert main(words) == 0
+    assert run(monkeypatch, "cluster", str(theirs), str(tmp_path / "ours")) == 0
     made = open_dataset(tmp_path / "ours")
     assert {(each.surface, each.label) for each in made.recordings} == {
         ("Nyatoh", Touch.ROUGH), ("Stainless steel", Touch.SMOOTH), ("texture 74", None),
@@ -119,3 +124,43 @@ def test_what_is_not_the_cluster_set_is_refused_in_a_line(tmp_path: Path) -> Non
     (theirs / "texture_list.xlsx").write_bytes(b"none")
     with pytest.raises(DatasetError, match="download it beside"):
         import_cluster(theirs, tmp_path / "out")
+
+
+def biotac(root: Path) -> Path:
+    pac = 2048 + 200 * np.sin(2 * np.pi * 110 * np.arange(22 * 100) / 2200)
+    for name in ("mat1/mat1_1_bio.csv", "mat2/mat2_1_bio.csv"):
+        lines = (",".join(["0", *(f"{value:.0f}" for value in row)]) for row in pac.reshape(-1, 22))
+        write_text(root / "raw_data" / name, ",".join(["time", *PAC]), *lines)
+    write_text(root / "raw_data" / "mat1" / "notes.csv", "a,b", "1,2")
+    write_text(root / "labels.csv", "surface;label", "mat1;rough", "mat2;smooth")
+    return root
+
+
+def test_the_vibration_of_a_biotac_becomes_sound(tmp_path: Path) -> None:
+    made, problems = import_biotac(biotac(tmp_path / "theirs"), tmp_path / "ours")
+    assert [problem.path.name for problem in problems] == ["notes.csv"]
+    opened = open_dataset(tmp_path / "ours")
+    assert check(opened) == ()
+    labels = {take.surface: take.label for take in opened.recordings}
+    assert labels == {"mat1": Touch.ROUGH, "mat2": Touch.SMOOTH}
+    sound, rate = soundfile.read(made[0].path)
+    assert (rate, sound.shape) == (2200, (2200,))
+    assert np.abs(np.fft.rfft(sound)).argmax() == 110
+    assert np.abs(sound).max() == pytest.approx(200 / 2048, rel=0.01)
+
+
+def test_the_program_says_how_many_it_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs, ours = str(biotac(tmp_path / "theirs")), str(tmp_path / "ours")
+    assert run(monkeypatch, "biotac", theirs, ours) == 0
+    assert capsys.readouterr().out.startswith("2 recordings in")
+
+
+def test_a_folder_without_such_files_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(monkeypatch, "biotac", str(tmp_path), str(tmp_path / "ours")) == 1
+    assert "nothing to import" in capsys.readouterr().err
+    with pytest.raises(DatasetError, match="nothing to import"):
+        import_biotac(tmp_path, tmp_path / "ours")
