@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.app import lerobot
 from tactophone.app.lerobot import LEROBOT_VALUES
 from tactophone.cli import main
 from tactophone.live.log.mcap import LogEnd, read_messages
@@ -176,6 +177,39 @@ def test_a_file_of_endless_frames_is_refused_by_its_header(
             writer.write_table(zeros)
     assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "out")]) == 1
     assert "frames, but at most" in capsys.readouterr().err
+
+
+def test_a_frame_of_endless_values_is_refused_by_its_header(
+    log: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pyarrow
+
+    monkeypatch.setattr(lerobot, "MOST_VALUES", 1_000_000)
+    zeros = pyarrow.nulls(1_000_001, pyarrow.uint8()).fill_null(0)
+    columns = {"timestamp": pyarrow.array([0.0]), "x": pyarrow.ListArray.from_arrays([0, len(zeros)], zeros)}
+    for place in ("data/chunk-000", "meta/episodes/chunk-000"):
+        path = dataset / place / "file-001.parquet"
+        parquet.write_table(pyarrow.table(columns), path)
+        assert path.stat().st_size < 10_000
+        assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "out")]) == 1
+        assert "values, but at most" in capsys.readouterr().err
+        path.unlink()
+
+
+def test_frames_with_long_words_are_read_a_few_at_a_time(
+    log: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pyarrow
+
+    path = dataset / "data/chunk-000/file-000.parquet"
+    table = parquet.read_table(path)
+    word = ["A" * 1_000_000] * len(table)
+    monkeypatch.setattr(lerobot, "BATCH_BYTES", 4_000_000)
+    parquet.write_table(table.append_column("word", pyarrow.chunked_array([word])), path)
+    assert lerobot._batch_size(parquet.read_metadata(path)) < 5
+    out = tmp_path / "out"
+    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(out), "--episode", "1"]) == 0
+    assert parquet.read_metadata(out / path.relative_to(dataset)).num_rows == len(table)
 
 
 def test_a_second_episode_leaves_the_first_ones_touch_sound_and_state(log: Path, dataset: Path, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,6 +49,12 @@ MOST_FRAMES = 2_000_000
 
 MOST_NUMBERS = 10_000_000
 """Most predictions that are written, over all frames."""
+
+MOST_VALUES = 100_000_000
+"""Most values of a file, over all columns: 800 MB. LeRobot begins another file after 100 MB."""
+
+BATCH_BYTES = 64 << 20
+"""Bytes of pictures or text that a batch of frames may take."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -113,9 +119,11 @@ def export(
     held = _check_state(into_state, info, dataset, fingers)
     begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
     _refuse_links(dataset)
-    frames = _count_frames((dataset / "data").rglob("*.parquet"))
-    tables = {path: parquet.read_table(path) for path in sorted((dataset / "data").rglob("*.parquet"))}
-    moments = np.concatenate([_moments(table, episode, begin) for table in tables.values()] or [np.empty(0)])
+    paths = sorted((dataset / "data").rglob("*.parquet"))
+    frames = _count_frames(paths)
+    _count_frames((dataset / "meta/episodes").rglob("*.parquet"))
+    tables = (parquet.read_table(path, columns=["timestamp", "episode_index"]) for path in paths)
+    moments = np.concatenate([_moments(table, episode, begin) for table in tables] or [np.empty(0)])
     inside = np.sort(moments[np.isfinite(moments)])
     felt = sum(int(np.sum((inside >= finger.times[0]) & (inside <= finger.times[-1] + 1))) for finger in fingers[:1])
     if not felt:
@@ -134,7 +142,7 @@ def export(
         found = {finger.feature: _feature(finger, table, episode, begin, most) for finger in fingers}
         return found | (_state(found, table, held, fingers, into_state) if into_state else {})
 
-    written = _write_frames(tables, dataset, out, features)
+    written = _write_frames(paths, dataset, out, features)
     for finger in fingers:
         shape = {"shape": [most * len(finger.values)], "names": finger.names(most)}
         info["features"][finger.feature] = {"dtype": "float32", **shape}
@@ -245,23 +253,41 @@ def _feature(finger: Finger, table: Any, episode: int, begin: float, most: int) 
 
 
 def _write_frames(
-    tables: dict[Path, Any], dataset: Path, out: Path, features: Callable[[Any], dict[str, Rows]]
+    paths: Iterable[Path], dataset: Path, out: Path, features: Callable[[Any], dict[str, Rows]]
 ) -> dict[str, Rows]:
-    """Write each file of frames with its new features; return the features of all frames."""
+    """Write each file of frames with its new features, batch by batch; return the features of all frames."""
     import pyarrow
     from pyarrow import parquet
 
     collected: dict[str, list[Rows]] = {}
-    for path, table in tables.items():
-        columns = dict(zip(table.column_names, table.columns, strict=True))
-        for name, values in features(table).items():
-            flat = pyarrow.array(values.astype(np.float32).ravel())
-            columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-            collected.setdefault(name, []).append(values)
+    for path in paths:
         target = out / path.relative_to(dataset)
         target.unlink()  # it may be a link to the original
-        parquet.write_table(pyarrow.table(columns), target)
+        with parquet.ParquetFile(path) as file, ExitStack() as stack:
+            writer = None
+            for batch in file.iter_batches(_batch_size(file.metadata)):
+                table = pyarrow.Table.from_batches([batch])
+                columns = dict(zip(table.column_names, table.columns, strict=True))
+                for name, values in features(table).items():
+                    flat = pyarrow.array(values.astype(np.float32).ravel())
+                    columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+                    collected.setdefault(name, []).append(values)
+                table = pyarrow.table(columns)
+                writer = writer or stack.enter_context(parquet.ParquetWriter(target, table.schema))
+                writer.write_table(table)
     return {name: np.concatenate(parts) for name, parts in collected.items()}
+
+
+def _column_chunks(head: Any) -> Iterator[Any]:
+    """Yield the head of each column in each row group of a Parquet file."""
+    for group in map(head.row_group, range(head.num_row_groups)):
+        yield from map(group.column, range(group.num_columns))
+
+
+def _batch_size(head: Any) -> int:
+    """Return how many frames are read at once: one value of a dictionary may stand in all of them."""
+    sizes = [each.total_uncompressed_size for each in _column_chunks(head) if each.physical_type == "BYTE_ARRAY"]
+    return max(1, min(10_000, BATCH_BYTES // max(map(int, sizes), default=1)))
 
 
 def _appended(fingers: list[Finger], names: Sequence[str]) -> list[str]:
@@ -356,10 +382,13 @@ def _count_frames(paths: Iterable[Path]) -> int:
     count = 0
     for path in paths:
         try:
-            count += parquet.read_metadata(path).num_rows
+            head = parquet.read_metadata(path)
         except (pyarrow.ArrowException, OSError) as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?") from None
+        count += head.num_rows
+        if (values := sum(each.num_values for each in _column_chunks(head))) > MOST_VALUES:
+            raise DatasetError(f"{path}: {values} values, but at most {MOST_VALUES} are read; export smaller files")
     if count > MOST_FRAMES:
         raise DatasetError(f"{count} frames, but at most {MOST_FRAMES} are read at once; export parts of the data set")
     return count

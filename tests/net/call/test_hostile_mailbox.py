@@ -21,13 +21,14 @@ NOTHING = "has said nothing for 1 s"
 MODES = {
     "silent": NOTHING,
     "no number": NOTHING,
-    "no JSON": NOTHING,
+    "no JSON": REFUSED,
     "huge": NOTHING,
     "pieces": NOTHING,
     "refused": REFUSED,
     "no hexadecimal": REFUSED,
     "no key": REFUSED,
     "many": REFUSED,
+    "error": REFUSED,
     "escapes": "a code is a number and two words",
     "shell": "a code is a number and two words",
     "markup": "a code is a number and two words",
@@ -71,6 +72,8 @@ async def lie(socket: Any, mode: str) -> None:
                 await say(type="message", side="x", phase="pake", body="zz")
             case "open", "no key":
                 await say(type="message", side="x", phase="pake", body=b'{"pake_v1":"zz"}'.hex())
+            case "open", "error":
+                await say(type="error", error=ESCAPES + "crowded", orig={})
             case "open", "many":
                 for number in range(5_000):
                     await say(type="message", side=f"x{number}", phase="pake", body="00" * 50)

@@ -128,6 +128,11 @@ SOUND_RATE = 1.5 * LIVE_SAMPLE_RATE
 """Samples a second, with a margin over real time for what a slow network held back."""
 
 
+def is_sound(data: bytes) -> bool:
+    """Whether this is a position and 1 to `LONGEST_MESSAGE` whole samples."""
+    return len(data) % 4 == 0 and 8 <= len(data) <= 4 + 4 * LONGEST_MESSAGE
+
+
 class PageMicrophone:
     """The one page whose microphone is the source."""
 
@@ -147,10 +152,7 @@ class PageMicrophone:
         gate = FloodGate(SOUND_RATE)
         async for message in view:
             data = message.data
-            whole = (
-                message.type is WSMsgType.BINARY and len(data) % 4 == 0 and 8 <= len(data) <= 4 + 4 * LONGEST_MESSAGE
-            )
-            if not whole:
+            if message.type is not WSMsgType.BINARY or not is_sound(data):
                 await view.close(code=1003, message=b"not a message of sound: reload the page")
             elif gate.overflows(len(data) // 4 - 1):
                 await end_flood(view)

@@ -8,14 +8,15 @@ import asyncio
 import contextlib
 import hashlib
 import hmac
+import json
 from collections.abc import Iterator
 from typing import Any
 
 import wormhole
 from twisted.internet import asyncioreactor
-from wormhole.errors import KeyFormatError, LonelyError, WormholeClosed, WormholeError, WrongPasswordError
+from wormhole.errors import KeyFormatError, LonelyError, ServerError, WrongPasswordError
 
-from tactophone.core.errors import DeviceError, plain
+from tactophone.core.errors import DeviceError, TactophoneError, plain
 from tactophone.net.call.messages import Message, read_message, write_message
 
 APPLICATION = "tactophone.org/call/1"
@@ -41,6 +42,8 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
     from wormhole import _rendezvous
 
     class Factory(_rendezvous.WSFactory):  # type: ignore[misc]  # the library has no word for a bound; it is pinned
+        protocol = bounded_client()
+
         def setProtocolOptions(self, **chosen: Any) -> None:  # noqa: N802
             bounds = dict.fromkeys(("maxMessagePayloadSize", "maxFramePayloadSize"), LARGEST_WORD)
             super().setProtocolOptions(**chosen | bounds)
@@ -50,6 +53,22 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
     # A mailbox's nonsense would be a traceback on the terminal; what it means for a call is raised.
     globalLogBeginner.beginLoggingTo([], discardBuffer=True, redirectStandardIO=False)
     reactor.startRunning(installSignalHandlers=False)
+
+
+def bounded_client() -> Any:
+    """Return the library's end of a mailbox, which then prints nothing and ends a call at once that was refused."""
+    from wormhole._rendezvous import WSClient
+
+    class Client(WSClient):  # type: ignore[misc]
+        def onMessage(self, payload: bytes, isBinary: bool) -> None:  # noqa: N802
+            try:
+                if (said := json.loads(payload))["type"] == "error":
+                    raise ServerError(str(said["error"]))  # else the library asks the mailbox to close, and waits
+                self._RC.ws_message(payload)
+            except Exception as error:  # whatever a mailbox's words lead the library to
+                self._RC._B.error(error)
+
+    return Client
 
 
 def uninstall() -> None:
@@ -128,7 +147,9 @@ class Exchange:
             ) from None
         except LonelyError:
             raise DeviceError("nobody else used this code: check it, and whether the other end still waits") from None
-        except (WormholeError, WormholeClosed, ValueError, TypeError, KeyError, AssertionError) as error:
+        except TactophoneError:
+            raise
+        except Exception as error:  # its words reach the state machines of a library that raise whatever they raise
             raise DeviceError(
                 f"the mailbox {self._mailbox} does not serve this call ({_words(error)}); check the network, or name "
                 "another with --set call.mailbox=..."
