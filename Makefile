@@ -91,8 +91,11 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
 	HYPOTHESIS_PROFILE=random $(PYTEST) -n $(CORES) -m hypothesis
 
+# lerobot asks for another torch: LEROBOT=its/bin/python tests in an environment that has it (integrations/README.md).
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
-	$(PYTEST) -rs integrations/*/tests
+	$(PYTEST) -rs -n $(CORES) --dist worksteal integrations/*/tests tests/app/test_lerobot_readers.py
+	$(if $(LEROBOT),PYTHONPATH=src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -rs -p no:cacheprovider \
+	  integrations/lerobot_*/tests tests/app/test_lerobot.py tests/app/test_lerobot_readers.py)
 
 mutants: $(READY)  ## mutants of the safety code that no test of its room kills; about half an hour
 	$(BIN)/python scripts/mutants.py

@@ -45,12 +45,22 @@ class Stream:
 HEADER = struct.Struct("<HBBHH")
 
 
+class Hapbeat(ClockedDevice):
+    """Plays what ``render`` gives for the first finger; the stream ends with the device."""
+
+    def __init__(self, render: RenderHand, stream: Stream, *, fingers: int) -> None:
+        def play(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
+            render(outputs)
+            stream.play(outputs[0])
+
+        super().__init__(play, period=LIVE_SAMPLE_RATE // 100, outputs=fingers)
+        self._stream = stream
+
+    def close(self) -> None:
+        super().close()
+        self._stream.close()
+
+
 def make(*, render: RenderHand, fingers: int, device: str) -> Actuator:
     """Return the actuator of an entry point ``tactophone.actuators``."""
-    stream = Stream(device)
-
-    def play(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
-        render(outputs)
-        stream.play(outputs[0])
-
-    return Actuator(ClockedDevice(play, period=LIVE_SAMPLE_RATE // 100, outputs=fingers))
+    return Actuator(Hapbeat(render, Stream(device), fingers=fingers))

@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import numpy as np
 import pytest
 from devices_tactophone import bhaptics
-from devices_tactophone.hapbeat import Stream
+from devices_tactophone.hapbeat import Hapbeat, Stream
 
 
 def test_bhaptics_gets_the_levels_of_its_motors() -> None:
@@ -50,6 +50,19 @@ def test_hapbeat_gets_a_stream_of_samples() -> None:
     assert [packet[3] for packet in (begin, first, second, end)] == [0x30, 0x31, 0x31, 0x32]
     assert np.frombuffer(first[12:], "<i2").tolist() == [16383] * 160
     assert int.from_bytes(second[8:12], "little") == 320
+
+
+def test_the_stream_ends_with_the_run() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(2)
+        device = Hapbeat(lambda outputs: None, Stream("127.0.0.1", receiver.getsockname()[1]), fingers=1)
+        device.open()
+        kinds = [receiver.recv(2048)[3] for _ in range(3)]
+        device.close()
+        while kinds[-1] == 0x31:
+            kinds.append(receiver.recv(2048)[3])
+    assert (kinds[0], kinds[1], kinds[-1]) == (0x30, 0x31, 0x32)
 
 
 def test_the_makers_own_sdk_writes_the_same_packets() -> None:
