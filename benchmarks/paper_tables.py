@@ -38,9 +38,9 @@ from tactophone.cli import output
 from tactophone.core.errors import ConfigError, DatasetError, TactophoneError, did_you_mean
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 from tactophone.lab.benchmark.folds import Cache, cross_validate, default_cache
-from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, file_method, methods_for
+from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
 from tactophone.lab.benchmark.plan import origin_of
-from tactophone.lab.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
+from tactophone.lab.dataset.layouts import SPARE_OBJECT
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import Fold, split
 from tactophone.lab.dataset.values import Dataset, Recording, Segment, stretches
@@ -160,6 +160,19 @@ def predict_held_out(
         name = method.name + KIN_NOTE * with_kin
         predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
     return predictions
+
+
+REDUCED_OBJECTS = frozenset(range(10, 20))
+"""Training objects of the fine-tuned model: the paper says *fewer objects* and does not name them. These are the casts,
+which are most like the competition's stones."""
+
+
+def file_method(path: Path) -> NetworkMethod:
+    """Return the paper's network as a recipe file trains it, named as the file."""
+    recipe = RecipeFile.read(path).configured()
+    if isinstance(recipe, FeatureRecipe):
+        raise ConfigError(f"{path}: recipe {recipe.name}, but a table takes files of the paper's network")
+    return NetworkMethod(recipe, title=path.stem)
 
 
 def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Recording, ...], bool]:

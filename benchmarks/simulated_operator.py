@@ -17,18 +17,19 @@ Visits are rendered and perceived once; rounds draw from them, so that a thousan
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
-from tactophone.lab.simulation.catalogue import TEST, SimulatedObject, catalogue, synthetic_object
+from tactophone.lab.simulation.catalogue import TEST, SimulatedObject, blend, catalogue
 from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.lab.simulation.modes import Mounting
+from tactophone.lab.simulation.modes import Body, Mounting
 from tactophone.lab.simulation.motion import row
 from tactophone.lab.simulation.source import SimulatedFinger
 from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
+from tactophone.lab.simulation.surface import Surface
 from tactophone.signal.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
 
 INTEGRATION = 0.03
@@ -258,3 +259,37 @@ def _round(operator: Operator, visits: Visits[Percepts], rng: np.random.Generato
         found=order[int(np.argmax(odds))] is Touch.ROUGH,
         duration=float(stroked + travel),
     )
+
+
+MASS = (0.15, 0.7)
+"""Kilograms of a stone that a hand can lift."""
+
+
+def synthetic_object(label: Touch, rng: np.random.Generator) -> SimulatedObject:
+    """Blend two movable objects of this label into a new one, in the competition's box.
+
+    >>> stone = synthetic_object(Touch.ROUGH, np.random.default_rng(0))
+    >>> stone.label, stone.roughness.ra > 5e-6
+    (<Touch.ROUGH: 2>, True)
+    """
+    parents = [obj for obj in catalogue() if obj.label is label and obj.movable]
+    first, second = (parents[k] for k in rng.choice(len(parents), 2, replace=False))
+    share = float(rng.uniform(0.2, 0.8))
+    return replace(
+        first, number=-2, name=f"synthetic {label.name.lower()} stone",
+        surface=_blended_surface(first.surface, second.surface, share, rng),
+        material=blend(first.material, second.material, share),
+        substance=f"between {first.substance} and {second.substance}",
+        body=Body.SHELL if rng.random() < 0.5 else Body.BLOCK, mounting=Mounting.MAT, mass=float(rng.uniform(*MASS)),
+    )  # fmt: skip
+
+
+def _blended_surface(first: Surface, second: Surface, share: float, rng: np.random.Generator) -> Surface:
+    features: dict[str, Any] = {}
+    for name in ("grains", "pits", "ridges"):
+        a, b = getattr(first, name), getattr(second, name)
+        # A feature that only one parent has is inherited whole or not at all.
+        features[name] = blend(a, b, share) if a is not None and b is not None else (a if rng.random() < share else b)
+    plain = replace(first, grains=None, pits=None, ridges=None, name="synthetic", seed=int(rng.integers(1 << 30)))
+    blended = blend(plain, replace(second, grains=None, pits=None, ridges=None), share)
+    return replace(blended, name=plain.name, seed=plain.seed, **features)

@@ -33,7 +33,7 @@ TARGETS = {  # the file, and the tests of its room; those that kill most come fi
     "limits": ("signal/haptics/limits.py", "test_limits.py test_mapping.py test_profiles.py"),
     "watchdog": ("live/runtime/watchdog.py", "test_watchdog.py"),
     "decision": ("signal/perception/decision.py", "test_decision.py test_engine.py"),
-    "gate": ("live/runtime/gate.py", "test_gate.py test_finger_output.py"),
+    "gate": ("live/runtime/output_gate.py", "test_output_gate.py test_finger_output.py"),
     "security": ("faces/web/security.py", "test_security.py"),
     "oscillator": ("signal/haptics/oscillator.py", "test_oscillator.py test_playback.py test_waveform.py"),
     "session": (

@@ -108,7 +108,7 @@ def evaluate_recipe(
     - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces
       so many times.
     """
-    from tactophone.lab.benchmark.folds import permute_labels
+    from tactophone.lab.benchmark.folds import cross_validate, permute_labels
     from tactophone.lab.benchmark.methods import method_of, recipe_method
     from tactophone.lab.training.recipes import RECIPES
 
@@ -117,7 +117,10 @@ def evaluate_recipe(
     rule = RECIPES[recipe.recipe].response_for(recipe.tip or tip_of(dataset.recordings)).decision
 
     def predict(method: "Method", dataset: Dataset) -> list[TakePredictions]:
-        return _cross_validated(method, dataset, how, cache, report)
+        folds = split(dataset, how)
+        return cross_validate(
+            method, folds, cache=cache, report=lambda done, name: report(method.name, done, len(folds), name)
+        )
 
     reports = {method.name: make_report(predict(method, dataset), decision=rule)}
     if baselines is not None:
@@ -127,17 +130,6 @@ def evaluate_recipe(
         permuted = permute_labels(dataset, seed=seed)
         reports[f"permuted {seed + 1}"] = make_report(predict(method, permuted), decision=rule)
     return reports
-
-
-def _cross_validated(
-    method: "Method", dataset: Dataset, how: str, cache: "Cache | None", report: Progress
-) -> list[TakePredictions]:
-    from tactophone.lab.benchmark.folds import cross_validate
-
-    folds = split(dataset, how)
-    return cross_validate(
-        method, folds, cache=cache, report=lambda done, name: report(method.name, done, len(folds), name)
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from tactophone.live.log.log_topics import topics_of
 from tactophone.live.log.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
 from tactophone.live.log.reader import encoded
 from tactophone.live.log.sound import SoundMessages
-from tactophone.live.runtime.gate import FingerOutput
+from tactophone.live.runtime.output_gate import FingerOutput
 from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.live.telemetry.layout import Request
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart

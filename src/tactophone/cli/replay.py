@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import options, output, page
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Finger, Settings, change
-from tactophone.core.types import DEFAULT_CEILING
+from tactophone.core.settings import DEFAULT_CEILING, Finger, Settings, change
 
 if TYPE_CHECKING:
     from tactophone.app.replay import RenderedFinger, Replay

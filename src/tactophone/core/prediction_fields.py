@@ -1,4 +1,7 @@
-"""The fields of a prediction: CSV, JSON, shared memory, log, pages and ROS derive their columns from this one table."""
+"""The fields of a prediction: CSV, JSON, shared memory, log and pages derive their columns from this one table.
+
+ROS has a message of its own, `faces.bridges.ros_topics.StampedPrediction`, whose fields are not derived.
+"""
 
 import math
 from collections.abc import Callable

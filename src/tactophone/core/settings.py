@@ -17,7 +17,9 @@ import msgspec
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.plugins import ACTUATORS, registered
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
-from tactophone.core.types import DEFAULT_CEILING
+
+DEFAULT_CEILING = 0.5
+"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
 
 
 @dataclass(frozen=True, slots=True)

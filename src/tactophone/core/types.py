@@ -18,9 +18,6 @@ FloatArray: TypeAlias = NDArray[np.float32]
 LIVE_SAMPLE_RATE = 48_000
 """Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
 
-DEFAULT_CEILING = 0.5
-"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
-
 
 class Touch(enum.IntEnum):
     """What the finger does, in the class order of the paper's published models."""
@@ -109,6 +106,9 @@ FINGER_PATTERN = "[a-z][a-z0-9_-]{0,15}"
 
 MOST_FINGERS = 10
 """Fingers of one hand, or of a pair of them: the link has a payload type for each number."""
+
+MOST_OPERATORS = 4
+"""Operators of one robot: trainer, trainee and two who watch. Each one more costs the robot an encryption a packet."""
 
 EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 """Kinds of touch events; telemetry counts them from 1."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tactophone.faces.web.game_rules import Point
-from tactophone.live.runtime.gate import EMERGENCY_STOP
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.telemetry.layout import Fault, FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
 

@@ -16,7 +16,7 @@ from tactophone.core.types import Touch
 from tactophone.faces.web.game import serve_game
 from tactophone.faces.web.game_rules import GameSettings
 from tactophone.faces.web.server import Page, watch
-from tactophone.live.runtime.gate import EMERGENCY_STOP
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.telemetry.writer import Telemetry
 from tests.browser import resize, text, wait
 from tests.faces.web.running import Run

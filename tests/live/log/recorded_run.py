@@ -17,7 +17,7 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.live.log.mcap import LogEntry, McapLog
-from tactophone.live.runtime.gate import OutputGate
+from tactophone.live.runtime.output_gate import OutputGate
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS

@@ -8,7 +8,7 @@ from benchmarks.virtual_link import paired_sessions
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
-from tactophone.live.runtime.gate import FingerOutput
+from tactophone.live.runtime.output_gate import FingerOutput
 from tactophone.live.telemetry.layout import Request
 from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.net.link.codec import Codec
@@ -205,7 +205,7 @@ def test_a_profile_that_cannot_be_opened_is_refused(finger: FingerOutput, monkey
     def broken(name: str, response: object) -> None:
         raise ConfigError("no such actuator")
 
-    monkeypatch.setattr("tactophone.live.runtime.gate.open_profile", broken)
+    monkeypatch.setattr("tactophone.live.runtime.output_gate.open_profile", broken)
     assert finger.apply([Request("profile", text="lra")]) == ["profile"]
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone.live.runtime.gate import EMERGENCY_STOP, RESTARTED
 from tactophone.live.runtime.operator import LONGEST_CALL
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
 from tactophone.live.telemetry.watcher import Watcher
 from tests.models import write_tiny_model
 

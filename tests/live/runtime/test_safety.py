@@ -23,7 +23,7 @@ from tactophone.app.measurement.impulses import Graph, running_sides
 from tactophone.core.settings import Settings, change
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
-from tactophone.live.runtime.gate import RESTARTED
+from tactophone.live.runtime.output_gate import RESTARTED
 from tactophone.live.runtime.pairing import Sides
 from tactophone.live.telemetry.watcher import Watcher
 

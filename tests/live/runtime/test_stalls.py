@@ -29,7 +29,7 @@ from tactophone.net.link.events import Connected
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import RECALL_AFTER
-from tactophone.net.link.stream import STALENESS, DecodedAudio
+from tactophone.net.link.stream import SOUND_STALE_AFTER, DecodedAudio
 
 BLOCK = 128
 RECOVERY = 0.3
@@ -214,7 +214,7 @@ def test_no_fresh_sound_has_waited_longer_than_what_counts_as_stale(part: str, d
         for now, audio in world.decoded
         if not audio.stale
     ]
-    assert max(ages) - min(ages) < STALENESS + 0.01
+    assert max(ages) - min(ages) < SOUND_STALE_AFTER + 0.01
 
 
 def test_the_session_of_a_world_without_stalls_has_no_stale_sound() -> None:
@@ -278,4 +278,4 @@ def test_the_clocked_playout_holds_no_old_sound_after_a_stall(part: str, duratio
     world = World({part: ((1.5, end),)})
     world.pulling = True
     world.run(end + 1.0)
-    assert max(queue for now, queue in world.queues if now > end + RECOVERY) < STALENESS
+    assert max(queue for now, queue in world.queues if now > end + RECOVERY) < SOUND_STALE_AFTER

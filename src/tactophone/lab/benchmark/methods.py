@@ -30,7 +30,7 @@ from tactophone.lab.evaluation.metrics import Floats
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, model_predictor
 from tactophone.lab.training.baselines import FeatureRecipe
 from tactophone.lab.training.options import VARIANTS, TrainingOptions
-from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, ConfiguredRecipe, RecipeFile, configure
+from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, ConfiguredRecipe, configure
 from tactophone.lab.training.sets import TrainingSet, even_weights
 from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.haptics.limits import Limits
@@ -205,17 +205,6 @@ BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RendererMethod
 
 def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
     return FeatureMethod(recipe) if isinstance(recipe, FeatureRecipe) else NetworkMethod(recipe)
-
-
-def file_method(path: Path) -> NetworkMethod:
-    """Return the paper's network as a recipe file trains it, named as the file.
-
-    Raises `ConfigError` if the file cannot be read or is of another recipe.
-    """
-    recipe = RecipeFile.read(path).configured()
-    if isinstance(recipe, FeatureRecipe):
-        raise ConfigError(f"{path}: recipe {recipe.name}, but a table takes files of the paper's network")
-    return NetworkMethod(recipe, title=path.stem)
 
 
 def recipe_method(name: str, *, channels: int) -> FeatureMethod:

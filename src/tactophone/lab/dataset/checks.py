@@ -345,20 +345,6 @@ def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> tuple[float, float]:
-    """Measure how late ``second`` is by the correlation of levels in dB; both are mono and as long, at ``rate`` Hz.
-
-    Returns the lag in s, and the correlation of the levels at it, from -1 to 1.
-
-    >>> noise = np.random.default_rng(0).normal(0, 0.1, 8000).astype(np.float32)
-    >>> noise[2000:5000] *= 10
-    >>> round(measure_lag(noise, np.roll(noise, 160), 8000)[0], 3)
-    0.02
-    """
-    size = max(1, round(LAG_CELL * rate))
-    return _lag(*(_level(sound, size) for sound in (first, second)))
-
-
 def _lag(*levels: NDArray[np.float64]) -> tuple[float, float]:
     """Return by how many s the second of two levels is late, and their correlation at it."""
     count, reach = min(map(len, levels)), round(LONGEST_LAG / LAG_CELL)
@@ -372,13 +358,6 @@ def _lag(*levels: NDArray[np.float64]) -> tuple[float, float]:
     lags = np.arange(-min(reach, count - 1), min(reach, count - 1) + 1)
     best = int(lags[np.argmax(correlation[lags])])
     return best * LAG_CELL, float(correlation[best])
-
-
-def _level(sound: NDArray[np.float32], size: int) -> NDArray[np.float64]:
-    # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
-    change = np.diff(sound, prepend=sound[:1]).astype(np.float64)
-    power = np.square(change[: len(change) // size * size]).reshape(-1, size).mean(axis=1)
-    return _level_of(power)
 
 
 def _level_of(power: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -37,10 +37,6 @@ SPARE_OBJECT = 20
 KIN: Mapping[int, str] = {20: "competition rough", 21: "competition smooth", 22: "competition rough"}
 """Objects that are the competition's stones: kin of its runs, which a split keeps on one side."""
 
-REDUCED_OBJECTS = frozenset(range(10, 20))
-"""Training objects of the fine-tuned model: the paper says *fewer objects* and does not name them. These are the casts,
-which are most like the competition's stones."""
-
 STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
 

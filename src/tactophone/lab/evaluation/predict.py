@@ -19,7 +19,7 @@ from tactophone.lab.evaluation.metrics import Rule, Scores, rough_score, sort_sc
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
-from tactophone.signal.perception.noise_floor import FLOOR_HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import TOUCH_HOLD, measure_floor
 
 LEAST_CONTACT = 0.1
 """Share of a recording under which what seemed its noise floor is an even slide: a finger touches its surface."""
@@ -147,7 +147,7 @@ def _audible_touches(recording: Recording) -> Intervals | None:
     floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")
     if not floor.known:
         return None
-    gate = ContactGate(floor.threshold_dbfs, sample_rate=sound.sample_rate, rule="banded", hold=FLOOR_HOLD)
+    gate = ContactGate(floor.threshold_dbfs, sample_rate=sound.sample_rate, rule="banded", hold=TOUCH_HOLD)
     steps, duration = gate.push(sound), sound.size / sound.sample_rate
     # The gate reports each of its steps; a touch is a run of steps that touch.
     times = [*(step.time for step in steps), duration]

@@ -8,7 +8,7 @@ from tactophone.core.types import AudioBlock, Source
 
 LONGEST_DELAY = 0.06
 """Seconds behind the clock up to which missed sound is hurried through; older sound would be stale on arrival
-(`link.stream.STALENESS`)."""
+(`link.stream.SOUND_STALE_AFTER`)."""
 
 LONGEST_SKIP = 2.0
 """Seconds spent on reading past missed sound, after which its times are moved instead."""

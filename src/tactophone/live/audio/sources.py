@@ -23,7 +23,7 @@ from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
 
 LONGEST_WAIT = 0.06
-"""Seconds of sound that may be queued: older sound is stale on arrival (`link.stream.STALENESS`)."""
+"""Seconds of sound that may be queued: older sound is stale on arrival (`link.stream.SOUND_STALE_AFTER`)."""
 
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""

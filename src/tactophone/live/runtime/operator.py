@@ -22,8 +22,8 @@ from tactophone.core.hand import each_finger, names_of
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 from tactophone.live.runtime import wiring
-from tactophone.live.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
+from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.telemetry.layout import MARKS, Fault, State
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS

@@ -22,7 +22,7 @@ from tactophone.net.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.net.link.send import REPORT_INTERVAL, Datagrams
 from tactophone.net.link.session import Session
 from tactophone.net.link.stats import MinDelayFilter, StreamStats
-from tactophone.net.link.stream import STALENESS, DecodedAudio, Depacketizer
+from tactophone.net.link.stream import SOUND_STALE_AFTER, DecodedAudio, Depacketizer
 
 DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
@@ -223,7 +223,7 @@ class _PredictionStream:
         self.newest |= dict.fromkeys(fresh, samples)
         transit = now - end
         self._delay.push(transit, now=now)
-        stale = transit - self._delay.minimum > STALENESS
+        stale = transit - self._delay.minimum > SOUND_STALE_AFTER
         return [PredictionReceived(prediction, stale, finger, fingers) for finger, prediction in fresh.items()]
 
 

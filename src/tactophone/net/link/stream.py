@@ -228,10 +228,10 @@ class Packetizer:
 MAX_CONCEALED_GAP = 0.1
 """Seconds of lost sound that are concealed; a longer gap is skipped, as no extrapolation of it would be right."""
 
-STALENESS = 0.06
+SOUND_STALE_AFTER = 0.06
 """Seconds above the minimum delay from which sound is stale: the delay noticed in a texture (Okamoto 2009)."""
 
-PACKET_HISTORY = 0.256 + STALENESS
+PACKET_HISTORY = 0.256 + SOUND_STALE_AFTER
 """Seconds of a backlog that are decoded, counted from its newest packet: a window of the detector, and what is fresh.
 What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
 
@@ -399,7 +399,7 @@ class Depacketizer:
         block = AudioBlock(samples, CLOCK_RATE, self._next, concealed, self._moving)
         size, stats = len(samples), self.reception.stats
         self._next += size
-        stale = now - block.start / CLOCK_RATE - self._delay.minimum > STALENESS
+        stale = now - block.start / CLOCK_RATE - self._delay.minimum > SOUND_STALE_AFTER
         stats.samples_received += size
         stats.packets_skipped += stale
         return DecodedAudio(block, stale, waited=now - arrival)

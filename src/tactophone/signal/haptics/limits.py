@@ -8,7 +8,8 @@ of the vibration, and the time after which a stale command fades, are the oscill
 import math
 from dataclasses import dataclass, field
 
-from tactophone.core.types import DEFAULT_CEILING, SURFACE_LABELS, HapticCommand, Prediction, Profile
+from tactophone.core.settings import DEFAULT_CEILING
+from tactophone.core.types import SURFACE_LABELS, HapticCommand, Prediction, Profile
 
 
 @dataclass(slots=True)

@@ -34,7 +34,7 @@ from tactophone.signal.perception.health import (
     SignalStatistics,
 )
 from tactophone.signal.perception.levels import BANDS_HOP, BandLevels, LoudnessRule
-from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, FLOOR_HOLD, NoiseFloor, measure_floor
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, TOUCH_HOLD, NoiseFloor, measure_floor
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
 CLIPPED = 0.05
@@ -256,7 +256,7 @@ def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per
 
 def _banded_threshold(quiet: FloatArray, rate: int, false_alarms_per_minute: float) -> float:
     """Return the gate's threshold by the rule ``banded``; infinite where silence, or motion, was not steady."""
-    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + FLOOR_HOLD) / 60)
+    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + TOUCH_HOLD) / 60)
     floor = measure_floor([AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share)
     return round(floor.threshold_dbfs, 2) if floor.known else math.inf
 
@@ -267,7 +267,7 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
     for margin in MARGINS_DB:
         floor = NoiseFloor(math.inf)
         floor.margin_db = margin
-        gate = ContactGate(math.inf, sample_rate=rate, rule="banded", floor=floor, bands=True, hold=FLOOR_HOLD)
+        gate = ContactGate(math.inf, sample_rate=rate, rule="banded", floor=floor, bands=True, hold=TOUCH_HOLD)
         gate.push(AudioBlock(sounds.silence, rate))
         share = _without_jerks([(each.time, each.touching) for each in gate.push(AudioBlock(motion, rate))])
         if share <= MOST_MOTION:

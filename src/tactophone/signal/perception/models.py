@@ -11,7 +11,7 @@ from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
-from tactophone.signal.perception.noise_floor import FLOOR_HOLD, SPREAD_DB, NoiseFloor
+from tactophone.signal.perception.noise_floor import SPREAD_DB, TOUCH_HOLD, NoiseFloor
 
 PAPER_MONO = "paper-mono"
 """Replaces the paper's network where only the contact microphone works."""
@@ -126,7 +126,7 @@ def with_gate(
     contact = detector.card.gate
     floor = NoiseFloor(contact.threshold_dbfs, spread_db=SPREAD_DB[contact.rule]) if follow_floor else None
     gate = ContactGate(
-        contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=FLOOR_HOLD,
+        contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=TOUCH_HOLD,
         bands=bands and follow_floor,
     )  # fmt: skip
     return TouchDetector(detector, gate, window=detector.card.duration)

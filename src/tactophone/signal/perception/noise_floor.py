@@ -41,7 +41,7 @@ CELL_HOPS = 40
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
-FLOOR_HOLD = 0.1
+TOUCH_HOLD = 0.1
 """Seconds that a touch is held over silence within it, and that a false alarm therefore lasts at least."""
 
 RELEASE_SHARE = 0.2
@@ -236,14 +236,14 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
 
     The power of noise is gamma distributed, with a shape that follows from the standard deviation of its level; its
     quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts
-    at least `FLOOR_HOLD`.
+    at least `TOUCH_HOLD`.
 
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
     (2.12, 4.78)
     """
     spread_db = max(spread_db, LEAST_DB)
     shape = (10 / math.log(10) / spread_db) ** 2
-    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + FLOOR_HOLD) / HEAVY_TAIL
+    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + TOUCH_HOLD) / HEAVY_TAIL
     z = statistics.NormalDist().inv_cdf(1 - chance)
     ninth = 1 / (9 * shape)
     return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + z * math.sqrt(ninth))

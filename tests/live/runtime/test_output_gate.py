@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from tactophone.live.runtime.gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
 from tactophone.live.telemetry.layout import Request
 from tactophone.signal.haptics.limits import Limits
 

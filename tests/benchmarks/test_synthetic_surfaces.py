@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from benchmarks.simulated_operator import synthetic_object
 
 from tactophone.core.types import Touch
-from tactophone.lab.simulation.catalogue import synthetic_object
 
 
 @pytest.mark.parametrize("label", [Touch.SMOOTH, Touch.ROUGH])
