@@ -171,7 +171,7 @@ def export(
 
 def _read_info(dataset: Path) -> dict[str, Any]:
     try:
-        info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_text())
+        info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_bytes())
         if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
             raise ValueError("no table with features")
     except (OSError, ValueError, RecursionError) as error:
@@ -360,7 +360,7 @@ def _write_meta(
         "touch": [touch.name.lower() for touch in Touch],
         "event": ["", *EVENT_KINDS],
     }
-    stats = json.loads((dataset / "meta/stats.json").read_text()) if (dataset / "meta/stats.json").exists() else {}
+    stats = json.loads((dataset / "meta/stats.json").read_bytes()) if (dataset / "meta/stats.json").exists() else {}
     stats |= {name: _stats(values) for name, values in written.items()}
     for name, content in (("info.json", info), ("stats.json", stats)):
         (out / "meta" / name).unlink(missing_ok=True)

@@ -136,7 +136,7 @@ class LoggedEndpoint:
         with TemporaryDirectory(prefix="tactophone-") as folder:
             if self._calibrations[finger]:
                 path = Path(folder, "calibration.json")
-                path.write_text(self._calibrations[finger])
+                path.write_text(self._calibrations[finger], encoding="utf-8")
                 settings = change(settings, [f"{_CALIBRATION}={path}"])
             return open_pipeline_for(settings, channels=channels)
 

@@ -141,7 +141,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             {
                 "name": finger.name,
                 "settings": dict(finger.settings),
-                "calibration": Path(path).expanduser().read_text() if (path := own.detector.calibration) else "",
+                "calibration": Path(path).expanduser().read_text("utf-8") if (path := own.detector.calibration) else "",
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)
         ],

@@ -55,10 +55,11 @@ class TimelineWriter:
     def __enter__(self) -> Self:
         make_room(self._path)
         self._path.touch(0o600)  # of this user alone, as a log
-        self._file = self._resources.enter_context(self._path.open("w", newline=""))
+        enter = self._resources.enter_context
+        self._file = enter(self._path.open("w", encoding="utf-8", newline=""))
         self._csv = csv.DictWriter(self._file, (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS)
         self._csv.writeheader()
-        self._json = self._resources.enter_context(self._json_path.open("w")) if self._json_path else None
+        self._json = enter(self._json_path.open("w", encoding="utf-8")) if self._json_path else None
         return self
 
     def __exit__(self, *error: Any) -> None:
