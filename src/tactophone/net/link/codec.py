@@ -264,7 +264,7 @@ class _FingerEncoder:
         )
         weakref.finalize(self, api.destroy, self._state)
         for setting, value in (
-            (ctl.set_bitrate, bitrate_bps),
+            (ctl.set_bitrate, min(bitrate_bps, 510_000 * channels)),  # more than a frame holds: libopus 1.6 takes two
             (ctl.set_vbr, 0),
             (ctl.set_bandwidth, next((number for top, number in _BANDWIDTHS.items() if top >= bandwidth), 1105)),
             (ctl.set_packet_loss_perc, 20),
