@@ -41,6 +41,7 @@ def test_a_changed_log_is_noticed(log: Path, tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("cyclonedds")
     reader_of = pytest.importorskip("rosbags.rosbag2").Reader
     assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 0
     with reader_of(tmp_path / "bag") as reader:
@@ -48,7 +49,6 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Pat
         assert all(connection.digest.startswith("RIHS01_") for connection in reader.connections)
         messages = list(reader.messages())
         times = [time for _, time, _ in messages]
-        pytest.importorskip("cyclonedds")
         from tactophone.faces.bridges.ros_topics import open_type_store
 
         store = open_type_store()
