@@ -183,7 +183,8 @@ def recording_predictor(model: str | Model) -> Predictor:
 
 def _measured(source: Source, preparation: Preparation, card: ModelCard) -> RecordingFloor:
     with PreparedSource(source, preparation) as sound:
-        return measure_floor(sound, sample_rate=sound.sample_rate, rule=card.gate.rule)
+        heard = (replace(block, samples=card.heard(block.samples)) for block in sound)
+        return measure_floor(heard, sample_rate=sound.sample_rate, rule=card.gate.rule)
 
 
 class _Exchanged(ChangedSource):

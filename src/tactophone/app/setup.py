@@ -158,7 +158,7 @@ def fit_finger(
     start = model_path(name)
     original = read_model(start)
     check_kind(name)
-    silence = [AudioBlock(sounds.silence, rate)]
+    silence = [AudioBlock(original.card.heard(sounds.silence), rate)]
     floor = measure_floor(silence, sample_rate=rate, rule=original.card.gate.rule)
     if not floor.known:
         raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")

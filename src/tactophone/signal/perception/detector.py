@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.core.errors import ModelError
-from tactophone.core.microphones import AIR, CONTACT, check_channels
+from tactophone.core.microphones import CONTACT, check_channels
 from tactophone.core.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
@@ -218,8 +218,7 @@ class WindowDetector:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
             return np.pad(samples, ((0, 0), (0, missing)))
-        first = AIR if missing and self.card.microphone == "air" else CONTACT
-        return samples[:, first : first + self.card.channels]
+        return self.card.heard(samples)
 
     def measure(self, sound: FloatArray, end: int) -> tuple[float, bool]:
         """Return the level of the first channel of a window, ``(channels, samples)``, and whether that is contact.
@@ -390,6 +389,9 @@ class TouchDetector:
         """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
         # Detector and gate count the samples that they were given; predictions carry the time of the stream. So lost
         # sound, a jump of a block's start, shifts all times after it; too long a gap begins anew.
+        if block.samples.shape[1] > self.detector.card.channels:
+            # The gate hears what the model does.
+            block = replace(block, samples=self.detector.card.heard(block.samples))
         lost = block.start - self._next
         if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
             self.reset()

@@ -25,7 +25,7 @@ import msgspec
 import numpy as np
 
 from tactophone.core.errors import ModelError, plain
-from tactophone.core.microphones import MICROPHONES
+from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.types import FloatArray, Touch
 from tactophone.signal.perception.decision import DecisionRule, Probabilities
 from tactophone.signal.perception.levels import LOUDNESS, LoudnessRule
@@ -109,6 +109,11 @@ class ModelCard:
     def microphone(self) -> str:
         """The microphone that a model of one channel uses where there are two: ``contact`` or ``air``."""
         return str(self.settings.get("microphone", "contact"))
+
+    def heard(self, samples: FloatArray) -> FloatArray:
+        """Return the channels that the model uses of sound, ``(samples, channels)``, which may have more."""
+        first = AIR if samples.shape[1] > self.channels and self.microphone == "air" else CONTACT
+        return samples[:, first : first + self.channels]
 
     @property
     def duration(self) -> float:
