@@ -11,7 +11,7 @@ supply). Of each pair the first by alphabet is for *development*: designs may be
 is scored once for each design that is adopted.
 
 The group *robot*, added later, needs TACTOPHONE_RECORDINGS with `gripper`: its motion in the air and the noise around
-it, 10 dB under the take.
+it, 10 dB under the take, in the contact channel.
 """
 
 import io
@@ -274,11 +274,13 @@ MOTION, AMBIENT = ("pencil_moveOnly.flac", 2.15, 5.44), ("pencil_noise.flac", 0.
 def _robot(sound: Sound, rate: int, rng: np.random.Generator, part: tuple[str, float, float]) -> Sound:
     """Add a part of `gripper`, played to and fro from anywhere."""
     name, begin, end = part
-    found, own = soundfile.read(Path(os.environ["TACTOPHONE_RECORDINGS"], "gripper", name), always_2d=True)
-    once = _resampled(found[round(begin * own) : round(end * own)], own, rate)[:, 0]
+    recorded, own = soundfile.read(Path(os.environ["TACTOPHONE_RECORDINGS"], "gripper", name), always_2d=True)
+    once = _resampled(recorded[round(begin * own) : round(end * own)], own, rate)[:, 0]
     endless = np.tile(np.concatenate((once, once[::-1])), 2 + len(sound) // len(once))
     added = endless[rng.integers(2 * len(once)) :][: len(sound), None]
-    return sound + added / _rms(added) * 10 ** (ROBOT_DB / 20) * [_rms(channel) for channel in sound.T]
+    found = sound.copy()  # `gripper` has a contact microphone alone
+    found[:, :1] += added / _rms(added) * 10 ** (ROBOT_DB / 20) * _rms(sound[:, 0])
+    return found
 
 
 def motion(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:

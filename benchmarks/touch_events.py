@@ -49,6 +49,9 @@ PHAC_TRAIN = ("bouncy_foam", "cork")
 PHAC_WINDOW = 0.25
 """Seconds: `phac` labels a tap by a gap of 0.2 s."""
 
+TAPS_WINDOW = 24_000
+"""Samples of a window of `taps`."""
+
 PRESS_DB = 35.0
 """A press of a BioTac exceeds the median level of its recording by so many dB over 32 ms: those chosen on by 58 under
 50 Hz, the arm's own movements by up to 33 (p50 of the recordings)."""
@@ -192,6 +195,26 @@ def lmt(folder: Path) -> Iterator[str]:
         yield f"| `lmt`, sliding stylus, one microphone, {title}: taps in 10 min | {share} |"
 
 
+def double_taps(folder: Path) -> Iterator[str]:
+    """How many of `taps`' windows of 0.5 s have one tap and two, each between 0.8 s and 0.4 s of its own noise."""
+    for file, title in (
+        ("double_left_palm", "double taps, left"),
+        ("double_right_palm", "right"),
+        ("noise_and_typing", "typing and noise"),
+    ):
+        sound, rate = soundfile.read(folder / f"{file}.flac", dtype="float32", always_2d=True)
+        windows, counts = sound.reshape(-1, TAPS_WINDOW, 1), np.zeros(3, int)
+        for window in windows:
+            powers = np.square(window[:, 0]).reshape(-1, rate // 200).mean(axis=1)
+            quietest = int(np.convolve(powers, np.ones(10), "valid").argmin()) * (rate // 200)
+            noise = window[quietest : quietest + rate // 20]
+            longer = np.tile(np.concatenate((noise, noise[::-1])), (8, 1))
+            heard = np.concatenate((longer, window, longer[: len(longer) // 2]))  # a tap is known 80 ms after it
+            counts[min(2, len(moments(detected(heard, rate), "tap")))] += 1
+        shares = " / ".join(f"{share:.1%}" for share in (counts[1:].sum() / len(windows), counts[2] / len(windows)))
+        yield f"| `taps`, a laptop's palm rest, {title}: a tap / two or more | {shares} of {len(windows)} |"
+
+
 def labelled(folder: Path, label: str) -> dict[str, list[tuple[float, float]]]:
     found = defaultdict(list)
     with (folder / "segments.csv").open(encoding="utf-8") as file:
@@ -201,7 +224,7 @@ def labelled(folder: Path, label: str) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-REAL: dict[str, Callable[[Path], Iterable[str]]] = {"tapsense": tapsense, "phac": phac, "lmt": lmt}
+REAL: dict[str, Callable[[Path], Iterable[str]]] = {"tapsense": tapsense, "phac": phac, "lmt": lmt, "taps": double_taps}
 
 
 def main() -> None:
