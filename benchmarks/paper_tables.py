@@ -30,6 +30,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from benchmarks.ablations import Ablation
 from benchmarks.simulated_operator import SoundToVibration, perceive_visits, play_rounds, render_visits
 from numpy.typing import NDArray
 from rich.text import Text
@@ -242,21 +243,15 @@ def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
 ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positive_rate")
 
 
-def ablations_in(folder: Path) -> list[NetworkMethod]:
+def ablations_in(folder: Path) -> list[Ablation]:
     """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
-    recipes = {path: RecipeFile.read(path).configured() for path in sorted(folder.glob("*.toml"))}
-    if not recipes:
+    if not (paths := sorted(folder.glob("*.toml"))):
         raise ConfigError(f"{folder}: holds no recipe file; examples/recipes/ablations has some")
-    methods = []
-    for path, recipe in recipes.items():
-        if isinstance(recipe, FeatureRecipe):
-            raise ConfigError(f"{path}: recipe {recipe.name}, but ablations are of the paper's network: paper-fast")
-        methods.append(NetworkMethod(recipe, ablation=True))
-    return methods
+    return [Ablation.read(path) for path in paths]
 
 
 def ablation_rows(
-    methods: Sequence[NetworkMethod], dataset: Dataset, name: str, cache: Cache, *,
+    methods: Sequence[Ablation], dataset: Dataset, name: str, cache: Cache, *,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> list[TableRow]:  # fmt: skip
     """Cross-validate ablations on a split of this name; scores of windows in true contact."""

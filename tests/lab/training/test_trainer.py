@@ -4,26 +4,22 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from tactophone import DatasetError, ModelError, Touch
-from tactophone.core.errors import ConfigError
 from tactophone.core.types import FloatArray
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Dataset
 from tactophone.lab.training import trainer
 from tactophone.lab.training import trainer as processor
 from tactophone.lab.training.network import PaperNetwork, Windows, find_windows, magnitudes, weights_of, with_weights
-from tactophone.lab.training.options import OPEN_GATE, NetworkSettings, TrainingOptions, network_settings
-from tactophone.lab.training.recipes import configure
-from tactophone.lab.training.trainer import NetworkRecipe, Progress, Run, predictor
+from tactophone.lab.training.options import OPEN_GATE, NetworkSettings, network_settings
+from tactophone.lab.training.trainer import NetworkRecipe, Progress, Run
 from tactophone.signal.perception.model_file import Gate, read_model
 from tests.lab.dataset.folders import audiofolder
-from tests.surfaces import surfaces
 
 
 def make_windows(*, seconds: float = 2.0, seed: int = 0) -> Windows:
@@ -191,21 +187,3 @@ def test_recordings_of_one_class_make_no_new_model(tmp_path: Path) -> None:
     job = NetworkRecipe(SETTINGS)
     with pytest.raises(DatasetError, match="rough surfaces alone"):
         job.fit(job.read_windows(dataset.recordings))
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"rate": 4000}, {"window": 0.128}, {"residual": False}, {"normalised": True}],
-    ids=lambda c: next(iter(c)),
-)
-def test_an_ablation_predicts_at_the_live_times_and_has_no_model_file(tmp_path: Path, changes: dict[str, Any]) -> None:
-    dataset = surfaces(tmp_path, each=1)
-    options = TrainingOptions(epochs=1, least_steps=2, batch_size=100, contact_threshold="off", **changes)
-    recipe = configure("paper-fast", options)
-    assert isinstance(recipe, NetworkRecipe)
-    windows = recipe.read_windows(dataset.recordings)
-    time, probabilities, _ = predictor(recipe, recipe.fit(windows))(dataset.recordings[0])
-    assert np.diff(time) == pytest.approx(512 / 48_000, abs=1.1e-3)
-    assert probabilities.sum(axis=1) == pytest.approx(1, abs=1e-4)
-    with pytest.raises(ConfigError, match="no model file holds"):
-        recipe.train(tmp_path / "a.onnx", dataset)

@@ -75,13 +75,9 @@ RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else n
 
 @dataclass(frozen=True, slots=True)
 class NetworkMethod:
-    """The paper's network in a model file, which runs as the live system runs it.
-
-    An ``ablation``, the network with a choice undone, is run by torch: no model file holds it.
-    """
+    """The paper's network in a model file, which runs as the live system runs it."""
 
     recipe: "NetworkRecipe"
-    ablation: bool = False
     title: str = ""
     """In tables, in place of the recipe's name."""
     rule: ClassVar[DecisionRule] = DecisionRule()
@@ -93,14 +89,9 @@ class NetworkMethod:
 
     @property
     def identity(self) -> str:
-        return f"{'ablation' if self.ablation else 'model file'} {METHODS_VERSION} {self.recipe.identity}"
+        return f"model file {METHODS_VERSION} {self.recipe.identity}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        if self.ablation:
-            from tactophone.lab.training.trainer import predictor  # here: it imports torch
-
-            predict = predictor(self.recipe, self.recipe.fit(self.recipe.read_windows(recordings)))
-            return lambda recording: TakePredictions(recording, *predict(recording))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "fold.onnx"
             self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))

@@ -29,9 +29,7 @@ from tactophone.signal.perception.levels import LoudnessRule
 class PaperNetwork(nn.Module):
     """The paper's residual MLP, from spectral magnitudes to log-probabilities.
 
-    - ``channels``: 2 as in the paper, or 1 for its piezo-only variant.
-    - ``bins``, ``residual``, ``normalised``: Ablations: magnitudes a channel, whether layers have residual connections,
-      and whether each channel's magnitudes are divided by their norm.
+    ``channels`` are 2 as in the paper, or 1 for its piezo-only variant; each has as many magnitudes as ``bins``.
 
     >>> sum(parameter.numel() for parameter in PaperNetwork().parameters())
     1882755
@@ -39,11 +37,8 @@ class PaperNetwork(nn.Module):
     torch.Size([4, 3])
     """
 
-    def __init__(
-        self, channels: int = 2, *, bins: int = SPECTRUM_BINS, residual: bool = True, normalised: bool = False
-    ) -> None:
+    def __init__(self, channels: int = 2, *, bins: int = SPECTRUM_BINS) -> None:
         super().__init__()
-        self._channels, self._residual, self._normalised = channels, residual, normalised
         self.layer1 = nn.Linear(bins * channels, 1024)
         self.layer2 = nn.Linear(1024, 512)
         self.layer3 = nn.Linear(512, 256)
@@ -54,15 +49,11 @@ class PaperNetwork(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape ``(windows, 257 * channels)``."""
-        if self._normalised:
-            each = features.reshape(len(features), self._channels, -1)
-            features = (each / each.pow(2).sum(dim=2, keepdim=True).sqrt().clamp_min(1e-9)).flatten(1)
         hidden = torch.relu(self.layer1(features))
         hidden = torch.relu(self.layer2(hidden))
         hidden = torch.relu(self.layer3(hidden))
         for residual in self.layer_resnet:
-            new = torch.relu(residual(hidden))
-            hidden = hidden + new if self._residual else new
+            hidden = hidden + torch.relu(residual(hidden))
         hidden = torch.relu(self.layer4(hidden))
         hidden = torch.relu(self.layer5(hidden))
         return torch.log_softmax(self.linear(hidden), dim=-1)

@@ -96,10 +96,6 @@ class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     hop: Annotated[int, Meta(ge=1)] | None = None
     learning_rate: Annotated[float, Meta(gt=0)] | None = None
     noise: Annotated[float, Meta(ge=0)] | None = None
-    rate: Annotated[int, Meta(ge=2000, le=16_000)] | None = None
-    window: Annotated[float, Meta(ge=0.02, le=2)] | None = None
-    residual: bool | None = None
-    normalised: bool | None = None
     """The options from `variant` on apply only to the paper's network; unset ones keep the recipe's value."""
 
     def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
@@ -148,13 +144,6 @@ class NetworkSettings:
     hop: int = 21
     least_steps: int = 0
     precision: Precision = "float32"
-    rate: int = NETWORK_RATE
-    window: float = NETWORK_WINDOW_SIZE / NETWORK_RATE
-    """In s."""
-    residual: bool = True
-    normalised: bool = False
-    """From `rate` on, ablations: whether layers have residual connections, and whether each channel's magnitudes are
-    divided by their norm."""
 
     @property
     def name(self) -> str:
@@ -163,22 +152,7 @@ class NetworkSettings:
         >>> network_settings("one-channel").name
         'paper/one-channel'
         """
-        return ", ".join((f"{'authors' if self.reference_code else 'paper'}/{self.variant}", *self.ablations))
-
-    @property
-    def ablations(self) -> tuple[str, ...]:
-        """What differs from the paper's network in a way that no model file holds."""
-        found = (
-            (f"{self.rate / 1000:g} kHz", self.rate != NETWORK_RATE),
-            (f"windows of {1000 * self.window:g} ms", self.window != NETWORK_WINDOW_SIZE / NETWORK_RATE),
-            ("no residual connections", not self.residual),
-            ("normalised input", self.normalised),
-        )
-        return tuple(name for name, differs in found if differs)
-
-    @property
-    def window_size(self) -> int:
-        return round(self.window * self.rate)
+        return f"{'authors' if self.reference_code else 'paper'}/{self.variant}"
 
     def with_threshold(self, level_dbfs: float) -> "NetworkSettings":
         """Return the settings with contact from an RMS level in dBFS; unchanged where the threshold is relative."""

@@ -9,6 +9,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tactophone.core.errors import ConfigError, DatasetError, ModelError
+from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import FloatArray, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
@@ -38,14 +39,11 @@ from tactophone.lab.training.network import (
     grid,
     magnitudes,
     weights_of,
-    window_loudness,
     with_weights,
 )
 from tactophone.lab.training.options import (
     FAST_CHANGES,
     LABEL_LEVEL_DBFS,
-    NETWORK_HOP,
-    NETWORK_RATE,
     OPEN_GATE,
     REFERENCE_GATE,
     NetworkSettings,
@@ -90,6 +88,7 @@ class Run:
     The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
     interrupted or not. The seed draws the first parameters, unless there are ``initial`` ones, the order of the windows
     and the noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run continues from it.
+    ``make_network`` makes another network than the paper's.
 
     ``network`` is that after the last batch.
     """
@@ -102,6 +101,7 @@ class Run:
         seed: int = 0,
         checkpoint_path: Path | None = None,
         initial: Weights | None = None,
+        make_network: Callable[[], PaperNetwork] | None = None,
     ) -> None:
         torch.set_float32_matmul_precision(float32_products())
         torch.use_deterministic_algorithms(True)
@@ -109,7 +109,8 @@ class Run:
         self._windows, self._settings, self._seed, self._path = windows, settings, seed, checkpoint_path
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.network = with_weights(initial) if initial else network_of(settings)
+            new = make_network or partial(PaperNetwork, settings.channels)
+            self.network = with_weights(initial) if initial else new()
         self._optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, fused=True)
         self._identity = _identity(windows, settings, seed=seed, initial=initial)
         self._skip = self._restore()
@@ -182,11 +183,6 @@ class Run:
         self.network.load_state_dict(held["network"])
         self._optimiser.load_state_dict(held["optimiser"])
         return steps
-
-
-def network_of(settings: NetworkSettings) -> PaperNetwork:
-    bins = settings.window_size // 2 + 1
-    return PaperNetwork(settings.channels, bins=bins, residual=settings.residual, normalised=settings.normalised)
 
 
 def _epoch_sizes(windows: Windows, settings: NetworkSettings, seed: int) -> list[int]:
@@ -262,10 +258,9 @@ class NetworkRecipe:
 
     def read_windows(self, recordings: Sequence[Recording], *, report: Callable[[int], None] = silent) -> Windows:
         """Read labelled recordings and return the windows that the labelling keeps."""
-        rate = self.settings.rate
-        signals = read_signals(recordings, channels=self.channels, rate=rate, codec=self.codec, report=report)
+        signals = read_signals(recordings, channels=self.channels, codec=self.codec, report=report)
         labels = [recording.label or Touch.NONE for recording in recordings]
-        return find_windows(signals, labels, rule=self.settings.labelling, size=self.settings.window_size)
+        return find_windows(signals, labels, rule=self.settings.labelling)
 
     def fit(
         self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = silent
@@ -316,12 +311,7 @@ class NetworkRecipe:
         report: Report = silent,
         log: Callable[[str], None] = silent,
     ) -> None:
-        """Train on a data set and write the model file; raises `ConfigError` for an ablation."""
-        if self.settings.ablations:
-            raise ConfigError(
-                f"{self.name}: no model file holds {' and '.join(self.settings.ablations)}; score it with "
-                "`python benchmarks/paper_tables.py ablations`, or omit it from the recipe file"
-            )
+        """Train on a data set and write the model file."""
         count = len(dataset.recordings)
         windows = self.read_windows(dataset.recordings, report=lambda done: report(done, count, "reading"))
         log(f"{count} recordings, {len(dataset.surfaces)} surfaces: {windows}")
@@ -337,38 +327,11 @@ class NetworkRecipe:
         self.write(path, self.fit(windows, checkpoint=checkpoint, report=show), dataset)
 
 
-def predictor(
-    recipe: NetworkRecipe, weights: Weights
-) -> Callable[[Recording], tuple[NDArray[np.float64], FloatArray, NDArray[np.bool_]]]:
-    """Return a function from a recording to its predictions by torch, for ablations that no model file holds.
-
-    A prediction at every 512 samples of 48 kHz, as live: time in s, probabilities, and whether the window is contact.
-    """
-    settings, threshold = recipe.settings, recipe.effective_gate.threshold_dbfs
-    network, size, rate = network_of(settings), settings.window_size, settings.rate
-    network.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
-
-    def predict(recording: Recording) -> tuple[NDArray[np.float64], FloatArray, NDArray[np.bool_]]:
-        (signal,) = read_signals([recording], channels=settings.channels, rate=rate)
-        count = int((len(signal) - size) / (hop := float(NETWORK_HOP) * rate / NETWORK_RATE)) + 1
-        starts = np.round(hop * np.arange(count)).astype(np.int32)
-        windows = Windows(signal, starts, np.zeros(count, np.int8), size).take(np.arange(count))
-        with torch.no_grad():
-            probabilities = network(magnitudes(torch.from_numpy(windows))).exp().numpy()
-        loud = window_loudness(signal[:, 0], "rms", size)[starts] >= 10 ** (threshold / 20)
-        return (starts + size) / rate, probabilities, loud
-
-    return predict
-
-
 def network_recipe(
     recipe: Recipe, options: TrainingOptions, *, start: Path | None = None, calibration: Calibration | None = None
 ) -> NetworkRecipe:
     """Return ``paper`` or ``paper-fast`` with its options, which name a variant and change settings."""
-    names = (
-        "epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise", "rate", "window", "residual",
-        "normalised",
-    )  # fmt: skip
+    names = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
     changes = {name: value for name in names if (value := getattr(options, name)) is not None}
     settings = replace(
         network_settings(options.variant, reference_code=options.reference_code),
