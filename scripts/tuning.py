@@ -14,10 +14,30 @@ this page). None has a switch: those are settings (`tactophone settings`). Chang
 `make room ROOM=perception`.
 """
 UNITS = (
-    ("dBFS", r"_DBFS$|\bdBFS\b"), ("dB", r"_DB$|\bdB\b|[Dd]ecibel"), ("ms", r"\bMilliseconds|\bin ms\b"),
-    ("s", r"\b[Ss]econds\b|\bin s\b"), ("Hz", r"_HZ$|\bHz\b|[Hh]ertz"), ("windows", r"\b[Ww]indows\b"),
-    ("steps", r"\b[Ss]teps\b"), ("share", r"\b[Ss]hare"),
+    ("dBFS", r"_DBFS\b"), ("dB", r"_DB\b"), ("share", r"_SHARE\b"),
 )  # fmt: skip
+"""By the names of a constant; then by how its sentence begins, or by what stands after *in* or in brackets."""
+
+FIRST_WORDS = {
+    "Seconds": "s", "Milliseconds": "ms", "Hz": "Hz", "Share": "share", "Quantile": "share", "Steps": "steps",
+    "Windows": "windows", "Levels": "levels", "Samples": "samples", "Bytes": "bytes", "Hops": "hops",
+}  # fmt: skip
+STATED = r"\bin (dB/s|dBFS|dB|Hz|ms|s)\b|\((dB|Hz|ms|s)\)"
+
+
+def unit_of(names: str, sentence: str) -> str:
+    """Return the unit of a constant, or of several that have the same; empty where nothing states one."""
+    parts = names.split(", ")
+    for unit, sign in UNITS:
+        if all(re.search(sign, name) for name in parts):
+            return unit
+    if len(parts) > 1 and any(re.search(sign, name) for _, sign in UNITS for name in parts):
+        return ""
+    if (word := sentence.partition(" ")[0].strip(";,.")) in FIRST_WORDS:
+        each = "/s" * sentence.startswith(f"{word} a second")
+        return "" if len(parts) > 1 and ";" in sentence else FIRST_WORDS[word] + each
+    stated = re.search(STATED, sentence)
+    return (stated[1] or stated[2]) if stated else ""
 
 
 def rows(path: Path) -> list[tuple[str, str, str, str]]:
@@ -28,15 +48,15 @@ def rows(path: Path) -> list[tuple[str, str, str, str]]:
             continue
         described = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-        name, value = ast.unparse(target).strip("()"), ast.unparse(node.value)
+        values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+        name, value = ast.unparse(target).strip("()"), ", ".join(map(ast.unparse, values))
         if not described or not re.fullmatch(r"[A-Z_0-9, ]+", name) or not re.search(r"\d", value) or len(value) > 40:
             continue
         words = " ".join(str(after.value.value).split())  # type: ignore[union-attr]
         ends = [match.end() for match in re.finditer(r"[.:;](?= [A-Z`]|$)", words)]
         whole = (words[:end] for end in ends if words[:end].count("(") == words[:end].count(")"))
         sentence = next(whole, words).rstrip(":;").replace("|", "\\|")
-        unit = next((unit for unit, sign in UNITS if re.search(sign, name) or re.search(sign, sentence)), "")
-        found.append((name, value.strip("()"), unit, sentence))
+        found.append((name, value, unit_of(name, sentence), sentence))
     return found
 
 
