@@ -18,7 +18,7 @@ from tactophone.live.telemetry.watcher import running
 class TactophoneCameraConfig(CameraConfig):
     """``run`` is the name of a run (``tactophone status``); ``log`` is an MCAP file that stands for one."""
 
-    run: str = "loopback-operator"
+    run: str = "loopback"
     log: str = ""
     fps: int | None = 30
     width: int | None = SIZE

@@ -52,7 +52,7 @@ with suppress(ModuleNotFoundError):
     class TactophoneConfig(RobotConfig):
         """``run`` is the name of a run (``tactophone status``); a run of one finger calls it ``index``."""
 
-        run: str = "loopback-operator"
+        run: str = "loopback"
         finger: str = "index"
 
     class Tactophone(Robot):

@@ -51,7 +51,9 @@ def draw(path: str) -> None:
         soundfile.write(f"{name.replace(' ', '-')}.wav", sound, 48_000)
         column[0].plot(np.arange(len(slips)) * STEP, 100 * np.array(slips), color="0.3")
         for axis, channel, what in zip(column[1:], sound.T, ("contact", "air"), strict=True):
-            axis.specgram(channel, NFFT=1024, Fs=48_000, noverlap=512, vmin=-130, vmax=-50, cmap="magma")
+            axis.specgram(
+                channel, NFFT=1024, Fs=48_000, noverlap=512, vmin=-130, vmax=-50 if what == "air" else -30, cmap="magma"
+            )
             axis.set(yscale="log", ylim=(60, 20_000), ylabel=f"{what} [Hz]")
         column[0].set(title=name, ylabel="slip [cm/s]")
         column[2].set(xlabel="time [s]")
