@@ -1,12 +1,17 @@
 import json
+import shutil
 import socket
+import subprocess
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 
 import numpy as np
 import pytest
-from devices_tactophone import bhaptics
+from devices_tactophone import bhaptics, senseglove
 from devices_tactophone.hapbeat import Hapbeat, Stream
+
+from tactophone import HapticCommand
 
 
 def test_bhaptics_gets_the_levels_of_its_motors() -> None:
@@ -71,3 +76,15 @@ def test_the_makers_own_sdk_writes_the_same_packets() -> None:
     assert begin == protocol.build_stream_begin(0)
     assert first == protocol.build_stream_data(1, 0, first[12:])
     assert end == protocol.build_stream_end(3)
+
+
+def test_nova_2_gets_amplitude_and_frequency_as_custom_waveforms(tmp_path: Path) -> None:
+    if not shutil.which("g++"):
+        pytest.skip("no g++ here")
+    stub, program = Path(__file__).parent / "stub", tmp_path / "nova2"
+    source = Path(senseglove.__file__).with_name("nova2.cpp")
+    subprocess.run(["g++", "-std=c++17", "-Wall", "-Werror", source, "-I", stub, "-o", program], check=True)
+    commands = {"thumb": (7.0, 60.0), "index": (0.5, 900.0), "palm": (1.0, 60.0), "middle": (0.0, 60.0)}
+    lines = senseglove.lines({name: HapticCommand(*each, 0.0) for name, each in commands.items()})
+    done = subprocess.run([program, "right"], input="\n".join(lines), capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n") == ["1 1 1 0.1 60", "1 2 0.5 0.1 500", "stop 1", ""]

@@ -318,3 +318,15 @@ def test_joint_states_tell_the_robots_side_alone_when_it_moves(
             bridge.read()
             asked += [(request.action, request.value) for request in telemetry.requests()]
     assert asked == ([("moving", 1.0), ("moving", 0.0)] if role == "robot" else [])
+
+
+def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    from cyclonedds.core import Policy
+
+    from tactophone.faces.bridges import ros, ros_topics
+
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    writer = ros.DdsTransport(DOMAIN + 2).writer("tactophone/index/roughness", ros_topics.Float32, latched=True)
+    hashed = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"  # by ROS 2 itself
+    assert bytes(writer.get_qos()[Policy.Userdata].data) == f"typehash={hashed};".encode()
+    assert writer.get_qos()[Policy.Durability] == Policy.Durability.TransientLocal
