@@ -5,9 +5,10 @@ Values are frozen. Arrays inside them are shared, never copied: a receiver does 
 
 import enum
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -96,6 +97,22 @@ class AudioBlock:
     def end(self) -> int:
         """Index of the sample after the last one."""
         return self.start + len(self.samples)
+
+
+def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
+    """Yield stretches without a gap, or without sound that is concealed, each as one block."""
+    cuts = [
+        number
+        for number, (one, other) in enumerate(pairwise(blocks), 1)
+        if one.end != other.start or one.concealed is not other.concealed
+    ]
+    for begin, end in pairwise([0, *cuts, len(blocks)]):
+        first = blocks[begin]
+        if end - begin == 1:
+            yield first
+        else:
+            samples = np.concatenate([block.samples for block in blocks[begin:end]])
+            yield AudioBlock(samples, first.sample_rate, first.start, first.concealed)
 
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")

@@ -25,7 +25,8 @@ from tactophone.signal.perception.detector import push_together
 from tactophone.signal.pipeline import Hand, Pipeline, split_fingers
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
-"""What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost."""
+"""What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost, and
+for sound that waits for the next packet, as nothing comes of it."""
 
 
 class RobotEndpoint:
@@ -47,10 +48,10 @@ class RobotEndpoint:
     def push(self, block: AudioBlock) -> list[PipelineStep]:
         """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
         self.group.encoder.moving = block.moving
-        blocks = split_fingers(block, self._channels) if self._channels else [block]
         if not self.detectors:
             self.group.push(block)
-            return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
+            return []
+        blocks = split_fingers(block, self._channels) if self._channels else [block]
         found = list(map(tuple, push_together(self.detectors, blocks)))
         # Predictions whose windows end together travel in one packet, oldest first.
         by_end: dict[float, dict[int, Prediction]] = {}
@@ -63,6 +64,11 @@ class RobotEndpoint:
             PipelineStep(part, predictions, (), finger)
             for finger, (part, predictions) in enumerate(zip(blocks, found, strict=True))
         ]
+
+    def steps(self, block: AudioBlock) -> list[PipelineStep]:
+        """Return each finger's step of a block that was sent without predictions."""
+        blocks = split_fingers(block, self._channels) if self._channels else [block]
+        return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
 
 
 class OperatorEndpoint:
@@ -107,7 +113,7 @@ class OperatorEndpoint:
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
         for event in events:
-            steps: Iterable[PipelineStep | None] = (None,)
+            steps: Iterable[PipelineStep | None] = () if isinstance(event, DecodedAudio) else (None,)
             match event:
                 case DecodedAudio(block=block, stale=stale) if self._accepts(block.channels):  # nearly always
                     # Late sound still goes through the detector, but what it leads to is no longer rendered.
@@ -122,8 +128,11 @@ class OperatorEndpoint:
                 case Connected():
                     self.hand.reset()
                     self.refusal = ""
+            step = None
             for step in steps:
                 yield event, step
+            if step is None and isinstance(event, DecodedAudio):
+                yield event, None  # it waits for the next
 
     def _accepts(self, channels: int) -> bool:
         """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""

@@ -8,7 +8,7 @@ import pytest
 
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, PipelineStep, Prediction, Touch
-from tactophone.live.runtime.recorder import BATCH, LONGEST_DEFERRAL, SessionRecorder
+from tactophone.live.runtime.recorder import LONGEST_DEFERRAL, SessionRecorder
 from tactophone.live.telemetry.layout import MARKS
 from tactophone.live.telemetry.records import Controls, EventBatch, read_records
 from tactophone.live.telemetry.watcher import Watcher
@@ -31,20 +31,20 @@ def step(number: int, *touches: Touch) -> PipelineStep:
     return PipelineStep(block, tuple(Prediction(probabilities, touch, 0.5, -20.0, 0.0, 0.1) for touch in touches), ())
 
 
-def test_nothing_is_written_before_a_batch_is_full_and_then_all_in_order(run: Run) -> None:
+def test_nothing_is_written_at_once_and_then_all_in_order(run: Run) -> None:
     recorder, watcher = run
-    for number in range(BATCH):
+    for number in range(10):
         assert not recorder.due(1.0)
         recorder.mark(120 * number, (MARKS.index("decoded"), 1.0 + number / 1e4))
         recorder.publish(step(number), now=1.0)
     assert watcher.snapshot().step_end == 0
-    assert recorder.due(1.0)
+    assert recorder.due(1.0 + LONGEST_DEFERRAL + 1e-3)
     recorder.write(lambda finger: 2)
     found = watcher.snapshot()
-    assert found.steps["sound_end"].tolist() == [120 * (number + 1) for number in range(BATCH)]
+    assert found.steps["sound_end"].tolist() == [120 * (number + 1) for number in range(10)]
     assert set(found.steps["truth"].tolist()) == {2}
-    assert found.sound[::120, 0] == pytest.approx([number / 100 for number in range(BATCH)])
-    assert watcher.marks("decoded")["position"].tolist() == [120 * number for number in range(BATCH)]
+    assert found.sound[::120, 0] == pytest.approx([number / 100 for number in range(10)])
+    assert watcher.marks("decoded")["position"].tolist() == [120 * number for number in range(10)]
     assert not recorder.due(2.0)
 
 

@@ -6,7 +6,6 @@ than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by t
 
 import queue
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import pairwise
 from multiprocessing.connection import Connection
 from types import MappingProxyType
 from typing import Self
@@ -17,7 +16,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Source
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Source, joined
 from tactophone.live.audio.device import Device, Process, StreamDevice, open_at_live_rate
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
@@ -94,7 +93,7 @@ class LiveSource:
                     self._queue.put(None)  # the end, which the iteration is to see after this sound
                     break
                 blocks = [*blocks, *self._take(following)]
-            yield from _joined(blocks)
+            yield from joined(blocks)
 
     def _arrivals(self) -> Iterator[list[AudioBlock]]:
         while self._open:
@@ -128,18 +127,6 @@ class LiveSource:
         if not self._idle or self._position - self._held[0].start >= self._needed():
             self._queue.put(self._held)
             self._held = []
-
-
-def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
-    """Yield stretches without a gap, each as one block."""
-    gaps = [number for number, (one, other) in enumerate(pairwise(blocks), 1) if one.end != other.start]
-    for begin, end in pairwise([0, *gaps, len(blocks)]):
-        first = blocks[begin]
-        if end - begin == 1:
-            yield first
-        else:
-            samples = np.concatenate([block.samples for block in blocks[begin:end]])
-            yield AudioBlock(samples, first.sample_rate, first.start)
 
 
 def jack_source(

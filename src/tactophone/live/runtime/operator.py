@@ -277,8 +277,10 @@ class Operator(Side):
             # moment at which its sound was decoded and free to be processed.
             decoded, origin = time.monotonic(), self._session.origin
             step: PipelineStep | None = None
+            waited = False
             for number, (event, step) in enumerate(steps, 1):
-                if step is None or not step.finger:
+                waited = step is None and isinstance(event, DecodedAudio)
+                if not waited and (step is None or not step.finger):
                     self._mark_arrival(event, origin, received=received, decoded=decoded)
                 if step is not None:
                     self._submit(step, origin)
@@ -289,7 +291,7 @@ class Operator(Side):
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
-            if polled or step is None:
+            if polled or (step is None and not waited):
                 wiring.send_outgoing(self._session.session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
             if self._recorder.due(received):

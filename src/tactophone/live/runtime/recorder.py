@@ -24,11 +24,8 @@ from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.link.events import Event, write_event
 from tactophone.signal.perception.models import default_model, model_path
 
-BATCH = 10
-"""Steps after which everything is written: 25 ms of packets of 2.5 ms."""
-
 LONGEST_DEFERRAL = 0.02
-"""Seconds for which the oldest step may wait: as often as the main thread looks at telemetry."""
+"""Seconds for which the oldest step may wait without a prediction: as often as the main thread looks at telemetry."""
 
 _MOST_WAITING = 32
 """Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it, as without any sound."""
@@ -87,7 +84,7 @@ class SessionRecorder:
         # The wait begins when somebody first asks, so that the clock need not be read for each call above.
         if self._since is None:
             self._since = now
-        return self._predicted or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
+        return self._predicted or now - self._since >= LONGEST_DEFERRAL
 
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
         """Write everything in the order in which it came; ``truth_of`` a finger replaces the truth of its steps."""

@@ -18,12 +18,13 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, joined
 from tactophone.live.audio.pacing import paced
 from tactophone.live.audio.sources import LiveSource, open_device
 from tactophone.live.runtime import wiring
 from tactophone.live.runtime.latency import robot_stages
 from tactophone.live.runtime.priority import name_thread, prioritize_thread
+from tactophone.live.runtime.recorder import LONGEST_DEFERRAL
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, State
@@ -94,6 +95,7 @@ class Robot(Side):
         # other lock is taken under it, and no thread waits for the network or a device while it holds it.
         self._lock = threading.Lock()
         self._moving = False  # as the newest request says
+        self._unpublished: list[AudioBlock] = []
 
     def __enter__(self) -> Self:
         with self._resources:
@@ -215,13 +217,21 @@ class Robot(Side):
         if origin is not None and (ends or not self._endpoint.detectors):
             position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
             self._recorder.mark(position, (_CAPTURED, captured), (_SENT, now))
-        for step in steps:
+        for step in steps if self._endpoint.detectors else self._steps_of(block):
             self._recorder.publish(step, now=now, truth=self._truth_of(step.finger))
             self._microphones.collect(step)
         if self._recorder.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:
                 self._recorder.write()
+
+    def _steps_of(self, block: AudioBlock) -> list[PipelineStep]:
+        """Return the steps of the sound of many packets at once; of the others none."""
+        self._unpublished.append(block)
+        if block.end - self._unpublished[0].start < LONGEST_DEFERRAL * LIVE_SAMPLE_RATE:
+            return []
+        blocks, self._unpublished = self._unpublished, []
+        return [step for part in joined(blocks) for step in self._endpoint.steps(part)]
 
     def _log(self, event: Event) -> None:
         """Log a packet or a change of the connection; called under the lock of the session."""
