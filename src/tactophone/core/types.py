@@ -7,7 +7,7 @@ import enum
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
@@ -100,19 +100,18 @@ class AudioBlock:
 
 
 def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
-    """Yield stretches without a gap, or without sound that is concealed, each as one block."""
+    """Yield stretches of one kind without a gap, each as one block."""
     cuts = [
         number
         for number, (one, other) in enumerate(pairwise(blocks), 1)
-        if one.end != other.start or one.concealed is not other.concealed
+        if (one.end, one.concealed, one.moving) != (other.start, other.concealed, other.moving)
     ]
     for begin, end in pairwise([0, *cuts, len(blocks)]):
         first = blocks[begin]
         if end - begin == 1:
             yield first
         else:
-            samples = np.concatenate([block.samples for block in blocks[begin:end]])
-            yield AudioBlock(samples, first.sample_rate, first.start, first.concealed)
+            yield replace(first, samples=np.concatenate([block.samples for block in blocks[begin:end]]))
 
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")

@@ -10,16 +10,28 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from tactophone.core.microphones import check_channels
+from tactophone.core.microphones import MICROPHONES, check_channels
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import AudioBlock, ContactRule, Detector, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.core.types import (
+    AudioBlock,
+    ContactRule,
+    Detector,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Profile,
+    joined,
+)
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
-from tactophone.signal.perception.detector import push_together
+from tactophone.signal.perception.contact import ContactGate
+from tactophone.signal.perception.detector import LONGEST_GAP, push_together
 from tactophone.signal.perception.events import EventDetector, EventMerger
+from tactophone.signal.perception.levels import Ear
 from tactophone.signal.perception.model_file import Model
 from tactophone.signal.perception.models import default_model, open_detector, open_registered
 
@@ -55,7 +67,7 @@ class Pipeline:
         self, detector: Detector, profile: Profile, limits: Limits | None = None, *, events: EventMerger | None = None
     ) -> None:
         self.detector = detector
-        self._events = events
+        self._events, self.has_events = events, events is not None
         self.limits = limits or Limits()
         self.profile = profile
 
@@ -121,9 +133,51 @@ class Hand:
         self.pipelines = list(pipelines)
         self.fingers = len(self.pipelines)
         self._channels = list(channels) or [2] * self.fingers
+        self._held: list[AudioBlock] = []
+        self._due = self._next = 0
+        # A detector of a user's own, or one without such a gate, has nothing to share, and sound waits for none with events.
+        gates = [getattr(pipeline.detector, "contact_gate", None) for pipeline in self.pipelines]
+        self._gates: list[ContactGate] = [gate for gate in gates if gate]
+        self._patient = len(self._gates) == self.fingers and not any(each.has_events for each in self.pipelines)
+        if self.fingers > 1 and self._patient and len({gate.ear.settings for gate in self._gates}) == 1:
+            self._ear: Ear | None = self._gates[0].ear.for_fingers(self.fingers)
+            for finger, gate in enumerate(self._gates):
+                gate.share(self._ear, finger)
+        else:
+            self._ear, self._patient = None, self._patient and self.fingers == 1
 
     def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
-        """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it."""
+        """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it.
+
+        A short block that leads to nothing waits for the next, with which it is processed: then there is no step.
+        """
+        self._held.append(block)
+        if block.end < self._due and block.start == self._next and not block.concealed and self._waits(block):
+            self._next = block.end
+            return
+        held, self._held = self._held, []
+        for part in joined(held):
+            yield from self._process(part)
+
+    def _waits(self, block: AudioBlock) -> bool:
+        ear = self._ear or self._gates[0].ear
+        ear.hear(block.samples.T[:: len(MICROPHONES)])
+        ear.ahead += block.size
+        return all(gate.quiet for gate in self._gates)
+
+    def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        if self._ear and block.channels == len(MICROPHONES) * self.fingers:
+            lost = block.start - self._next + self._ear.ahead
+            if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
+                self._ear.reset()
+            self._ear.hear(block.samples.T[:: len(MICROPHONES), self._ear.ahead :])
+            self._ear.ahead = 0
+        yield from self._steps(block)
+        self._next = block.end
+        detectors: list[Any] = [pipeline.detector for pipeline in self.pipelines]
+        self._due = min(detector.due for detector in detectors) if self._patient else 0
+
+    def _steps(self, block: AudioBlock) -> Iterator[PipelineStep]:
         if self.fingers == 1:
             yield self.pipelines[0].push(block)
             return
@@ -135,6 +189,9 @@ class Hand:
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
+        self._held, self._due = [], 0
+        if self._ear:
+            self._ear.reset()
         for pipeline in self.pipelines:
             pipeline.reset()
 

@@ -23,7 +23,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.contact import CLEAR_DB, FAST, SLOW, ContactGate
+from tactophone.signal.perception.contact import CLEAR_DB, ContactGate
 from tactophone.signal.perception.health import (
     HARMLESS_HUM_DBFS,
     ChannelStatistics,
@@ -33,7 +33,7 @@ from tactophone.signal.perception.health import (
     SensorFault,
     SignalStatistics,
 )
-from tactophone.signal.perception.levels import BANDS_HOP, BandLevels, LoudnessRule
+from tactophone.signal.perception.levels import BANDS_HOP, FAST, SLOW, BandLevels, LoudnessRule
 from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, TOUCH_HOLD, NoiseFloor, measure_floor
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
@@ -273,7 +273,7 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
         if share <= MOST_MOTION:
             break
     rest, moving = (
-        np.median(BandLevels(rate, hop=round(BANDS_HOP * rate)).push(part[:, CONTACT]), axis=0)
+        np.median(BandLevels(rate, hop=round(BANDS_HOP * rate)).push(part.T[CONTACT : CONTACT + 1]), axis=0)[0]
         for part in (sounds.silence, motion)
     )
     return margin, share, round(float((moving - rest)[:LOW_BANDS].mean()), 1)

@@ -20,20 +20,14 @@ The paper has no such gate (it compares the level of the whole window): `feel --
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import repeat
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
-from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BANDS_WINDOW, BandLevels, LoudnessRule, StepLevels
-from tactophone.signal.perception.noise_floor import FLOOR_WINDOW, HIGHEST_DBFS, NoiseFloor, RecordingFloor
-
-FAST, SLOW = 0.004, FLOOR_WINDOW
-"""Seconds that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
+from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BANDS_WINDOW, Ear, LoudnessRule
+from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, NoiseFloor, RecordingFloor
 
 CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
@@ -47,9 +41,6 @@ SHORTEST_GATED_TOUCH = 0.03
 
 GATE_HEARTBEAT = 2 * BANDS_HOP
 """Seconds between two reports while nothing changes: downstream, no report means that something has stopped."""
-
-MOST_STEPS = 64
-"""Steps of a longer block that are taken at once."""
 
 BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 """Mean over the bands of what exceeds floor and margin that begins contact, and that ends it."""
@@ -111,23 +102,23 @@ class ContactGate:
         bands: bool = False,
         hold: float = 0.0,
     ) -> None:
-        self._levels = StepLevels(rule, sample_rate=sample_rate)
-        self._sample_rate = sample_rate
-        count = self._levels.count
-        self._fast, self._slow, self._hop = count(FAST), count(SLOW), count(BANDS_HOP)
+        self.ear, self._finger, self._shared, self._has_bands = (
+            Ear(rule, sample_rate=sample_rate, bands=bands),
+            0,
+            False,
+            bands,
+        )
+        self._sample_rate, self._step_size = sample_rate, self.ear.steps.step_size
+        count = self.ear.steps.count
+        self._hop = count(BANDS_HOP)
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         self._early, self._distrust = count(EARLY), count(DISTRUST)
         self._jerk, self._persistent = count(JERK), count(PERSISTENT)
-        self._bands = BandLevels(sample_rate, hop=self._hop * self._levels.step_size) if bands else None
-        # Powers of the steps that the slow level covers, then of new ones.
-        self._powers = np.zeros(self._slow + MOST_STEPS)
-        self._windows = sliding_window_view(self._powers[1:], self._slow)
-        self._slow_weights, self._fast_weights = (np.full(steps, 1 / steps) for steps in (self._slow, self._fast))
         self.threshold, self.floor = ContactThreshold(threshold_dbfs, follows_floor=floor is not None), floor
         self.reset()
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
-        power = self._levels.power
+        power = self.ear.steps.power
         self._threshold_dbfs = level_dbfs
         self._clear_from = 10 ** (power * (level_dbfs + CLEAR_DB) / 20)
         self._open_from = 10 ** (power * level_dbfs / 20)
@@ -136,9 +127,9 @@ class ContactGate:
 
     def reset(self) -> None:
         """Return to the initial state: no contact; the floor is measured anew."""
-        self._levels.reset()
-        self._powers[:] = 0
-        self._steps = self._lasted = self._quiet = 0
+        if not self._shared:
+            self.ear.reset()
+        self._steps = self._lasted = self._quiet = self._part = 0
         # Of the level: whether it says contact, and only holds it; whether its word counts before the bands can tell.
         self._open = self._held = self._invalid = False
         self._believed, self._believed_from = False, 0
@@ -147,8 +138,6 @@ class ContactGate:
         self._reported = False, False
         # Of a robot's starts and stops: until when contact has to last, since when it does, whether it still has to.
         self._moving, self._jerk_until, self._begun, self._waits = False, 0, -1, False
-        if self._bands:
-            self._bands.reset()
         if self.floor:
             self.floor.reset()
         self._set(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
@@ -157,7 +146,7 @@ class ContactGate:
 
     def begin(self, recording: RecordingFloor) -> None:
         """Begin at the floor of a recording; where it has none or the level decides, with its threshold."""
-        if self.floor and self._bands and recording.known:
+        if self.floor and self._has_bands and recording.known:
             self.floor.begin(recording)
             self._move(self.floor)
         else:
@@ -172,22 +161,36 @@ class ContactGate:
             self._moving, self._jerk_until = block.moving, self._steps + self._jerk
             # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
             self._waits |= block.moving and self._begun >= 0 and self._steps - self._begun < self._persistent
-        rows = iter(self._bands.push(block.samples[:, CONTACT]) if self._bands else repeat(_NO_BANDS))
-        powers, contacts = self._levels.push(block), list[Contact]()
-        for start in range(0, len(powers), MOST_STEPS):
-            contacts += self._take(powers[start : start + MOST_STEPS], rows)
-        return contacts
+        if not self._shared:
+            self.ear.hear(block.samples.T[CONTACT : CONTACT + 1, self.ear.ahead :])
+            self.ear.ahead = 0
+        self._part += block.size
+        steps, self._part = divmod(self._part, self._step_size)
+        return self._take(steps)
 
-    def _take(self, powers: FloatArray, rows: Iterator[FloatArray]) -> list[Contact]:
-        """Evaluate new steps one after another, and a row of the bands at each hop; return what changed."""
-        # Each level is a sum of its own, so that it is the same at any block size.
-        count = len(powers)
-        self._powers[self._slow : self._slow + count] = powers
-        windows = self._windows[:count]
-        slow = np.vecdot(windows, self._slow_weights).tolist()
-        fast = np.vecdot(windows[:, -self._fast :], self._fast_weights).tolist()
-        self._powers[: self._slow] = self._powers[count : count + self._slow]
-        contacts, start = list[Contact](), 0
+    def share(self, ear: Ear, finger: int) -> None:
+        """Take levels of one of the fingers from an ear that hears all, and that others reset and let hear."""
+        self.ear, self._finger, self._shared = ear, finger, True
+        self.reset()
+
+    @property
+    def due(self) -> int:
+        """Samples until something may come of sound, whatever its level."""
+        return (self._hop - self._steps % self._hop) * self._step_size - self._part
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing comes of what was heard and not pushed, as long as less is than is `due`."""
+        plain = self.threshold.dbfs == self._threshold_dbfs and self.threshold.follows_floor is self._following
+        return plain and self._stays(self.ear.slow[self._finger], self.ear.fast[self._finger])
+
+    def _take(self, steps: int) -> list[Contact]:
+        """Evaluate steps one after another, and a row of the bands at each hop; return what changed."""
+        finger, ear = self._finger, self.ear
+        heard_slow, heard_fast, rows = ear.slow[finger], ear.fast[finger], ear.bands[finger]
+        slow, fast = heard_slow[:steps], heard_fast[:steps]
+        del heard_slow[:steps], heard_fast[:steps]
+        contacts, start, count = list[Contact](), 0, steps
         while start < count:
             end = min(count, start + self._hop - self._steps % self._hop)
             if self._stays(slow[start:end], fast[start:end]):
@@ -198,18 +201,21 @@ class ContactGate:
                 for each in map(self._step, slow[start:end], fast[start:end]):
                     contacts += each
             if self._steps % self._hop == 0:
-                contacts += self._end_hop(slow[end - 1], next(rows))
+                contacts += self._end_hop(slow[end - 1], rows.pop(0) if rows else _NO_BANDS)
             start = end
         return contacts
 
     def _stays(self, slow: list[float], fast: list[float]) -> bool:
         """Whether the level plainly says of these steps what it said before, so that none needs a look of its own."""
-        # A comparison with NaN is false: invalid samples are looked at, and the first step after them.
-        if self._invalid:
+        # A comparison with NaN is false: invalid samples are looked at, and the first step after them. NaN begins at a
+        # step and lasts, longer than these steps: it is first or last.
+        if self._invalid or self._held:
             return False
+        if not slow:
+            return True
         if self._open:
-            return not self._held and all(level >= self._close_under for level in slow)
-        return all(level < self._open_from for level in slow) and all(level < self._clear_from for level in fast)
+            return min(slow) >= self._close_under and slow[-1] >= self._close_under
+        return slow[-1] < self._open_from and max(slow) < self._open_from and max(fast) < self._clear_from
 
     def _step(self, slow: float, fast: float) -> list[Contact]:
         was_open, held = self._open, self._held
@@ -231,13 +237,13 @@ class ContactGate:
 
     def _end_hop(self, slow: float, bands: FloatArray) -> list[Contact]:
         """Ask the bands, and let the floor follow."""
-        level_dbfs = 20 / self._levels.power * math.log10(slow) if slow > 0 else math.nan
+        level_dbfs = 20 / self.ear.steps.power * math.log10(slow) if slow > 0 else math.nan
         if self._by_bands and self.floor:
             self._hear(self.floor, bands)
         touching, _ = self._decide()
         if self.floor and self._following:
             # Until the windows are full of sound, part of the levels is that of their zeros.
-            full = self._steps * self._levels.step_size >= BANDS_WINDOW * self._sample_rate
+            full = self._steps * self._step_size >= BANDS_WINDOW * self._sample_rate
             self.floor.push(level_dbfs if full else math.nan, bands, touching=touching, loud=self._open)
             if self.floor.threshold_dbfs != self._threshold_dbfs:
                 self._move(self.floor)
@@ -257,7 +263,7 @@ class ContactGate:
     def _by_bands(self) -> bool:
         # Sound as loud as the highest threshold is touch, not noise, however steady it is.
         known = self.floor is not None and self.floor.known and self._threshold_dbfs < HIGHEST_DBFS
-        return known and self._bands is not None and self._following
+        return known and self._has_bands and self._following
 
     def _decide(self) -> tuple[bool, bool]:
         """Return whether there is contact, and whether it is only held."""
@@ -273,7 +279,7 @@ class ContactGate:
         if decided == self._reported and not due:
             return []
         self._reported = decided
-        return [Contact(self._steps * self._levels.step_size / self._sample_rate, *decided, self._threshold_dbfs)]
+        return [Contact(self._steps * self._step_size / self._sample_rate, *decided, self._threshold_dbfs)]
 
     def _wait(self, touching: bool, held: bool) -> tuple[bool, bool]:
         """Return a decision as it counts: not yet, where a robot starts or stops and the contact is young."""

@@ -27,7 +27,7 @@ from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.health import InvalidSampleFilter
-from tactophone.signal.perception.levels import LOUDNESS
+from tactophone.signal.perception.levels import loudness
 from tactophone.signal.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
 from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
 from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler, Windower
@@ -91,7 +91,11 @@ def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
 def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
     """Return the prediction of a window of each detector, all of one network."""
     sound = [window.T for _, _, window in due]
-    measured = [detector.measure(each, end) for each, (detector, end, _) in zip(sound, due, strict=True)]
+    levels = loudness(due[0][0].card.gate.rule, [each[CONTACT] for each in sound])
+    measured = [
+        detector.measure(each, level_dbfs, end)
+        for each, level_dbfs, (detector, end, _) in zip(sound, levels, due, strict=True)
+    ]
     found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
     return [
         detector.decide(end, *level, *each)
@@ -115,6 +119,7 @@ class WindowDetector:
     - ``contact_at``: returns the state of the contact gate at a time in s, where there is a gate.
     - ``hop``, ``bandwidth``, ``latency``: seconds between two predictions; the highest frequency, in Hz, that the model
       uses; seconds from a window's end until it can be classified.
+    - ``missing``: samples until the next window is complete.
     - ``fit``: says whether the sound fits the model, where it is not ``None``; it changes no prediction.
     - ``trace``: called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
@@ -145,7 +150,6 @@ class WindowDetector:
         engine = Engine(model.session)
         self.classify, self.state = engine.run, engine.new_state()
         """`state`: what the graph remembers of the touch."""
-        self._level_of = LOUDNESS[card.gate.rule]
         self.reset()
         # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
         # the low-pass has all around it.
@@ -163,7 +167,7 @@ class WindowDetector:
         self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
         self._arrived: list[FloatArray] = []
-        self._missing = self._resampler.missing_until(self._windower.next_end)
+        self.missing = self._resampler.missing_until(self._windower.next_end)
         self._decision.reset()
         self.state[:] = 0
         if self.fit:
@@ -195,8 +199,8 @@ class WindowDetector:
             self._complete_windows()  # none: they fall due below
         # Kept as it is until a window falls due: a packet is a quarter of a hop, and each call on it costs.
         self._arrived.append(samples)
-        self._missing -= size
-        if self._missing > 0 or not (windows := self._complete_windows()):
+        self.missing -= size
+        if self.missing > 0 or not (windows := self._complete_windows()):
             return []
         return (yield self, windows)
 
@@ -211,7 +215,7 @@ class WindowDetector:
         self._arrived = []
         samples = self._select_channels(self._invalid_samples.clean(samples))
         windows = self._windower.push(self._resampler.push(samples))
-        self._missing = self._resampler.missing_until(self._windower.next_end)
+        self.missing = self._resampler.missing_until(self._windower.next_end)
         return windows
 
     def _select_channels(self, samples: FloatArray) -> FloatArray:
@@ -220,12 +224,11 @@ class WindowDetector:
             return np.pad(samples, ((0, 0), (0, missing)))
         return self.card.heard(samples)
 
-    def measure(self, sound: FloatArray, end: int) -> tuple[float, bool]:
-        """Return the level of the first channel of a window, ``(channels, samples)``, and whether that is contact.
+    def measure(self, sound: FloatArray, level_dbfs: float, end: int) -> tuple[float, bool]:
+        """Return the level of a window, ``(channels, samples)``, and whether that is contact.
 
         ``end`` is the sample after its last one.
         """
-        level_dbfs = self._level_of(sound[CONTACT])
         # As the gate stood when this window could be known, however many blocks later it is read.
         gate = self.contact_at(end / self.card.sample_rate + self.latency) if self.contact_at else None
         threshold_dbfs = gate.threshold_dbfs - self.margin_db if gate else self.threshold_dbfs
@@ -349,7 +352,7 @@ class TouchDetector:
     """
 
     def __init__(self, detector: WindowDetector, gate: ContactGate | None = None, *, window: float = 0.256) -> None:
-        self.detector, self._gate, self._window = detector, gate, window
+        self.detector, self.gate, self._window = detector, gate, window
         self.name, self.bandwidth, self.faults = detector.name, detector.bandwidth, detector.faults
         self.latency = detector.latency
         # From here on all three share one threshold. While it follows the noise, it is the gate that moves it.
@@ -371,12 +374,12 @@ class TouchDetector:
     @property
     def floor(self) -> NoiseFloor | None:
         """The noise floor that gate and windows follow; none where the threshold was given."""
-        return self._gate.floor if self._gate and self.threshold.follows_floor else None
+        return self.gate.floor if self.gate and self.threshold.follows_floor else None
 
     def begin(self, recording: RecordingFloor) -> None:
         """Begin at the floor of the recording that is to come; without a gate, with its threshold."""
-        if self._gate:
-            self._gate.begin(recording)
+        if self.gate:
+            self.gate.begin(recording)
         else:
             self.threshold.dbfs = recording.threshold_dbfs
         self._begin(self._next)
@@ -403,12 +406,22 @@ class TouchDetector:
         if not self.threshold.follows_floor:
             self._threshold_dbfs = self.threshold.dbfs
         # The gate first: windows read what it said at their time.
-        contacts = self._gate.push(block) if self._gate else []
+        contacts = self.gate.push(block) if self.gate else []
         self._contacts.extend(contacts)
         predictions = yield from self.detector.process(block)
-        if self._gate is None:
+        if self.gate is None:
             return [self._revise(self._shifted(prediction)) for prediction in predictions]
         return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
+
+    @property
+    def contact_gate(self) -> ContactGate | None:
+        """The gate, where there is one that hears the contact microphone."""
+        return self.gate if self.detector.card.microphone == "contact" else None
+
+    @property
+    def due(self) -> int:
+        """Position in the stream up to which nothing comes of sound while `gate` is quiet: it may be pushed later."""
+        return self._next + min(self.detector.missing, self.gate.due) if self.gate else self._next
 
     def flush(self) -> list[Prediction]:
         return [self._revise(self._shifted(prediction)) for prediction in self.detector.flush()]
@@ -416,8 +429,8 @@ class TouchDetector:
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
         self.detector.reset()
-        if self._gate:
-            self._gate.reset()
+        if self.gate:
+            self.gate.reset()
         self._begin(0)
 
     def _contact_at(self, time: float) -> Contact:
@@ -433,7 +446,7 @@ class TouchDetector:
         self._first = self._next = start
         self._shift = 0.0
         self._newest = _NO_PREDICTION
-        self._touching, self._since, self._held, self._held_since = self._gate is None, 0.0, False, 0.0
+        self._touching, self._since, self._held, self._held_since = self.gate is None, 0.0, False, 0.0
         self._reported_until = -math.inf
         self._loud_until, self._pause = -math.inf, PAUSE
         self._against = self._rough_since = 0.0
@@ -493,7 +506,7 @@ class TouchDetector:
 
     def _revise(self, prediction: Prediction) -> Prediction:
         self._newest, self._reported_until = prediction, prediction.end
-        if self._gate is None:
+        if self.gate is None:
             return prediction
         if not self._touching or prediction.faulty:
             self.state = TouchState.ABSENT if not self._touching else TouchState.FAULTY

@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ContactRule, Prediction, Touch
+from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import Processing, TouchDetector, process_together
 from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.health import FaultDetector, FaultKind, Reference, SensorFault
@@ -124,10 +125,22 @@ class FallbackDetector:
             self._left = self._fault_detector.cell_size
             self._choose()
         self._next = block.end
+        if block.concealed or block.size < self._left:
+            self._left -= 0 if block.concealed else block.size
+            return (yield from self._process(block))
         predictions = []
         for part in self._parts(block):
             predictions += yield from self._process(part)
         return predictions
+
+    @property
+    def due(self) -> int:
+        """As of `TouchDetector`; only while no microphone is faulty may sound wait."""
+        return min(self._main.due, self._next + self._left) if self.active is self._main else self._next
+
+    @property
+    def contact_gate(self) -> ContactGate | None:
+        return self._main.contact_gate
 
     def flush(self) -> list[Prediction]:
         return [self._revised(prediction) for prediction in self.active.flush()]
@@ -144,13 +157,6 @@ class FallbackDetector:
 
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
         """Cut a block where the fault detector measures, so that the mode changes at the same sample at any size."""
-        if block.concealed:
-            yield block
-            return
-        if block.size < self._left:
-            self._left -= block.size
-            yield block
-            return
         start = 0
         while start < block.size:
             size = min(self._left, block.size - start)
@@ -171,7 +177,7 @@ class FallbackDetector:
         predictions = yield from self._main.process(part)
         if active is not self._main:
             predictions = yield from active.process(replace(part, samples=part.samples[:, : CONTACT + 1]))
-        revised = [self._revised(prediction) for prediction in predictions]
+        revised = [self._revised(prediction) for prediction in predictions] if self.mode else predictions
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed and self._fault_detector.push(part):
             self._choose()

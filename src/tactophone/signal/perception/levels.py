@@ -10,15 +10,15 @@ detected 0.3 ms later (p50; docs/research/processor-time.md).
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tactophone.core.microphones import CONTACT
-from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.health import find_invalid
+from tactophone.core.types import FloatArray
+from tactophone.signal.perception.health import PLAUSIBLE_PEAK
 
 LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
 
@@ -54,6 +54,19 @@ def banded_dbfs(samples: FloatArray) -> float:
     """
     size = len(samples)
     band = np.fft.rfft(samples * _taper(size))[size // 64 : size // 4]
+    return _band_dbfs(band, size)
+
+
+def loudness(rule: LoudnessRule, channels: Sequence[FloatArray]) -> list[float]:
+    """Return the level in dBFS of each channel, of one length; spectra are computed in one call."""
+    if rule != "banded" or len(channels) == 1:
+        return list(map(LOUDNESS[rule], channels))
+    size = len(channels[0])
+    bands = np.fft.rfft(np.array(channels) * _taper(size))[:, size // 64 : size // 4]
+    return [_band_dbfs(band, size) for band in bands]
+
+
+def _band_dbfs(band: NDArray[np.complexfloating], size: int) -> float:
     # Two sides of a real spectrum; the taper's mean square is 3/8.
     return _dbfs(math.sqrt(2 * np.vdot(band, band).real / (3 / 8 * size * size)))
 
@@ -94,97 +107,98 @@ BANDED_POWER = 0.7
 """Scales the power of differences so that simulated touches have the banded level of the windows (median; noise, which
 is brighter, lies 1 dB lower)."""
 
-_NONE = np.empty(0, np.float32)
-
 
 class StepLevels:
-    """Measures steps of 0.25 ms; the same values at any block size.
+    """Measures steps of 0.25 ms, of several microphones at once; the same values at any block size.
 
     - ``rule``: ``rms``, ``mean_absolute`` or ``banded``.
     - ``sample_rate``: in Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule
       ``banded``).
 
     >>> levels = StepLevels("rms", sample_rate=48_000)
-    >>> levels.push(AudioBlock(np.full((30, 1), 0.5, np.float32), 48_000)).tolist()
-    [0.25, 0.25]
+    >>> levels.push(np.full((1, 30), 0.5, np.float32)).tolist()
+    [[0.25, 0.25]]
     >>> levels.count(0.032)
     128
     """
 
-    def __init__(self, rule: LoudnessRule, *, sample_rate: int) -> None:
+    def __init__(self, rule: LoudnessRule, *, sample_rate: int, count: int = 1) -> None:
         self._rule: LoudnessRule = rule
         self._sample_rate = sample_rate
         self._decimation = max(1, sample_rate // BANDED_RATE) if rule == "banded" else 1
         whole_steps = sample_rate / STEP_RATE / self._decimation
-        count = max(1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE)
-        self.step_size = count * self._decimation
+        parts = max(1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE)
+        self.step_size = parts * self._decimation
         # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
         self.power = 1 if rule == "mean_absolute" else 2
         # The mean of `decimation` neighbours, a low-pass that costs little (what it lets alias is quiet in a contact
         # sound), less the mean a lag before. As one filter, because each call on a packet costs more than its sums.
         # Scaled so that the squares of a step's differences sum up to its power.
-        mean = np.full(self._decimation, math.sqrt(BANDED_POWER / count) / self._decimation, np.float32)
+        mean = np.full(self._decimation, math.sqrt(BANDED_POWER / parts) / self._decimation, np.float32)
         self._filter = np.concatenate((-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean))
         self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
         # What precedes the next step and is part of its differences, and the beginning of that step; then new sound.
-        self._sound: FloatArray = np.zeros(self._before + self.step_size + LARGEST_PIECE, np.float32)
+        self._sound: FloatArray = np.zeros((count, self._before + self.step_size + LARGEST_PIECE), np.float32)
         # Of each number of steps: they always begin at the same place, and making a view takes as long as a sum.
         self._views: dict[int, tuple[FloatArray, FloatArray]] = {}
         self.reset()
 
     def reset(self) -> None:
-        self._sound[: self._before] = 0
+        self._sound[:, : self._before] = 0
         self._filled = self._before
 
     def count(self, duration: float) -> int:
         """Return how many steps come nearest to so many seconds."""
         return round(duration * self._sample_rate / self.step_size)
 
-    def push(self, block: AudioBlock) -> FloatArray:
-        """Take sound; return the power, or mean absolute value, of each step that it completes.
+    def push(self, contacts: FloatArray) -> FloatArray:
+        """Take samples, ``(count, samples)``; return power, or mean absolute value, of the steps that they complete.
 
         A step with invalid samples is NaN.
         """
-        contact = block.samples[:, CONTACT]
-        if len(contact) <= LARGEST_PIECE:
-            return self._push(contact)
-        pieces = (contact[start : start + LARGEST_PIECE] for start in range(0, len(contact), LARGEST_PIECE))
-        return np.concatenate([self._push(piece) for piece in pieces])
+        if (size := contacts.shape[1]) <= LARGEST_PIECE:
+            return self._push(contacts)
+        pieces = (contacts[:, start : start + LARGEST_PIECE] for start in range(0, size, LARGEST_PIECE))
+        return np.concatenate([self._push(piece) for piece in pieces], axis=1)
 
-    def _push(self, contact: FloatArray) -> FloatArray:
-        sound, end = self._sound, self._filled + len(contact)
-        sound[self._filled : end] = contact
-        count = (end - self._before) // self.step_size
-        if not count:
+    def _push(self, contacts: FloatArray) -> FloatArray:
+        sound, end = self._sound, self._filled + contacts.shape[1]
+        sound[:, self._filled : end] = contacts
+        steps = (end - self._before) // self.step_size
+        if not steps:
             self._filled = end
-            return _NONE
-        levels, measured = self._measure(count), count * self.step_size
+            return sound[:, :0]
+        levels, measured = self._measure(steps), steps * self.step_size
         self._filled = end - measured
-        sound[: self._filled] = sound[measured:end]
+        sound[:, : self._filled] = sound[:, measured:end]
         return levels
 
-    def _measure(self, count: int) -> FloatArray:
-        steps, around = self._views.get(count) or self._make_views(count)
-        if len(invalid := find_invalid(steps)):
-            steps[invalid] = np.nan
+    def _measure(self, steps: int) -> FloatArray:
+        new, around = self._views.get(steps) or self._make_views(steps)
+        # Sound with less energy than a single invalid sample contains none.
+        if not np.vdot(new, new) <= PLAUSIBLE_PEAK**2:
+            new[~(np.abs(new) <= PLAUSIBLE_PEAK).all(axis=2)] = np.nan
         if self._rule == "banded":
             change = np.vecdot(around, self._filter)
             powers: FloatArray = np.vecdot(change, change)
             return powers
-        sums = np.vecdot(steps, steps) if self.power == 2 else np.abs(steps).sum(axis=1)
+        sums = np.vecdot(new, new) if self.power == 2 else np.abs(new).sum(axis=2)
         return np.asarray(sums / np.float32(self.step_size))
 
-    def _make_views(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def _make_views(self, steps: int) -> tuple[FloatArray, FloatArray]:
         """Return so many steps, and what the filter covers for each of their differences."""
-        steps = self._sound[self._before : self._before + count * self.step_size].reshape(count, self.step_size)
-        if self._rule != "banded":
-            # The filter's view would reach over the end of the sound.
-            self._views[count] = steps, steps
-            return self._views[count]
-        shape = count, self.step_size // self._decimation, len(self._filter)
-        strides = 4 * self.step_size, 4 * self._decimation, 4
-        self._views[count] = steps, np.ndarray(shape, np.float32, self._sound, strides=strides)
-        return self._views[count]
+        rows, (far, one) = len(self._sound), self._sound.strides
+        new = np.ndarray(
+            (rows, steps, self.step_size), np.float32, self._sound, one * self._before, (far, one * self.step_size, one)
+        )
+        # Without a filter its view would reach over the end of the sound.
+        around = new
+        if self._rule == "banded":
+            shape = rows, steps, self.step_size // self._decimation, len(self._filter)
+            strides = far, one * self.step_size, one * self._decimation, one
+            around = np.ndarray(shape, np.float32, self._sound, strides=strides)
+        self._views[steps] = new, around
+        return self._views[steps]
 
 
 BANDS, LOWEST_BAND, HIGHEST_BAND = 16, 100.0, 8000.0
@@ -204,14 +218,14 @@ FAINTEST_POWER = 1e-14
 class BandLevels:
     """Measures the level of bands every 5 ms, each over the 64 ms before; the same values at any block size.
 
-    ``hop`` is the number of samples from one row of levels to the next.
+    ``hop`` is the number of samples from one row of levels to the next, ``count`` of microphones measured at once.
 
     >>> levels = BandLevels(48_000, hop=240)
-    >>> [row.shape for row in levels.push(np.zeros(500, np.float32))]
-    [(16,), (16,)]
+    >>> [rows.shape for rows in levels.push(np.zeros((1, 500), np.float32))]
+    [(1, 16), (1, 16)]
     """
 
-    def __init__(self, sample_rate: int, *, hop: int) -> None:
+    def __init__(self, sample_rate: int, *, hop: int, count: int = 1) -> None:
         most = max(1, sample_rate // BANDS_RATE)
         self._decimation = max(each for each in range(1, most + 1) if hop % each == 0)
         rate = sample_rate / self._decimation
@@ -221,33 +235,102 @@ class BandLevels:
         order = np.arange(BANDS + 1)
         self._edges = np.maximum.accumulate(np.round(edges).astype(int) - order) + order
         self._window = np.asarray(np.hanning(size + 2)[1:-1] / size, np.float32)
-        self._hop = hop
+        self._hop, self._count = hop, count
         self.reset()
 
     def reset(self) -> None:
-        self._recent, self._rest = np.zeros(len(self._window), np.float32), _NONE
+        self._recent = np.zeros((self._count, len(self._window)), np.float32)
+        self._rest = np.zeros((self._count, 0), np.float32)
 
-    def push(self, contact: FloatArray) -> list[FloatArray]:
-        """Take samples of one channel; return the levels in dBFS, shape ``(BANDS,)``, of each hop that they complete.
+    def push(self, contacts: FloatArray) -> list[FloatArray]:
+        """Take samples, ``(count, samples)``; return the levels in dBFS, ``(count, BANDS)``, of each hop they complete.
 
         While a window holds an invalid sample they are NaN.
         """
-        sound, rows = np.concatenate((self._rest, contact)), list[FloatArray]()
-        whole = len(sound) // self._hop * self._hop
-        self._rest = sound[whole:]
+        sound, rows = np.concatenate((self._rest, contacts), axis=1), list[FloatArray]()
+        whole = sound.shape[1] // self._hop * self._hop
+        self._rest = sound[:, whole:]
         for start in range(0, whole, MOST_HOPS * self._hop):
-            rows += self._measure(sound[start : min(start + MOST_HOPS * self._hop, whole)].reshape(-1, self._hop))
+            part = sound[:, start : min(start + MOST_HOPS * self._hop, whole)]
+            rows += self._measure(part.reshape(self._count, -1, self._hop))
         return rows
 
     def _measure(self, hops: FloatArray) -> list[FloatArray]:
-        new = hops.reshape(len(hops), -1, self._decimation).mean(axis=2)
-        if len(invalid := find_invalid(hops)):
-            new[invalid] = np.nan
-        size, step = len(self._window), new.shape[1]
-        joined = np.concatenate((self._recent, new.ravel()))
-        self._recent = joined[-size:]
+        count, steps = hops.shape[:2]
+        # The mean, by the two functions that `mean` calls after a search of its own.
+        new = np.add.reduce(hops.reshape(count, steps, -1, self._decimation), axis=3)
+        new /= self._decimation
+        if not np.vdot(hops, hops) <= PLAUSIBLE_PEAK**2:
+            new[~(np.abs(hops) <= PLAUSIBLE_PEAK).all(axis=2)] = np.nan
+        size, step = len(self._window), new.shape[2]
+        sound = np.concatenate((self._recent, new.reshape(count, -1)), axis=1)
+        self._recent = sound[:, -size:]
+        if not np.vdot(sound, sound):
+            return [np.full((count, BANDS), 10 * np.log10(FAINTEST_POWER), np.float32)] * steps
         # As `sliding_window_view`, which takes as long as the rest of this for a single hop.
-        windows = np.ndarray((len(hops), size), np.float32, joined, 4 * step, (4 * step, 4))
+        windows = np.ndarray((count, steps, size), np.float32, sound, 4 * step, (sound.strides[0], 4 * step, 4))
         spectra = np.fft.rfft(windows * self._window)
-        power = np.add.reduceat(np.square(spectra.real) + np.square(spectra.imag), self._edges, axis=1)[:, :BANDS]
-        return list(np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32))
+        power = np.add.reduceat(np.square(spectra.real) + np.square(spectra.imag), self._edges, axis=2)[..., :BANDS]
+        return list(np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32).swapaxes(0, 1))
+
+
+FAST, SLOW = 0.004, 0.032
+"""Seconds that the two levels of `Ear` cover: half a period of 125 Hz, and a period of 31 Hz."""
+
+MOST_STEPS = 64
+"""Steps of a longer block that are taken at once."""
+
+
+class Ear:
+    """Measures what the contact gates of all fingers decide by, in one call for all, and keeps it until they take it.
+
+    - ``steps``: measures steps.
+    - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of the steps not taken yet.
+    - ``bands``: of each finger, the levels of the bands of the hops not taken yet.
+    - ``ahead``: samples heard that are pushed later.
+    """
+
+    def __init__(self, rule: LoudnessRule, *, sample_rate: int, bands: bool, count: int = 1) -> None:
+        self.settings = rule, sample_rate, bands
+        self.steps = StepLevels(rule, sample_rate=sample_rate, count=count)
+        self._slow, fast = self.steps.count(SLOW), self.steps.count(FAST)
+        hop = self.steps.count(BANDS_HOP) * self.steps.step_size
+        self._bands = BandLevels(sample_rate, hop=hop, count=count) if bands else None
+        # Powers of the steps that the slow level covers, then of new ones.
+        self._powers = np.zeros((count, self._slow + MOST_STEPS))
+        self._slow_windows = sliding_window_view(self._powers[:, 1:], self._slow, axis=1)
+        self._fast_windows = self._slow_windows[:, :, -fast:]
+        self._slow_weights, self._fast_weights = np.full(self._slow, 1 / self._slow), np.full(fast, 1 / fast)
+        self.reset()
+
+    def reset(self) -> None:
+        count = len(self._powers)
+        self.slow, self.fast = [list[float]() for _ in range(count)], [list[float]() for _ in range(count)]
+        self.bands: list[list[FloatArray]] = [[] for _ in range(count)]
+        self.ahead = 0
+        self.steps.reset()
+        self._powers[:] = 0
+        if self._bands:
+            self._bands.reset()
+
+    def for_fingers(self, count: int) -> "Ear":
+        rule, sample_rate, bands = self.settings
+        return Ear(rule, sample_rate=sample_rate, bands=bands, count=count)
+
+    def hear(self, contacts: FloatArray) -> None:
+        """Take samples, shape ``(count, samples)``."""
+        # Each level is a sum of its own, so that it is the same at any block size.
+        powers = self.steps.push(contacts)
+        for start in range(0, powers.shape[1], MOST_STEPS):
+            part = powers[:, start : start + MOST_STEPS]
+            new = part.shape[1]
+            self._powers[:, self._slow : self._slow + new] = part
+            slow = np.vecdot(self._slow_windows[:, :new], self._slow_weights).tolist()
+            fast = np.vecdot(self._fast_windows[:, :new], self._fast_weights).tolist()
+            self._powers[:, : self._slow] = self._powers[:, new : new + self._slow]
+            for finger in range(len(slow)):
+                self.slow[finger] += slow[finger]
+                self.fast[finger] += fast[finger]
+        for rows in self._bands.push(contacts) if self._bands else ():
+            for queue, row in zip(self.bands, rows, strict=True):
+                queue.append(row)

@@ -15,6 +15,7 @@ A recording can be read twice: `measure_floor` finds the floor of its quietest s
 one begins.
 """
 
+import functools
 import math
 import statistics
 from collections import deque
@@ -177,7 +178,8 @@ class NoiseFloor:
             self._recent.clear()
             self._touched = 0
             return
-        levels = np.append(bands, level_dbfs)
+        levels = np.empty(len(bands) + 1)
+        levels[:-1], levels[-1] = bands, level_dbfs
         self._recent.append(levels)
         self._hops += 1
         if not self.known:
@@ -243,10 +245,14 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     """
     spread_db = max(spread_db, LEAST_DB)
     shape = (10 / math.log(10) / spread_db) ** 2
-    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + TOUCH_HOLD) / HEAVY_TAIL
-    z = statistics.NormalDist().inv_cdf(1 - chance)
     ninth = 1 / (9 * shape)
-    return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + z * math.sqrt(ninth))
+    return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + _quantile(false_alarms) * math.sqrt(ninth))
+
+
+@functools.cache
+def _quantile(false_alarms: float) -> float:
+    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + TOUCH_HOLD) / HEAVY_TAIL
+    return statistics.NormalDist().inv_cdf(1 - chance)
 
 
 def _bounded(variance: float) -> float:
@@ -319,7 +325,8 @@ def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRul
     steps = StepLevels(rule, sample_rate=sample_rate)
     every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)
-    measured = [(steps.push(block), bands.push(block.samples[:, CONTACT])) for block in blocks]
+    contacts = (block.samples.T[CONTACT : CONTACT + 1] for block in blocks)
+    measured = [(steps.push(each)[0], [rows[0] for rows in bands.push(each)]) for each in contacts]
     powers = np.concatenate([np.zeros(0), *(each for each, _ in measured)])
     if len(powers) < covered:
         return [], np.zeros((0, BANDS))
