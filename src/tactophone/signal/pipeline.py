@@ -135,7 +135,7 @@ class Hand:
         self._channels = list(channels) or [2] * self.fingers
         self._held: list[AudioBlock] = []
         self._due = self._next = 0
-        # A detector of a user's own, or one without such a gate, has nothing to share, and sound waits for none with events.
+        # A detector without such a gate has nothing to share, and sound waits for none with events.
         gates = [getattr(pipeline.detector, "contact_gate", None) for pipeline in self.pipelines]
         self._gates: list[ContactGate] = [gate for gate in gates if gate]
         self._patient = len(self._gates) == self.fingers and not any(each.has_events for each in self.pipelines)
