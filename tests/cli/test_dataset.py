@@ -86,5 +86,5 @@ def test_class_folders_are_imported_with_their_surfaces_named(
     assert main(["dataset", "import", str(tmp_path / "theirs"), str(tmp_path / "ours")]) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith("3 recordings in")
-    assert "beware: 2 surfaces were taken from file names: glass, granite" in printed.err
+    assert "warning: 2 surfaces were taken from file names: glass, granite" in printed.err
     assert main(["dataset", "check", str(tmp_path / "ours")]) == 0

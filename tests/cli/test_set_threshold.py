@@ -55,7 +55,7 @@ def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--false-bumps", "600/min"]
     assert main(command) == 1
     words = " ".join(capsys.readouterr().out.split())
-    assert "smooth as rough is 0.300 (0.10-0.50), with the rule before 0.100 (0.00-0.20); nothing was written" in words
+    assert "smooth as rough is now 0.300 (0.10-0.50) as rendered (was 0.100 (0.00-0.20)); nothing was written" in words
     assert "--anyway" in words
     assert not out.exists()
     assert main([*command, "--anyway"]) == 0

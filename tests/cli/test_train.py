@@ -34,7 +34,7 @@ def test_few_surfaces_are_said_to_say_little_of_others(tmp_path: Path, capsys: p
     data, out = str(audiofolder(tmp_path / "sound")), str(tmp_path / "a.onnx")
     few = ["--filter", "surface=stone 00,stone 03"]
     assert main(["train", data, "--recipe", "level", "--out", out, *few]) == 0
-    assert "beware: 1 smooth and 1 rough surface(s)" in capsys.readouterr().err
+    assert "warning: 1 smooth and 1 rough surface(s)" in capsys.readouterr().err
 
 
 def test_training_continues_from_a_model(tmp_path: Path) -> None:

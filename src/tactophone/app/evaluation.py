@@ -41,9 +41,9 @@ def evaluate_model(model: str, dataset: Dataset, *, report: Progress = _ignore) 
         report("predicting", len(takes), len(dataset.recordings), recording.path.name)
     warnings = []
     if card.training.get("sha256") == dataset.fingerprint:
-        warnings.append("beware: the model was trained on these very recordings")
+        warnings.append("warning: the model was trained on these very recordings")
     if (tip := tip_of(dataset.recordings)) and tip_mismatch(card, tip):
-        warnings.append(f"beware: the model is for the tip {card.tip}, but the recordings are of {tip}")
+        warnings.append(f"warning: the model is for the tip {card.tip}, but the recordings are of {tip}")
     return make_report(takes, decision=card.decision), warnings
 
 

@@ -186,7 +186,7 @@ def _import(args: argparse.Namespace) -> int:
         surfaces = converted.surfaces
         shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")
         output.note(
-            f"beware: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
+            f"warning: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
             f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
         )
     return 0

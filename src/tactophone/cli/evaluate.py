@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         note_scores(args.model, args.note, reports[args.model], dataset)
     output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
     if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
-        output.note("beware: far worse than chance: check which labels are smooth, and the tip")
+        output.note("warning: far worse than chance: check which labels are smooth, and the tip")
     return 0
 
 

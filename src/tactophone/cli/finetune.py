@@ -63,7 +63,7 @@ def _parts(
     new, elsewhere = (changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
     if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
         output.log().print(
-            "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
+            "warning: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
         )
     rate = changes[GENERAL]["false_positive_rate"]
     words = (

@@ -159,14 +159,12 @@ def _set_threshold(args: argparse.Namespace) -> int:
         # A share that was asked for may be more than before.
         asked = goal == "false_positive_rate" and new.value <= limit
         refused = not (args.anyway or asked) and old.is_exceeded_by(new.value)
-        shown = note = (
-            f"as rendered of objects left out of the choice, smooth as rough is {new}, with the rule before {old}"
-        )
+        shown = note = f"on objects left out of the choice, smooth as rough is now {new} as rendered (was {old})"
         if refused:
             words = f" {note}; nothing was written: record more smooth objects, or add --anyway"
             shown = output.styled("red", "refused:", words)
         elif new.value > old.value:
-            shown = output.styled("yellow", "beware:", f" {note}; keep the rule before, or record more smooth objects")
+            shown = output.styled("yellow", "warning:", f" {note}. Keep the old rule, or record more smooth objects")
     files = [picture]
     if not args.dry_run and not refused:
         from tactophone.lab.training.export import set_decision
@@ -187,7 +185,7 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
     from tactophone.lab.evaluation.predict import by_label, model_predictor
 
     if model.card.training.get("sha256") == dataset.fingerprint:
-        output.log().print("beware: the model was trained on these recordings, so the rates are too good")
+        output.log().print("warning: the model was trained on these recordings, so the rates are too good")
     predict = model_predictor(model)
     with output.tracked(dataset.recordings, "predicting") as takes:
         return [part for take in takes for part in by_label(predict(take))]

@@ -119,7 +119,7 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     fingerprint = Identity.load(folder).fingerprint
     output.note(f"certificate (SHA-256): {fingerprint}")
-    output.note("The browser warns that nobody vouches for this certificate: compare its fingerprint, then go on.")
+    output.note("Your browser will call this certificate untrusted. Check that the fingerprint matches, then continue.")
     return folder / CERTIFICATE_FILE, folder / KEY_FILE
 
 

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     written = _write(args, report) if args.write_metadata else None
     output.show({"file": args.file, **asdict(report)}, [_listing(report)], as_json=args.json)
     for note in () if args.json else report.notes:
-        output.note(f"beware: {note}")
+        output.note(f"warning: {note}")
     if written:
         output.log().print(written, soft_wrap=True)
     return 0

@@ -61,7 +61,7 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
         unknown = output.percent(fit.unknown)
         yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
     if fit.keeps:
-        yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
+        yield f"the boundary of {start} fits your objects and was kept; your tip and threshold are saved"
     yield f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}"
     if not after >= 0.75:  # also where it is NaN
         yield output.styled("yellow", "note:", f" {_estimate(fit)}")

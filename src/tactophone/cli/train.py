@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     rough = sum(each for _, each in surfaces)
     if min(rough, len(surfaces) - rough) < 3:
         counts = f"{len(surfaces) - rough} smooth and {rough} rough surface(s)"
-        output.note(f"beware: {counts} say little of others; record three of each or more")
+        output.note(f"warning: {counts} say little of others; record three of each or more")
     checkpoint = args.out.with_name(args.out.name + ".unfinished")
     if args.restart:
         checkpoint.unlink(missing_ok=True)

@@ -142,8 +142,8 @@ class Recording:
         order = channel_order(self, count=channels, single=single)
         if max(order) >= file.channels:
             raise DatasetError(
-                f"{self.path}: has {file.channels} channel, but the model takes {channels}; take a one-channel model, "
-                "or train one with --channels 1 (with the recipe paper, variant = 'one-channel' in its file)"
+                f"{self.path}: has {file.channels} channel, but the model takes {channels}; "
+                "name a one-channel model, or train one with --channels 1"
             )
         return order
 

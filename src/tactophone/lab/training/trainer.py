@@ -319,7 +319,7 @@ class NetworkRecipe:
         settings = self.settings
         count = max(settings.least_steps, settings.epochs * -(-len(windows) // (settings.hop * settings.batch_size)))
         if count < FEW_BATCHES:
-            log(f"beware: {count} batches are too few to converge; raise least_steps, or lower batch_size")
+            log(f"warning: {count} batches are too few to converge; raise least_steps, or lower batch_size")
 
         def show(progress: Progress) -> None:
             report(progress.steps, progress.total, f"loss {progress.loss:.4f}")

@@ -204,7 +204,9 @@ def open_session(settings: Settings, *, call: Sequence[Address] = (), way: bool 
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     peers = Peers() if way else Peers.load(folder)
     if not (way or peers.items()):
-        raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
+        raise ConfigError(
+            f"{folder}: this machine trusts no other yet; run `tactophone pair init` on both, then the line each prints"
+        )
     return Session(Identity.load(folder), peers, call=list(call) or None, version=__version__)
 
 

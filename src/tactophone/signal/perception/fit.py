@@ -1,7 +1,7 @@
 """Whether the sound of a touch fits the model: a missing band, noise, another tip.
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
-Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
+After noise and gain are removed, touch is compared with simulated touch of the model's tip, and of soft and
 hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
 ``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
 """
