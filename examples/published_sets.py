@@ -277,7 +277,7 @@ def main() -> int:
         print(f"left out: {problem}", file=sys.stderr)
     print(f"{len(made)} recordings in {args.out}")
     if not any(recording.label is not None for recording in made):
-        print("beware: no labels; add labels.csv with the columns surface and label to the folder", file=sys.stderr)
+        print("warning: no labels; add labels.csv with the columns surface and label to the folder", file=sys.stderr)
     return 0
 
 
