@@ -116,7 +116,7 @@ def export(
         raise ConfigError(f"--out {out}: exists already; name a new folder")
     info = _read_info(dataset)
     fingers, lead = _read_fingers(log)
-    held = _check_state(into_state, info, dataset, fingers)
+    held, state = _extended_state(into_state, info, dataset, fingers)
     begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
     _refuse_links(dataset)
     paths = sorted((dataset / "data").rglob("*.parquet"))
@@ -147,13 +147,7 @@ def export(
         shape = {"shape": [most * len(finger.values)], "names": finger.names(most)}
         info["features"][finger.feature] = {"dtype": "float32", **shape}
     if into_state:
-        feature, appended = info["features"][STATE], _appended(fingers, into_state)
-        own = feature["names"] or [f"state.{place}" for place in range(feature["shape"][0])]
-        if isinstance(own, dict):  # {"motors": [...]}
-            feature["names"] = {**own, "tactile": appended}
-        else:
-            feature["names"] = [*(name for name in own if name not in appended), *appended]
-        feature["shape"] = [written[STATE].shape[1]]
+        info["features"][STATE] = state
     sounds = _write_sound(log, out)
     if sounds:
         info.setdefault("audio_path", AUDIO_PATH)
@@ -174,6 +168,9 @@ def _read_info(dataset: Path) -> dict[str, Any]:
         info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_bytes())
         if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
             raise ValueError("no table with features")
+        if not all(isinstance(each, dict) and isinstance(each.get("names"), list | dict | None)
+                   for each in info["features"].values()):  # fmt: skip
+            raise ValueError("a feature has neither names nor null")
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0") from None
     if info.get("codebase_version") != "v3.0":
@@ -228,8 +225,8 @@ def _moments(table: Any, episode: int, begin: float) -> Rows:
 
 def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
     """Return how many predictions of this finger a frame of an earlier export holds; 0 if there was none."""
-    names = info["features"].get(finger.feature, {"names": []})["names"]
-    most = len(names or ()) // len(finger.values)
+    names = info["features"].get(finger.feature, {}).get("names") or []
+    most = len(names) // len(finger.values)
     if names != finger.names(most):
         raise ConfigError(f"{dataset}: its {finger.feature} has other columns than {', '.join(finger.values)}; "
             "export all logs into the original, with touch events in all or in none")  # fmt: skip
@@ -290,24 +287,24 @@ def _batch_size(head: Any) -> int:
     return max(1, min(10_000, BATCH_BYTES // max(map(int, sizes), default=1)))
 
 
-def _appended(fingers: list[Finger], names: Sequence[str]) -> list[str]:
-    return [f"tactile.{finger.name}.{name}" for finger in fingers for name in names]
-
-
-def _check_state(names: Sequence[str], info: dict[str, Any], dataset: Path, fingers: list[Finger]) -> int:
-    """Return how many of our values the state holds from an earlier export."""
+def _extended_state(
+    names: Sequence[str], info: dict[str, Any], dataset: Path, fingers: list[Finger]
+) -> tuple[int, dict[str, Any]]:
+    """Return how many of our values the state holds from an earlier export, and how it is described with them."""
     for name in names:
-        if name not in fingers[0].values:
-            raise ConfigError(
-                f"--into-state {name}: no value of a prediction; there are {', '.join(fingers[0].values)}"
-            )
+        if name not in (there := fingers[0].values):
+            raise ConfigError(f"--into-state {name}: no value of a prediction; there are {', '.join(there)}")
     if names and STATE not in info["features"]:
         raise ConfigError(f"{dataset}: has no {STATE} to append to; leave --into-state out")
-    held = info["features"].get(STATE, {}).get("names") or []
-    held = held.get("tactile", []) if isinstance(held, dict) else [each for each in held if each[:8] == "tactile."]
-    if held and held != _appended(fingers, names):
+    feature = info["features"].get(STATE, {"shape": [0]})
+    own: Any = feature.get("names") or [f"state.{place}" for place in range(feature["shape"][0])]
+    grouped = isinstance(own, dict)  # {"motors": [...]}
+    appended = [f"tactile.{finger.name}.{name}" for finger in fingers for name in names]
+    held = own.get("tactile", []) if grouped else [each for each in own if each.startswith("tactile.")]
+    if held and held != appended:
         raise ConfigError(f"{dataset}: its state has {', '.join(held)}; give --into-state as before")
-    return len(held)
+    named = {**own, "tactile": appended} if grouped else [*own[: len(own) - len(held)], *appended]
+    return len(held), {**feature, "names": named, "shape": [feature["shape"][0] - len(held) + len(appended)]}
 
 
 def _state(
