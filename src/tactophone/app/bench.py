@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactophone.app.setup import CHECKED_OBJECT, Step, record_act
 from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.core.settings import Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.signal.perception.calibration import Finding
 
 WEIGHT = 0.1
@@ -90,7 +90,7 @@ class BenchResult:
 
 
 def run_bench(
-    settings: Settings, *, step: Step = record_act, begin: Callable[[AudioInput], None] = lambda audio: None
+    settings: Settings, *, step: Step = record_act, begin: Callable[[AudioInput], None] = ignore
 ) -> BenchResult:
     """Record the steps and measure them; the simulated finger's are rendered. ``begin``: when the source is open."""
     if settings.capture.source == "finger":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tactophone.app.recordings import recording_predictor
-from tactophone.core.types import SURFACE_LABELS
+from tactophone.core.types import SURFACE_LABELS, ignore
 from tactophone.lab.dataset.splits import KIN_SPLIT, Fold, split
 from tactophone.lab.dataset.values import Dataset, Problem, tip_of
 from tactophone.lab.evaluation.bootstrap import Estimate, estimate
@@ -27,10 +27,7 @@ Progress = Callable[[str, int, int, str], None]
 """Called with what is being done, how many parts of it are done, of how many, and the name of the newest."""
 
 
-def _ignore(what: str, done: int, total: int, name: str) -> None: ...
-
-
-def evaluate_model(model: str, dataset: Dataset, *, report: Progress = _ignore) -> tuple[Report, list[str]]:
+def evaluate_model(model: str, dataset: Dataset, *, report: Progress = ignore) -> tuple[Report, list[str]]:
     """Score a model, a shipped one's name or a file, as `tactophone feel` renders the recordings of a data set.
 
     Returns the scores, and warnings: trained on these recordings, or for another tip.
@@ -62,7 +59,7 @@ def can_check_labels(dataset: Dataset) -> bool:
     return enough and all(importlib.util.find_spec(module) for module in ("torch", "onnx", "sklearn"))
 
 
-def suspicious_labels(dataset: Dataset, *, report: Progress = _ignore) -> list[Problem]:
+def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Problem]:
     """Name each surface that a model of all other kinds calls the opposite of its label.
 
     Each surface is predicted by the recipe ``texture``, trained without it and its kin. Raises `DatasetError` if no
@@ -100,7 +97,7 @@ def _doubt(label: str, right: float) -> str:
 
 def evaluate_recipe(
     recipe: "RecipeFile", dataset: Dataset, *, how: str, baselines: int | None = None, cache: "Cache | None" = None,
-    report: Progress = _ignore,
+    report: Progress = ignore,
 ) -> dict[str, Report]:  # fmt: skip
     """Cross-validate a recipe; returns its scores, first, and those of the baselines, by name.
 
@@ -142,7 +139,7 @@ class Trial:
 
 def compare_recipes(
     recipes: Mapping[str, "RecipeFile"], dataset: Dataset, *, how: str = "5-fold", cache: "Cache | None" = None,
-    workers: int = 2, ray: bool = False, report: Progress = _ignore,
+    workers: int = 2, ray: bool = False, report: Progress = ignore,
 ) -> list[Trial]:  # fmt: skip
     """Cross-validate recipes on the same folds; returns them best first, by balanced accuracy."""
     from tactophone.lab.benchmark.folds import cross_validate, default_cache, run_folds

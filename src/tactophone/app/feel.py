@@ -13,7 +13,7 @@ from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import ContactRule, PipelineStep, TouchEvent
+from tactophone.core.types import ContactRule, PipelineStep, TouchEvent, ignore
 from tactophone.lab.dataset.read import ground_truth
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.telemetry.timeline import read_timeline
@@ -63,7 +63,7 @@ class Felt:
 
 def feel(
     path: Path, folder: Path, settings: Settings, *, stem: str = "", plot: bool = False,
-    timeline_json: bool = False, report: Callable[[int, int], None] = lambda done, size: None,
+    timeline_json: bool = False, report: Callable[[int, int], None] = ignore,
 ) -> Felt:  # fmt: skip
     """Process a recording and write its vibration, timeline and, if wanted, a figure.
 
@@ -118,7 +118,7 @@ def feel(
 
 
 def sounds_of(
-    paths: Iterable[Path], folder: Path, *, finger: str = "", report: Callable[[str], None] = lambda error: None
+    paths: Iterable[Path], folder: Path, *, finger: str = "", report: Callable[[str], None] = ignore
 ) -> Iterator[Path]:
     """Yield recordings, and in place of a log its sound, written to a folder: of each session and finger, or of one.
 

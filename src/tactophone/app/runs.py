@@ -16,6 +16,7 @@ from tactophone.app.sources import open_source as usual_source
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, TactophoneError, did_you_mean
 from tactophone.core.settings import Settings
+from tactophone.core.types import ignore
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.faces.bridges.process import Bridge
@@ -32,10 +33,6 @@ BRIDGES = {
     "zenoh": "the same over Zenoh, as rmw_zenoh_cpp has it",
 }
 """Each bridge, and what its address is."""
-
-
-def ignore(line: str) -> None:
-    """Report nothing."""
 
 
 def loopback(

@@ -11,7 +11,7 @@ import numpy as np
 from tactophone.app.sources import SETTLING, AudioInput, SimulatedAct
 from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.settings import Settings
-from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.core.types import AudioBlock, FloatArray, ignore
 from tactophone.signal.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import default_model, model_path, open_detector
@@ -53,7 +53,7 @@ Step = Callable[[AudioInput, Iterator[AudioBlock], SimulatedAct, str], FloatArra
 
 def record_act(
     audio: AudioInput, blocks: Iterator[AudioBlock], act: SimulatedAct, instruction: str = "",
-    *, follow: Callable[[AudioBlock, float], None] = lambda block, left: None,
+    *, follow: Callable[[AudioBlock, float], None] = ignore,
 ) -> FloatArray:  # fmt: skip
     """Return the sound of an act, ``(samples, channels)``, without the time in which it settles.
 
@@ -94,7 +94,7 @@ class SetUpSounds:
 
 def record_set_up(
     settings: Settings, smooth: Sequence[str] = SMOOTH, rough: Sequence[str] = ROUGH, *, seconds: float = SLIDE,
-    step: Step = record_act, begin: Callable[[int, AudioInput], None] = lambda number, audio: None,
+    step: Step = record_act, begin: Callable[[int, AudioInput], None] = ignore,
 ) -> SetUpSounds:  # fmt: skip
     """Record silence, and sliding on smooth and rough objects; of the simulated finger, names of the catalogue.
 
@@ -145,7 +145,7 @@ class Fitted:
 
 def fit_finger(
     sounds: SetUpSounds, file: Path, *, tip: str, model: str = "",
-    report: Callable[[int], None] = lambda done: None,
+    report: Callable[[int], None] = ignore,
 ) -> Fitted:  # fmt: skip
     """Fit a model of kind texture to a set-up, by default the shipped one for the tip, and write it to a file.
 
@@ -182,7 +182,7 @@ def check_kind(model: str) -> None:
 def check_microphones(
     settings: Settings, file: Path, *, stroked: str = CHECKED_OBJECT, false_alarms_per_minute: float = 1.0,
     moving: bool = False, step: Step = record_act,
-    begin: Callable[[int, AudioInput], None] = lambda number, audio: None,
+    begin: Callable[[int, AudioInput], None] = ignore,
 ) -> CalibrationResult:  # fmt: skip
     """Measure the microphones in silence, strokes and taps; write a calibration file if nothing fatal was found.
 

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.processes import atomic_write
-from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, PipelineStep, Source, Touch
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    SURFACE_LABELS,
+    AudioBlock,
+    FloatArray,
+    PipelineStep,
+    Source,
+    Touch,
+    ignore,
+)
 from tactophone.lab.dataset.values import Segment, within
 from tactophone.live.telemetry.layout import STEP_RECORD
 from tactophone.live.telemetry.prediction_log import RunFollower
@@ -212,7 +221,7 @@ class OfflineRenderer:
 
 def process_recording(
     source: Source, pipeline: Pipeline, outputs: OutputFiles, *, passthrough: Passthrough | None = None,
-    on_step: Callable[[PipelineStep], None] = lambda step: None,
+    on_step: Callable[[PipelineStep], None] = ignore,
 ) -> tuple[RunSummary, OfflineRenderer]:  # fmt: skip
     """Process a source to its end.
 

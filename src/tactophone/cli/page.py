@@ -16,6 +16,7 @@ from tactophone.app import runs
 from tactophone.cli import options, output
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.settings import Settings
+from tactophone.core.types import ignore
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
     from tactophone.faces.bridges.process import BridgeProcess
@@ -131,7 +132,7 @@ class PageRecorder:
     - ``page``: the page's end: it sends true to begin and false to end, and receives what a page shows.
     """
 
-    def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = ignore) -> None:
         self._name, self._folder, self._report = name, folder, report
         self._orders, self.page = Pipe()
         self._log: BridgeProcess | None = None

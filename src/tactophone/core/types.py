@@ -20,6 +20,10 @@ LIVE_SAMPLE_RATE = 48_000
 """Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
 
 
+def ignore(*_: object) -> None:
+    """Report nothing: the default of what is called with progress or words."""
+
+
 class Touch(enum.IntEnum):
     """What the finger does, in the class order of the paper's published models."""
 

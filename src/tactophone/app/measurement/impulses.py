@@ -19,7 +19,7 @@ from tactophone.core.errors import TactophoneError
 from tactophone.core.hand import names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Finger, Settings, change
-from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.sources import open_device
 from tactophone.live.runtime.pairing import Sides, both_sides
@@ -181,7 +181,7 @@ class Graph:
 
 def measure(
     settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = ignore,
 ) -> ImpulseLatency:  # fmt: skip
     """Run both sides on this machine, play impulses, and measure.
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self
 
 from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent
+from tactophone.core.types import ignore
 
 BRIDGE_START_TIMEOUT = 20.0
 """Seconds that a bridge may take to import its libraries and begin."""
@@ -40,7 +41,7 @@ class BridgeProcess:
     Raises `TactophoneError` when the bridge cannot begin: its file cannot be written, its library is missing.
     """
 
-    def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = ignore) -> None:
         self._name = getattr(build, "func", build).__name__
         self._report = report
         self._asked_to_end = False

@@ -22,7 +22,7 @@ import numpy as np
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.processes import atomic_write, open_pool
-from tactophone.core.types import Touch
+from tactophone.core.types import Touch, ignore
 from tactophone.lab.dataset.splits import Fold
 from tactophone.lab.dataset.values import Dataset, Recording, fingerprint
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions
@@ -103,7 +103,7 @@ def cross_validate(
     folds: Sequence[Fold],
     *,
     cache: Cache | None = None,
-    report: Callable[[int, str], None] = lambda done, name: None,
+    report: Callable[[int, str], None] = ignore,
 ) -> list[TakePredictions]:
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
@@ -124,7 +124,7 @@ def cross_validate(
 
 def run_folds(
     folds: Sequence[MethodFold], cache: Cache, *, workers: int = 1, ray: bool = False,
-    report: Callable[[int, str], None] = lambda done, name: None,
+    report: Callable[[int, str], None] = ignore,
 ) -> int:  # fmt: skip
     """Run the folds whose predictions are not cached, each with its method, and cache them; return how many ran.
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from tactophone.core.types import ignore
 from tactophone.lab.benchmark.folds import Cache, Method, MethodFold, cross_validate, permute_labels, run_folds
 from tactophone.lab.benchmark.methods import channels_of, methods_for, recipe_method
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult, compare_methods
@@ -49,7 +50,7 @@ def origin_of(dataset: Dataset) -> str:
 
 def run_benchmark(
     dataset: Dataset, names: Sequence[str], splits: Sequence[str], cache: Cache, *, fast: bool = False,
-    workers: int = 1, ray: bool = False, report: Callable[[int, int, str], None] = lambda done, of, name: None,
+    workers: int = 1, ray: bool = False, report: Callable[[int, int, str], None] = ignore,
 ) -> DatasetResults:  # fmt: skip
     """Score the named methods, all if there are no names, and the control on splits of labelled, usable recordings.
 

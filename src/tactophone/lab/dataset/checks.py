@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
-from tactophone.core.types import SURFACE_LABELS
+from tactophone.core.types import SURFACE_LABELS, ignore
 from tactophone.lab.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
@@ -79,7 +79,7 @@ class _Measurements:
     finite: bool
 
 
-def check(dataset: Dataset, *, progress: Callable[[int], None] = lambda done: None) -> tuple[Problem, ...]:
+def check(dataset: Dataset, *, progress: Callable[[int], None] = ignore) -> tuple[Problem, ...]:
     """Read every recording to its end and report what is wrong, after what opening found; a bad one stops nothing."""
     problems = [*dataset.problems, *_label_conflicts(dataset)]
     if not dataset.recordings and not problems:
@@ -216,7 +216,7 @@ def check_consistency(
     dataset: Dataset,
     *,
     threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = ignore,
 ) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
-from tactophone.core.types import SURFACE_LABELS
+from tactophone.core.types import SURFACE_LABELS, ignore
 from tactophone.lab.dataset.metadata import FILE_NAME, refuse_link, write_metadata
 from tactophone.lab.dataset.values import READ_SIZE, Dataset, Recording
 
@@ -22,7 +22,7 @@ CARD = "README.md"
 
 def convert(
     dataset: Dataset, out: Path, *, air_of: Mapping[Path, Path] = {}, targets: Mapping[Path, Path] = {},
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = ignore,
 ) -> Dataset:  # fmt: skip
     """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.
 

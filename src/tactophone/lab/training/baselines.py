@@ -16,6 +16,7 @@ import onnx
 from onnx import helper
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.types import ignore
 from tactophone.lab.dataset.values import Dataset, Recording, tip_of
 from tactophone.lab.training.export import (
     Floats,
@@ -36,7 +37,6 @@ from tactophone.lab.training.options import (
     Recipe,
     Report,
     TrainingOptions,
-    silent,
 )
 from tactophone.lab.training.sets import HARD_TIPS, TrainingSet, build_training_set
 from tactophone.net.link.codec import Codec
@@ -191,7 +191,7 @@ class FeatureRecipe:
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
         return BUILDERS[self.name](training_set)
 
-    def train(self, path: Path, dataset: Dataset, *, report: Report = silent, **_: object) -> None:
+    def train(self, path: Path, dataset: Dataset, *, report: Report = ignore, **_: object) -> None:
         """Train on a data set and write the model file, named after the file; it has no checkpoints and no log."""
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)

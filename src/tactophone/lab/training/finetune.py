@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 
 from tactophone.core.errors import DatasetError, ModelError
-from tactophone.core.types import SURFACE_LABELS, FloatArray
+from tactophone.core.types import SURFACE_LABELS, FloatArray, ignore
 from tactophone.lab.dataset.values import Dataset, Recording
 from tactophone.lab.training.export import read_weights, write_model
-from tactophone.lab.training.options import Variant, network_settings, silent
+from tactophone.lab.training.options import Variant, network_settings
 from tactophone.lab.training.trainer import NetworkRecipe, Progress
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate, read_model
@@ -106,8 +106,8 @@ def train_on_both(
     recipe: NetworkRecipe,
     data: FinetuningData,
     *,
-    reading: Callable[[int, int], None] = silent,
-    report: Callable[[Progress], None] = silent,
+    reading: Callable[[int, int], None] = ignore,
+    report: Callable[[Progress], None] = ignore,
 ) -> dict[str, FloatArray]:
     """Train on new and replayed recordings; return the parameters.
 

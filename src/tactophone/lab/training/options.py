@@ -68,10 +68,6 @@ Report = Callable[[int, int | None, str], None]
 """Progress of a training: steps done, steps in all if known, a note."""
 
 
-def silent(*progress: object) -> None:
-    """Report nothing."""
-
-
 class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a user may choose for a training, by the names of `train`'s options; each recipe reads those that it has."""
 

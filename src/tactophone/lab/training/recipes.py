@@ -2,18 +2,7 @@
 
 `train`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
 imports neither torch nor scikit-learn. A recipe with its options, :class:`ConfiguredRecipe`, can train; a recipe file
-(:class:`RecipeFile`) names both.
-
-A new detector on existing features takes two changes:
-
-1. A function from a training set (:class:`~tactophone.lab.training.sets.TrainingSet`) to an ONNX graph, listed in
-   ``training/baselines.BUILDERS``. The graph takes ``features``, float32 of shape ``(windows, features)``, NaN where a
-   channel is missing, and returns ``log_probabilities`` of none, smooth and rough, shape ``(windows, 3)``;
-   ``export.build_linear`` makes that of a linear classifier.
-2. One :class:`Recipe` of the same name in :data:`RECIPES` below.
-
-``tests/lab/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are
-a torch module in ``features.py`` there, with their window in ``tracks.py``; live code needs no change.
+(:class:`RecipeFile`) names both. CONTRIBUTING.md says how to add a detector.
 """
 
 from collections.abc import Mapping

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
-from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.training.options import (
     FEATURE_RATE,
@@ -24,7 +24,6 @@ from tactophone.lab.training.options import (
     SILENT_POWER,
     WINDOWS,
     FeatureSpec,
-    silent,
 )
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
@@ -114,7 +113,7 @@ def read_signals(
     rate: int = NETWORK_RATE,
     codec: Codec | None = None,
     microphone: str = "contact",
-    report: Callable[[int], None] = silent,
+    report: Callable[[int], None] = ignore,
 ) -> list[FloatArray]:
     """Read usable recordings at a model's sample rate in Hz; those read before come from a cache.
 

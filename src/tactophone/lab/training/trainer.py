@@ -20,7 +20,7 @@ from torch import nn
 
 from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.processes import atomic_write
-from tactophone.core.types import FloatArray, Touch
+from tactophone.core.types import FloatArray, Touch, ignore
 from tactophone.lab.dataset.values import Dataset, Recording
 from tactophone.lab.training.export import (
     Weights,
@@ -52,7 +52,6 @@ from tactophone.lab.training.options import (
     Report,
     TrainingOptions,
     network_settings,
-    silent,
 )
 from tactophone.lab.training.tracks import read_signals
 from tactophone.net.link.codec import Codec
@@ -132,7 +131,7 @@ class Run:
                     self._save(self._path, step)
                     written = time.monotonic()
 
-    def complete(self, report: Callable[[Progress], None] = silent) -> dict[str, FloatArray]:
+    def complete(self, report: Callable[[Progress], None] = ignore) -> dict[str, FloatArray]:
         """Train to the end, calling ``report`` after each batch; return the network's parameters."""
         for progress in self:
             report(progress)
@@ -256,14 +255,14 @@ class NetworkRecipe:
         """The gate that the model will have: the paper's level, or its authors' test threshold."""
         return self.gate or (REFERENCE_GATE if self.settings.reference_code else Gate(LABEL_LEVEL_DBFS))
 
-    def read_windows(self, recordings: Sequence[Recording], *, report: Callable[[int], None] = silent) -> Windows:
+    def read_windows(self, recordings: Sequence[Recording], *, report: Callable[[int], None] = ignore) -> Windows:
         """Read labelled recordings and return the windows that the labelling keeps."""
         signals = read_signals(recordings, channels=self.channels, codec=self.codec, report=report)
         labels = [recording.label or Touch.NONE for recording in recordings]
         return find_windows(signals, labels, rule=self.settings.labelling)
 
     def fit(
-        self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = silent
+        self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = ignore
     ) -> dict[str, FloatArray]:
         """Train on windows; see :class:`Run`.
 
@@ -308,8 +307,8 @@ class NetworkRecipe:
         dataset: Dataset,
         *,
         checkpoint: Path | None = None,
-        report: Report = silent,
-        log: Callable[[str], None] = silent,
+        report: Report = ignore,
+        log: Callable[[str], None] = ignore,
     ) -> None:
         """Train on a data set and write the model file."""
         count = len(dataset.recordings)

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tactophone.core.settings import Link, Settings
+from tactophone.core.types import ignore
 from tactophone.live.audio.sources import open_device
 from tactophone.live.runtime.operator import run_operator
 from tactophone.live.runtime.robot import run_robot
-from tactophone.live.runtime.supervisor import Supervisor, ignore, supervised
+from tactophone.live.runtime.supervisor import Supervisor, supervised
 from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.memory import is_alive
 from tactophone.net.link.identity import Identity, Peers

@@ -33,6 +33,7 @@ from typing import Literal, Self, TypeAlias
 from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent, orphaned
 from tactophone.core.settings import Settings
+from tactophone.core.types import ignore
 from tactophone.live.audio.jack import disconnect_from_jack
 from tactophone.live.runtime.priority import MAIN_PRIORITY, collect_garbage, name_thread, prioritize_thread, settle
 from tactophone.live.runtime.recorder import SessionRecorder
@@ -72,10 +73,6 @@ NO_ANSWER = "the other end may still be starting; if it stays silent once it is 
 
 SIDE_END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
-
-
-def ignore(_: str) -> None:
-    """Discard a message."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.prediction_fields import prediction_of
+from tactophone.core.types import ignore
 from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Watcher
 
@@ -56,7 +57,7 @@ class PredictionLog(RunFollower):
     Raises `ConfigError` when the file cannot be written.
     """
 
-    def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:
+    def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = ignore) -> None:
         super().__init__(name)
         self._full = False
         self._path, self._report = path, report

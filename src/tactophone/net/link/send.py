@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from tactophone.core.errors import PacketError
-from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction
+from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction, ignore
 from tactophone.net.link.codec import NARROW_BAND, Codec
 from tactophone.net.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.net.link.packet import CLOCK_RATE, Address, Packet, write_predictions
@@ -62,7 +62,7 @@ class SendGroup:
             raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
         self.encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
         self.members = [Member(session, rule or RedundancyRule()) for session in sessions]
-        self.tap: Callable[[Event], None] = lambda _: None
+        self.tap: Callable[[Event], None] = ignore
         self._sound_faults = 0
         self._lowers = True
         self._logged: Member | None = None
