@@ -158,6 +158,7 @@ def test_settings_of_each_finger_are_in_the_log(log: Path) -> None:
 
 
 def test_a_bag_holds_the_topics_of_each_finger(log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("cyclonedds")
     rosbags = pytest.importorskip("rosbags.rosbag2")
     assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 0
     with rosbags.Reader(tmp_path / "bag") as bag:
