@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,14 +42,13 @@ ROBOT_QUESTION = "Does a robot move this finger?"
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
-    "tactophone setup --check bench --source finger",
 )
 
 
 def _fitted(result: Fitted) -> Iterator[output.Part]:
     fit, start = result.fit, result.start
     before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
-    yield from _words(result.findings)
+    yield from findings_in_words(result.findings)
     rows = [(e.name, "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
     yield [
         {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
@@ -91,7 +89,7 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
             f"motion: {found.motion_db:.1f} dB over rest under 500 Hz; fainter touches are missed while it lasts. "
             f"Bands count from {calibration.margin_db:g} dB over noise (--set detector.margin_db=5 overrules that)"
         )
-    yield from _words(found.findings)
+    yield from findings_in_words(found.findings)
     if found.passed:
         name = str(file)
         yield output.styled(
@@ -101,7 +99,7 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         yield "nothing was written: correct what is refused above, and check again"
 
 
-def _words(findings: Sequence[Finding]) -> Iterator[output.Part]:
+def findings_in_words(findings: Sequence[Finding]) -> Iterator[output.Part]:
     for finding in findings:
         style, word = ("red", "refused:") if finding.fatal else ("yellow", "note:")
         yield output.styled(style, word, f" {finding}")
@@ -125,17 +123,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
     words = (
         "only check the microphones and measure noise floor and contact threshold: silence, strokes, taps, and a "
-        "robot's motion; writes a calibration file, by default calibration.toml. bench: test a finished finger with a "
-        "ball and a weight"
+        "robot's motion; writes a calibration file, by default calibration.toml"
     )
-    add("--check", nargs="?", const="microphones", choices=("microphones", "bench"), help=words)
+    add("--check", action="store_true", help=words)
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
     options.add_settings(parser, "setup")
     options.add_finger(parser)
 
 
-class _Steps:
+class Steps:
     """Shows each step on the terminal and the page; a person starts it, unless ``unattended``."""
 
     def __init__(self, screen: GuideScreen, *, unattended: bool) -> None:
@@ -157,7 +154,7 @@ class _Steps:
 def run(args: argparse.Namespace) -> int:
     settings = options.settings_of(args)
     if args.check:
-        return _test_on_bench(args) if args.check == "bench" else _check_set_up(args)
+        return _check_set_up(args)
     file = args.out or Path("finger.onnx")
     smooth, rough = _names(args, "smooth"), _names(args, "rough")
     page = GuidePage(wait=not args.yes) if args.dashboard else None
@@ -166,7 +163,7 @@ def run(args: argparse.Namespace) -> int:
         screen = GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
         tip = _ask_tip(args, screen)
         with output.live_display() as live:
-            steps = _Steps(replace(screen, live=live), unattended=args.yes)
+            steps = Steps(replace(screen, live=live), unattended=args.yes)
             sounds = record_set_up(settings, smooth, rough, seconds=args.seconds, step=steps, begin=steps.begin)
         return _fit_and_write(args, file, sounds, tip, screen)
 
@@ -179,7 +176,7 @@ def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, ti
     if any(finding.fatal for finding in findings):
         words = "nothing was written: correct what is refused above, and run setup again"
         messages = [finding.message for finding in findings]
-        output.show({"passed": False, "findings": messages}, [*_words(findings), words], as_json=args.json)
+        output.show({"passed": False, "findings": messages}, [*findings_in_words(findings), words], as_json=args.json)
         return 1
     with output.progress("fitting", len(sounds.objects)) as update:
         result = fit_finger(sounds, file, tip=tip, model=args.model, report=lambda done: update(completed=done))
@@ -236,7 +233,7 @@ def _check_set_up(args: argparse.Namespace) -> int:
             words = f"{ROBOT_QUESTION}  press y, or any other key for no"
             moving = _ask(screen, ROBOT_QUESTION, {"y": "Yes", "n": "No, a hand does"}, words) == "y"
         with output.live_display() as live:
-            steps = _Steps(replace(screen, live=live, steps=screen.steps[: 4 + moving]), unattended=args.yes)
+            steps = Steps(replace(screen, live=live, steps=screen.steps[: 4 + moving]), unattended=args.yes)
             found = check_microphones(
                 settings, path, stroked=stroked, false_alarms_per_minute=rate, moving=moving, step=steps,
                 begin=steps.begin,
@@ -247,19 +244,6 @@ def _check_set_up(args: argparse.Namespace) -> int:
     values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
     values |= {"motion_db": found.motion_db}
     output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)
-    return 0 if found.passed else 1
-
-
-def _test_on_bench(args: argparse.Namespace) -> int:
-    from tactophone.app.bench import run_bench
-
-    with console.single_keys() as has_keyboard, output.live_display() as live:
-        steps = _Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
-        found = run_bench(options.settings_of(args), step=steps, begin=partial(steps.begin, 1))
-    values = {"passed": found.passed, "findings": [finding.message for finding in found.findings]}
-    verdict = "[green]good:[/] the finger is built as expected" if found.passed else "correct this, and test again"
-    shown: list[output.Part] = [found.rows(), *_words(found.findings), verdict]
-    output.show(values | {row["test"]: row["measured"] for row in found.rows()}, shown, as_json=args.json)
     return 0 if found.passed else 1
 
 

@@ -1,15 +1,19 @@
 """The bench test of a finished finger, on simulated fingers with each fault that a builder can make."""
 
-import importlib.util
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
-from tactophone.app.bench import PAD, STEPS, STIFFNESS, WEIGHT, measure_bench
 from tactophone.core.types import LIVE_SAMPLE_RATE
-from tactophone.lab.simulation.bench import BuiltFinger, bench_sounds
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "hardware"))
+import bench
+from bench import PAD, STEPS, STIFFNESS, WEIGHT, measure_bench
+from bench_sounds import BuiltFinger, bench_sounds
 
 FAULTS = {
     "air-under-disc": (BuiltFinger(air=True), "air is under the disc"),
@@ -44,11 +48,18 @@ def test_silence_in_place_of_blows_says_what_was_not_heard() -> None:
 
 
 def test_the_expected_bed_is_the_drawn_one() -> None:
-    path = Path(__file__).parents[2] / "hardware" / "dimensions.py"
-    spec = importlib.util.spec_from_file_location("dimensions", path)
-    assert spec is not None
-    assert spec.loader is not None
-    sys.modules["dimensions"] = drawn = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(drawn)
-    assert drawn.Finger().bed_stiffness * 0.12e6 == pytest.approx(STIFFNESS, rel=0.02)
+    from dimensions import Finger
+
+    assert Finger().bed_stiffness * 0.12e6 == pytest.approx(STIFFNESS, rel=0.02)
     assert pytest.approx(1.8e-3, abs=0.5e-3) == PAD  # 0.8 + 0.5 g of plastic, and a disc of 0.5 g
+
+
+def test_it_passes_a_simulated_finger_and_refuses_a_recording_of_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert bench.main(["--source", "finger", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["passed"]
+    noise = np.random.default_rng(0).normal(0, 1e-3, (40 * 48_000, 2))
+    soundfile.write(tmp_path / "noise.wav", noise, 48_000)
+    assert bench.main(["--source", f"file:{tmp_path}/noise.wav"]) == 1
+    assert "ball: fewer than 2 blows were heard" in " ".join(capsys.readouterr().out.split())

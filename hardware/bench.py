@@ -1,16 +1,26 @@
 """The bench test of a finished finger: a ball, a tap, a weight and the robot's motors, as the contact microphone hears.
 
-Expected figures are those of the printed finger on silicone of Shore 00-30, by calculation; none was measured.
-"""
+    python hardware/bench.py --source jack
+    python hardware/bench.py --source finger        # a simulated one, for which nobody has to do anything
 
+It exits with 1 if the finger is not built as expected. Expected figures are those of the printed finger on silicone of
+Shore 00-30, by calculation; none was measured.
+
+
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.app.setup import CHECKED_OBJECT, Step, record_act
 from tactophone.app.sources import AudioInput, SimulatedAct
+from tactophone.cli import console, options, output
+from tactophone.cli.guide import GuideScreen
+from tactophone.cli.setup import Steps, findings_in_words
+from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.signal.perception.calibration import Finding
@@ -22,7 +32,7 @@ PAD = 2e-3
 """In kg, of pad, ring and disc."""
 
 STIFFNESS = 11.8e3
-"""Of the bed, in N/m: `hardware/dimensions.py`, at a modulus of 0.12 MPa."""
+"""Of the bed, in N/m: `dimensions.py`, at a modulus of 0.12 MPa."""
 
 STIFFNESS_RATIO = 1.6
 """Times stiffer or softer than expected that a bed may be; Shore 10 A is 2.2 times."""
@@ -94,7 +104,7 @@ def run_bench(
 ) -> BenchResult:
     """Record the steps and measure them; the simulated finger's are rendered. ``begin``: when the source is open."""
     if settings.capture.source == "finger":
-        from tactophone.lab.simulation.bench import BuiltFinger, bench_sounds
+        from bench_sounds import BuiltFinger, bench_sounds  # beside this file
 
         sounds = bench_sounds(BuiltFinger(), weight=WEIGHT, seed=settings.simulation.seed)
         return measure_bench(sounds, LIVE_SAMPLE_RATE)
@@ -199,3 +209,28 @@ def _resonance(hit: NDArray[np.float64], rate: int) -> float:
     pitch = np.fft.rfftfreq(8 * len(ringing), 1 / rate)
     band = (pitch >= 20) & (pitch <= 400)
     return float(pitch[band][np.argmax(power[band])])
+
+
+def main(words: list[str] | None = None) -> int:
+    parser = options.Parser(description=__doc__)
+    parser.add_argument("--yes", action="store_true", help="start each step without a key press")
+    options.add_json(parser, "print the result as JSON")
+    options.add_settings(parser, "setup")
+    options.add_finger(parser)
+    args = parser.parse_args(words)
+    try:
+        with console.single_keys() as has_keyboard, output.live_display() as live:
+            steps = Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
+            found = run_bench(options.settings_of(args), step=steps, begin=partial(steps.begin, 1))
+    except TactophoneError as error:
+        output.print_error(str(error))
+        return 1
+    values = {"passed": found.passed, "findings": [finding.message for finding in found.findings]}
+    verdict = "good: the finger is built as expected" if found.passed else "correct this, and test again"
+    shown: list[output.Part] = [found.rows(), *findings_in_words(found.findings), verdict]
+    output.show(values | {row["test"]: row["measured"] for row in found.rows()}, shown, as_json=args.json)
+    return 0 if found.passed else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
