@@ -5,7 +5,7 @@
 
 It exits with 1 if the finger is not built as expected. Expected figures are those of the printed finger on silicone of
 Shore 00-30, by calculation; none was measured.
-
+"""
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
