@@ -1,9 +1,12 @@
 """Does anything grow, wrap wrongly or stop in a long run? ``python benchmarks/endurance.py``, about three minutes.
 
-Two parts. *Virtual*: both ends of a link in virtual time, checked sample by sample, across the wraps of sequence number
-and RTP timestamp and through renewed keys; ``--virtual-hours 168 --duty 0.02`` is a week in which the robot sends 1.2
-seconds of each minute and is connected but quiet in the rest, and takes five minutes of processor time. *Live*:
-``tactophone loopback`` with the simulated finger, its processes measured every few seconds; a start still
+Three parts. *Nights* (``--seeds 1000``): robot, operator, gate, watchdog, recorder and log on one virtual clock, over a
+network that loses, delays, reorders and dies, with processes that are killed, frozen and restarted, and machines that
+sleep (`virtual_night`); each seed is a night of 8 virtual hours, and what fails is printed with the command that
+repeats it. *Virtual*: both ends of a link in virtual time, checked sample by sample, across the wraps of sequence
+number and RTP timestamp and through renewed keys; ``--virtual-hours 168 --duty 0.02`` is a week in which the robot
+sends 1.2 seconds of each minute and is connected but quiet in the rest, and takes five minutes of processor time.
+*Live*: ``tactophone loopback`` with the simulated finger, its processes measured every few seconds; a start still
 settles in the first minutes, so run ``--live-minutes 60`` for the figures of the docs.
 """
 
@@ -28,6 +31,7 @@ from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import RENEW_AFTER, Session
 from tactophone.net.link.stream import DecodedAudio
 from virtual_link import OPERATOR_ADDRESS, VirtualLink
+from virtual_night import BrokenPromiseError, live_through
 
 PACKET = 960
 """Samples that are sent at once: 20 ms, four packets."""
@@ -209,14 +213,47 @@ def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
             continue
 
 
+def nights(seeds: Iterable[int], *, hours: float, sound: float, report: Callable[[str], None]) -> list[Row]:
+    """Live through the night of each seed; print how to repeat one that breaks a promise."""
+    count = failed = events = compared = felt = 0
+    for seed in seeds:
+        count += 1
+        try:
+            night = live_through(seed, hours=hours, sound=sound)
+        except BrokenPromiseError as error:
+            failed += 1
+            how = f"--seeds 1 --first {seed} --night-hours {hours} --night-sound {sound}"
+            report(f"{error}\n  python benchmarks/endurance.py {how}")
+            continue
+        events, compared, felt = events + night.events, compared + night.compared, felt + night.felt
+        if count % 10 == 0:
+            report(f"{count} nights, {failed} failed")
+    return [
+        (f"nights of {hours:g} h that broke a promise", "0", f"{failed} of {count}", failed == 0),
+        ("events in them", "over 0", str(events), events > 0),
+        ("predictions that the replay computed alike", "all", str(compared), compared > 0),
+        ("periods of 5 ms with vibration", "over 0", str(felt), felt > 0),
+    ]
+
+
 def main() -> int:
-    """Run both parts and print the table; exit 1 where a limit was passed."""
+    """Run the parts and print the table; exit 1 where a limit was passed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--virtual-hours", type=float, default=0.25, metavar="H", help="0: none; default 0.25")
     parser.add_argument("--duty", type=float, default=1.0, metavar="SHARE", help="of the virtual time with sound")
     parser.add_argument("--live-minutes", type=float, default=2.0, metavar="MIN", help="0: none; default 2")
+    parser.add_argument("--seeds", type=int, default=0, metavar="N", help="nights, and nothing else; default 0")
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first night; default 1")
+    parser.add_argument("--night-hours", type=float, default=8.0, metavar="H", help="of a night; default 8")
+    parser.add_argument("--night-sound", type=float, default=30.0, metavar="S", help="seconds in a night; default 30")
     args = parser.parse_args()
     rows: list[Row] = []
+    if args.seeds:
+        args.virtual_hours = args.live_minutes = 0
+        seeds = range(args.first, args.first + args.seeds)
+        rows += nights(
+            seeds, hours=args.night_hours, sound=args.night_sound, report=lambda line: print(line, file=sys.stderr)
+        )
     if args.virtual_hours:
         rows += soak(args.virtual_hours, duty=args.duty, report=lambda line: print(line, file=sys.stderr))
     if args.live_minutes:

@@ -17,6 +17,9 @@ from tactophone.signal.haptics.profiles import PROFILES, open_profile
 
 PERIOD = 480
 NAMES = (*PROFILES, *PASSTHROUGH)
+WINDOW = 0.1
+"""Seconds over which a mean is a push."""
+
 SETTLED = 10
 """Periods, 100 ms, after which a stop or a lower ceiling holds to the bit."""
 
@@ -132,3 +135,24 @@ def test_a_sound_of_one_sign_is_no_constant_force(name: str, kind: str) -> None:
         window = np.hanning(LIVE_SAMPLE_RATE // 5)
         for begin in range(LIVE_SAMPLE_RATE * 2 // 5, len(wave) - len(window), 2400):
             assert abs(np.average(wave[begin : begin + len(window)], weights=window)) <= 0.01
+        # Without a window the sine of a profile keeps to 0.01 too, from its beginning; the sound itself has no more
+        # than half a period of a sine at the lower end of the band: cut to 0.01, it would lose all under 159 Hz.
+        bound = 0.01 if name in PROFILES else bounds.ceiling / (math.pi * bounds.lowest * WINDOW)
+        assert worst_mean(wave) <= bound
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(PASSTHROUGH)), limits(), st.sampled_from(KINDS), st.floats(20, 2000), st.floats(0, 1))
+def test_no_sound_pushes_longer_than_half_a_period_of_the_lowest_sine(
+    name: str, bounds: Limits, kind: str, frequency: float, level: float
+) -> None:
+    renderer, profile = opened(name, bounds, sound(kind, frequency, level))
+    wave = np.concatenate(list(periods(renderer, profile, 60, Touch.ROUGH, 0.7)))
+    assert worst_mean(wave) <= bounds.ceiling / (math.pi * bounds.lowest * WINDOW) + 1e-3
+
+
+def worst_mean(wave: FloatArray) -> float:
+    """The greatest mean over any 100 ms."""
+    size = round(WINDOW * LIVE_SAMPLE_RATE)
+    total = np.concatenate([[0.0], np.cumsum(wave, dtype=float)])
+    return float(np.abs(total[size:] - total[:-size]).max()) / size

@@ -185,4 +185,4 @@ def _head(kind: int, count: int, ssrc: int, body: bytes) -> bytes:
 
 def _ntp(time: float) -> int:
     """Return seconds since 1970 as an NTP timestamp (32.32 fixed point)."""
-    return int((time + NTP_ERA) * (1 << 32))
+    return int((time + NTP_ERA) * (1 << 32)) % (1 << 64)  # it begins anew in 2036

@@ -1,0 +1,14 @@
+"""Nights of calls on one virtual clock; `python benchmarks/endurance.py --seeds 1000` has longer ones."""
+
+import pytest
+from benchmarks.virtual_night import live_through
+
+pytest.importorskip("mcap")
+
+HOURS, SOUND = 1 / 6, 0.5
+
+
+def test_ten_short_nights_keep_every_promise() -> None:
+    nights = [live_through(seed, hours=HOURS, sound=SOUND) for seed in range(1, 11)]
+    assert sum(night.felt for night in nights) > 200
+    assert sum(night.compared for night in nights) > 100
