@@ -5,12 +5,15 @@ Each log and each bridge is a process of its own that reads telemetry, so that n
 
 import math
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.app.sources import open_source as usual_source
 from tactophone.core import extras
@@ -19,7 +22,7 @@ from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.faces.bridges.process import Bridge
+    from tactophone.faces.bridges.process import Bridge, BridgeProcess
     from tactophone.live.runtime.supervisor import Supervisor
     from tactophone.live.runtime.wiring import OpenSource
     from tactophone.live.telemetry.watcher import Snapshot
@@ -213,3 +216,71 @@ def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
     from tactophone.live.log.mcap import McapLog
 
     return partial(McapLog, name, path.absolute())
+
+
+class PageRecorder:
+    """Obeys a page's process, which sends true to begin a log and false to end it, at ``page``, and answers it.
+
+    A context manager that ends a log that is still open. ``report`` is called from another thread, with a line when a
+    log begins, ends or fails.
+    """
+
+    def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = ignore) -> None:
+        self._name, self._folder, self._report = name, folder, report
+        self._orders, self.page = Pipe()
+        self._log: BridgeProcess | None = None
+        self._path = folder
+        self._thread = threading.Thread(target=self._follow, name="page-recorder", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.page.close()
+        self._thread.join()
+        self._end()
+
+    def _follow(self) -> None:
+        while (order := _receive(self._orders)) is not None:
+            try:
+                if order and self._log is None:
+                    self._begin()
+                elif not order:
+                    self._end()
+                self._answer({"recording": str(self._path) if self._log else ""})
+            except TactophoneError as error:
+                self._answer({"refused": str(error)})
+
+    def _begin(self) -> None:
+        from tactophone.faces.bridges.process import BridgeProcess
+
+        self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
+        log = BridgeProcess(log_of(self._name, self._path), report=self._fail)
+        log.__enter__()
+        self._log = log
+        self._report(f"recording to {self._path}")
+
+    def _end(self) -> None:
+        log, self._log = self._log, None
+        if log is not None:
+            log.__exit__()
+            self._report(f"recorded: {self._path}")
+
+    def _fail(self, line: str) -> None:
+        """Pass on why the log ended by itself, from its thread: a full disk."""
+        self._report(line)
+        self._answer({"recording": "", "refused": line})
+
+    def _answer(self, words: dict[str, Any]) -> None:
+        try:
+            self._orders.send(words)
+        except OSError:  # the page has ended; the run goes on
+            return
+
+
+def _receive(orders: Connection) -> bool | None:
+    try:
+        return bool(orders.recv())
+    except (EOFError, OSError):
+        return None

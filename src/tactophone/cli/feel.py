@@ -122,10 +122,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         output.show(results, as_json=True)
     if page.wanted(args, settings) and results:
-        from tactophone.cli import playback
+        from tactophone.app.playback import Take
 
-        takes = [playback.Take(each.path.name, [each.path], [each.pipeline], each.truth) for each in results]
-        playback.play_on_page(settings, takes, name="feel")
+        takes = [Take(each.path.name, [each.path], [each.pipeline], each.truth) for each in results]
+        page.play_on_page(settings, takes, name="feel")
     return 1 if failures else 0
 
 

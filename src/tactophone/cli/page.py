@@ -1,25 +1,24 @@
 """``--dashboard``, ``--lan`` and ``--https``: the page of a run, and its record button."""
 
 import argparse
+import itertools
+import signal
 import socket
-import threading
-import time
+import sys
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from tactophone.app import runs
+from tactophone.app.runs import PageRecorder
 from tactophone.cli import options, output
-from tactophone.core.errors import ConfigError, TactophoneError
+from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
-from tactophone.core.types import ignore
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.faces.bridges.process import BridgeProcess
+    from tactophone.app.playback import Take
     from tactophone.faces.web.server import Page
 
 
@@ -55,6 +54,21 @@ def shown(
     with recorder, watch(name, microphone=microphone, recorder=record, **place(settings)) as served:
         announce(served, browser=settings.page.open)
         yield
+
+
+def play_on_page(settings: Settings, takes: "Sequence[Take]", *, name: str) -> None:
+    """Play takes on the page over and over until interrupted."""
+    from tactophone.app.playback import play
+    from tactophone.live.telemetry.writer import Telemetry
+
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # in order: the shared memory is removed
+    name = settings.process.name or name
+    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
+        output.log().print("playing back on the page until Ctrl-C")
+        for take in itertools.cycle(takes):
+            position: float | None = 0.0
+            while position is not None:
+                position = play(take, telemetry, position)
 
 
 def place(settings: Settings) -> dict[str, Any]:
@@ -122,72 +136,3 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     output.note(f"certificate (SHA-256): {fingerprint}")
     output.note("Your browser will call this certificate untrusted. Check that the fingerprint matches, then continue.")
     return folder / CERTIFICATE_FILE, folder / KEY_FILE
-
-
-class PageRecorder:
-    """Obeys the page's process, and answers it; a context manager that ends a log that is still open.
-
-    ``report`` is called with a line when a log begins, ends, or fails, from another thread.
-
-    - ``page``: the page's end: it sends true to begin and false to end, and receives what a page shows.
-    """
-
-    def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = ignore) -> None:
-        self._name, self._folder, self._report = name, folder, report
-        self._orders, self.page = Pipe()
-        self._log: BridgeProcess | None = None
-        self._path = folder
-        self._thread = threading.Thread(target=self._follow, name="page-recorder", daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.page.close()
-        self._thread.join()
-        self._end()
-
-    def _follow(self) -> None:
-        while (order := _receive(self._orders)) is not None:
-            try:
-                if order and self._log is None:
-                    self._begin()
-                elif not order:
-                    self._end()
-                self._answer({"recording": str(self._path) if self._log else ""})
-            except TactophoneError as error:
-                self._answer({"refused": str(error)})
-
-    def _begin(self) -> None:
-        from tactophone.faces.bridges.process import BridgeProcess
-
-        self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
-        log = BridgeProcess(runs.log_of(self._name, self._path), report=self._fail)
-        log.__enter__()
-        self._log = log
-        self._report(f"recording to {self._path}")
-
-    def _end(self) -> None:
-        log, self._log = self._log, None
-        if log is not None:
-            log.__exit__()
-            self._report(f"recorded: {self._path}")
-
-    def _fail(self, line: str) -> None:
-        """Pass on why the log ended by itself, from its thread: a full disk."""
-        self._report(line)
-        self._answer({"recording": "", "refused": line})
-
-    def _answer(self, words: dict[str, Any]) -> None:
-        try:
-            self._orders.send(words)
-        except OSError:  # the page has ended; the run goes on
-            return
-
-
-def _receive(orders: Connection) -> bool | None:
-    try:
-        return bool(orders.recv())
-    except (EOFError, OSError):
-        return None

@@ -130,8 +130,8 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings], ceil
     """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
+    from tactophone.app.playback import Take
     from tactophone.app.replay import LoggedEndpoint, write_sound
-    from tactophone.cli import playback
     from tactophone.core.hand import names_of
     from tactophone.live.audio.files import FileSource
     from tactophone.live.log.mcap import read_log
@@ -145,8 +145,8 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings], ceil
             paths = [sound.path for sound in sounds if sound.session == number]
             pipelines = [endpoint.open(FileSource(path).channels, finger=finger) for finger, path in enumerate(paths)]
             names = names_of(endpoint.settings)
-            takes.append(playback.Take(log.name, paths, pipelines, fingers=names))
-        playback.play_on_page(own, takes, name="replay")
+            takes.append(Take(log.name, paths, pipelines, fingers=names))
+        page.play_on_page(own, takes, name="replay")
 
 
 def _values(log: Path, replay: "Replay", rendered: "list[RenderedFinger]", files: dict[str, Path]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.cli.page import PageRecorder
+from tactophone.app.runs import PageRecorder
 from tactophone.faces.web.dashboard import RecordRequest, parse_request
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.log.mcap import read_log

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.cli import playback
+from tactophone.app import playback
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.audio.files import FileSource

@@ -1,17 +1,11 @@
-"""Recordings on the operator's page: played back through the pipeline at the pace of the sound."""
+"""Recordings as a run that pages show: played back through the pipeline at the pace of the sound."""
 
-import itertools
-import signal
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tactophone.cli import output
-from tactophone.cli.page import shown
-from tactophone.core.settings import Settings
 from tactophone.lab.dataset.values import Segment, touch_at
 from tactophone.live.audio.files import FileSource
 from tactophone.live.telemetry.layout import FingerState, State
@@ -35,18 +29,6 @@ class Take:
     pipelines: Sequence[Pipeline]
     truth: Sequence[Segment] = ()
     fingers: Sequence[str] = ("",)
-
-
-def play_on_page(settings: Settings, takes: Sequence[Take], *, name: str) -> None:
-    """Play takes on the page over and over until interrupted."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # in order: the shared memory is removed
-    name = settings.process.name or name
-    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
-        output.log().print("playing back on the page until Ctrl-C")
-        for take in itertools.cycle(takes):
-            position: float | None = 0.0
-            while position is not None:
-                position = play(take, telemetry, position)
 
 
 def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | None:
