@@ -23,8 +23,6 @@ _SPECIAL = ("touch", "unknown", "event", "event_time")
 FINGER = "finger"
 """Column before the others in the log of a hand: the finger's name."""
 
-_DIGITS = 6
-
 
 def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     """Return the entries of one line, by `TIMELINE_COLUMNS`; times in s, rounded to microseconds.
@@ -36,9 +34,7 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
     entries = entries_of(prediction, command) | ({} if prediction.events else {"event_time": ""})
-    return {
-        key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in TIMELINE_COLUMNS
-    }
+    return {key: round(value, 6) if isinstance(value := entries[key], float) else value for key in TIMELINE_COLUMNS}
 
 
 class TimelineWriter:
