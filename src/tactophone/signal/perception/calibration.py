@@ -23,7 +23,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.contact import CLEAR_DB, ContactGate
+from tactophone.signal.perception.contact import CLEAR_DB, Contact, ContactGate
 from tactophone.signal.perception.health import (
     HARMLESS_HUM_DBFS,
     ChannelStatistics,
@@ -269,7 +269,7 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
         floor.margin_db = margin
         gate = ContactGate(math.inf, sample_rate=rate, rule="banded", floor=floor, bands=True, hold=TOUCH_HOLD)
         gate.push(AudioBlock(sounds.silence, rate))
-        share = _without_jerks([(each.time, each.touching) for each in gate.push(AudioBlock(motion, rate))])
+        share = _without_jerks(gate.push(AudioBlock(motion, rate)))
         if share <= MOST_MOTION:
             break
     rest, moving = (
@@ -279,20 +279,13 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
     return margin, share, round(float((moving - rest)[:LOW_BANDS].mean()), 1)
 
 
-def _without_jerks(contacts: Sequence[tuple[float, bool]]) -> float:
-    """Return the share of contact but for starts and stops, from the times of changes and heartbeats."""
-    touches, begun = list[float](), math.nan
-    for time, touching in contacts:
-        if touching and math.isnan(begun):
-            begun = time
-        elif not touching and not math.isnan(begun):
-            touches.append(time - begun)
-            begun = math.nan
-    start, end = contacts[0][0], contacts[-1][0]
-    if not math.isnan(begun):
-        touches.append(end - begun)
-    jerks = sorted((min(touch, JERK) for touch in touches), reverse=True)[:JERKS]
-    return (sum(touches) - sum(jerks)) / (end - start)
+def _without_jerks(contacts: Sequence[Contact]) -> float:
+    """Return the share of contact but for starts and stops, from changes and heartbeats."""
+    times = np.array([each.time for each in (*contacts, contacts[-1])])
+    edges = np.flatnonzero(np.diff([each.touching for each in contacts], prepend=False, append=False))
+    touches = np.diff(times[edges])[::2]
+    jerks = np.sort(np.minimum(touches, JERK))[-JERKS:]
+    return float((touches.sum() - jerks.sum()) / (times[-1] - times[0]))
 
 
 def _powers(samples: FloatArray, size: int, *, overlap: int = 1) -> NDArray[np.float64]:

@@ -39,9 +39,6 @@ that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a tou
 SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
 
-GATE_HEARTBEAT = 2 * BANDS_HOP
-"""Seconds between two reports while nothing changes: downstream, no report means that something has stopped."""
-
 BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 """Mean over the bands of what exceeds floor and margin that begins contact, and that ends it."""
 
@@ -153,7 +150,7 @@ class ContactGate:
             self.threshold.dbfs = recording.threshold_dbfs
 
     def push(self, block: AudioBlock) -> list[Contact]:
-        """Take sound; return each change of contact, and a heartbeat every ``GATE_HEARTBEAT`` s."""
+        """Take sound; return each change of contact, and a heartbeat every second hop."""
         threshold = self.threshold
         if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
             self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)  # another was assigned
