@@ -8,6 +8,7 @@ import pytest
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.contact import PERSISTENT, Contact, ContactGate
 from tactophone.signal.perception.noise_floor import NoiseFloor
+from tactophone.signal.pipeline import Hand, open_pipeline
 from tests.sounds import noise
 
 RATE = 48_000
@@ -77,3 +78,23 @@ def test_whoever_claims_starts_and_stops_without_end_delays_contact_by_150_ms_an
     found = contacts(sound((2.0, 4.0)), np.arange(1.0, 4.0, 0.02).tolist())
     assert begins(found) - 2.0 < PERSISTENT + 0.02
     assert all(each.touching for each in found if begins(found) < each.time < 4.0)
+
+
+@pytest.mark.parametrize("fingers", [1, 2])
+def test_packets_that_wait_for_the_next_keep_what_the_robot_says(fingers: int) -> None:
+    touch = np.repeat(sound((2.06, 3.0)), 2 * fingers, axis=1)
+
+    def commands(start: float) -> list[tuple[int, float, float]]:
+        pipelines = [open_pipeline(sample_rate=RATE, channels=2) for _ in range(fingers)]
+        hand, found = Hand(pipelines), []
+        for begin in range(0, len(touch), PACKET):
+            block = AudioBlock(touch[begin : begin + PACKET], RATE, begin, moving=begin >= start * RATE)
+            found += [(step.finger, each.time, each.amplitude) for step in hand.push(block) for each in step.commands]
+        return found
+
+    for finger in range(fingers):
+        begun = [
+            next(time for place, time, amplitude in commands(start) if place == finger and amplitude)
+            for start in (9.0, 2.0)
+        ]
+        assert begun[1] - begun[0] == pytest.approx(PERSISTENT, abs=0.01)
