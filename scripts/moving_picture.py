@@ -1,8 +1,8 @@
 """Draws docs/images/tactophone.webp from a real run: ``tactophone demo``, then ``scripts/moving_picture.py [DEMO]``.
 
 Left, the simulated finger where it was at each moment (the same seed moves it again); in the middle, the sound on its
-way; right, the fingertip with the vibration that the run rendered; below, the contact microphone, coloured
-by what was rendered.
+way; right, the fingertip with the vibration that the run rendered; below, its drive over time, coloured
+by what was rendered and as tall as it was strong.
 """
 
 import argparse
@@ -10,7 +10,6 @@ import csv
 from pathlib import Path
 
 import numpy as np
-import soundfile
 from PIL import Image, ImageDraw, ImageFont
 
 from tactophone.core.types import Touch
@@ -23,7 +22,12 @@ SIZE, SCALE, RATE = (880, 400), 2, 10
 BEGIN, END, SHOWN = 1.4, 11.9, 4.0
 """Seconds of the run that are drawn, and that the strip below shows at once."""
 
-INK, PAPER, STONE, SKIN, GREY = "#22303c", "#ffffff", "#b9b3a8", "#dcab8c", "#c9d1d8"
+INK, PALE, STONE, SKIN, GREY = "#6b7785", "#7d8894", "#b9b3a8", "#dcab8c", "#aab4bd"
+"""Legible on white and on black, as the paper is transparent."""
+
+COLOURS = 64
+"""Few enough for a small file."""
+
 FLOOR = 236
 WORDS = {Touch.NONE: "no contact", Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
@@ -32,7 +36,7 @@ class Canvas:
     """Draws in pixels of the final picture."""
 
     def __init__(self) -> None:
-        self.image = Image.new("RGB", (SIZE[0] * SCALE, SIZE[1] * SCALE), PAPER)
+        self.image = Image.new("RGBA", (SIZE[0] * SCALE, SIZE[1] * SCALE), f"{INK}00")
         self._draw = ImageDraw.Draw(self.image)
 
     def box(self, left: float, top: float, right: float, bottom: float, radius: float, fill: str) -> None:
@@ -65,16 +69,12 @@ def finger_path() -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw(folder: Path) -> list[Image.Image]:
-    sound, rate = soundfile.read(folder / "microphones.wav", always_2d=True)
     with (folder / "timeline.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     times = np.array([float(row["time"]) for row in rows])
     touches = [Touch[row["touch"].upper()] for row in rows]
     places, stones = finger_path()
-    column = rate // 40
-    envelope = np.abs(sound[: len(sound) // column * column, 0]).reshape(-1, column).max(axis=1)
-    envelope = np.sqrt(envelope / envelope.max())
-    colour_at = [touches[min(np.searchsorted(times, k / 40), len(touches) - 1)] for k in range(len(envelope))]
+    shown = [min(int(np.searchsorted(times, k / 40)), len(rows) - 1) for k in range(int(times[-1] * 40))]
     low, high = places.min(), places.max()
     across = 60 + 230 * (places - low) / (high - low)
     touched = [across[stones == stone] for stone in np.unique(stones[stones >= 0])[:2]]
@@ -86,7 +86,7 @@ def draw(folder: Path) -> list[Image.Image]:
         colour = TOUCH_COLOURS[touch] if touch is not Touch.NONE else GREY
         canvas = Canvas()
         canvas.text(170, 28, "the robot's finger", 17)
-        canvas.text(450, 28, "sound, encrypted, over a bad network", 13, "#667480")
+        canvas.text(450, 28, "sound, encrypted, over a bad network", 13, PALE)
         canvas.text(720, 28, "your fingertip", 17)
         # Two stones: the demonstration strokes the first, then the second.
         for number, under in enumerate(touched):
@@ -105,22 +105,23 @@ def draw(folder: Path) -> list[Image.Image]:
                 canvas.arc(370, FLOOR - 90, radius, colour, 3 if touch is Touch.ROUGH else 1.5)
         shake = 26 * amplitude * (1 if k % 2 else -1)
         for glow in (3, 2, 1) if touch is not Touch.NONE else ():
-            tint = Image.blend(Image.new("RGB", (1, 1), PAPER), Image.new("RGB", (1, 1), colour), 0.28 / glow + 0.05)
-            canvas.dot(720 + shake, 150, 46 + 11 * glow, "#{:02x}{:02x}{:02x}".format(*tint.getpixel((0, 0))))
+            canvas.dot(720 + shake, 150, 46 + 11 * glow, f"{colour}{round(255 * (0.28 / glow + 0.05)):02x}")
         canvas.box(682 + shake, 106, 758 + shake, 262, 38, SKIN)
         canvas.box(700 + shake, 112, 740 + shake, 150, 17, "#f6e3d6")
         canvas.box(690 + shake, 160, 750 + shake, 182, 6, colour)
         frequency = f"{float(rows[row]['frequency']):.0f} Hz" if amplitude else "silent"
-        canvas.text(784, 232, WORDS[touch], 19, INK if touch is not Touch.NONE else "#8794a0", "lm")
-        canvas.text(784, 254, frequency, 14, "#667480", "lm")
+        canvas.text(784, 232, WORDS[touch], 19, INK if touch is not Touch.NONE else PALE, "lm")
+        canvas.text(784, 254, frequency, 14, PALE, "lm")
         for step in range(int(SHOWN * 40)):
             moment = round(now * 40) - int(SHOWN * 40) + step
-            if 0 <= moment < len(envelope):
-                tall = 3 + 42 * envelope[moment]
-                shade = TOUCH_COLOURS[colour_at[moment]] if colour_at[moment] is not Touch.NONE else GREY
+            if 0 <= moment < len(shown):
+                tall, felt = 1 + 90 * float(rows[shown[moment]]["amplitude"]), touches[shown[moment]]
+                shade = TOUCH_COLOURS[felt] if felt is not Touch.NONE else GREY
                 canvas.bar(40 + 5 * step, 330 - tall, 330 + tall, shade)
-        canvas.text(840, 388, "a simulated run, as it was rendered", 11, "#8794a0", "rm")
-        frames.append(canvas.image.resize(SIZE, Image.Resampling.LANCZOS))
+        canvas.text(40, 388, "drive of the voice coil", 11, PALE, "lm")
+        canvas.text(840, 388, "a simulated run, as it was rendered", 11, PALE, "rm")
+        smoothed = canvas.image.convert("RGBa").resize(SIZE, Image.Resampling.LANCZOS).convert("RGBA")
+        frames.append(smoothed.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).convert("RGBA"))
     return frames
 
 
@@ -131,5 +132,5 @@ if __name__ == "__main__":
     args = parser.parse_args()
     pictures = draw(args.demo)
     pictures[0].save(
-        args.out, save_all=True, append_images=pictures[1:], duration=1000 // RATE, loop=0, quality=70, method=6
+        args.out, save_all=True, append_images=pictures[1:], duration=1000 // RATE, loop=0, lossless=True, method=3
     )

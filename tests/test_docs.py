@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from tactophone.cli import _parse, main
+from tactophone.signal.perception.models import model_path, read_model
 from tests.node import needs_node
 
 ROOT = Path(__file__).parent.parent
@@ -162,6 +163,32 @@ def test_the_readme_is_short_and_begins_with_a_picture_and_two_commands() -> Non
     assert "![" in first_screen
     assert "make demo" in first_screen
     assert "make test" in first_screen
+
+
+def test_the_readmes_figures_are_those_of_the_scores_and_of_the_models_cards() -> None:
+    readme, scores = (ROOT / "README.md").read_text(), (ROOT / "docs" / "research" / "scores.md").read_text()
+    shown = dict(re.findall(r"^\| .*?\(`(\w+)`\) \| `\w+` \| \*\*([\d.]+)\*\*", readme, re.MULTILINE))
+    assert shown.keys() == {"pad", "stylus"}
+    simulated = read_model(model_path("texture")).card.scores["simulated, held out"]
+    assert f"{simulated['balanced_accuracy, as rendered'][0]:.2f}" == shown["pad"]
+    headline = scores.split("\n\n")[1]
+    assert f"renders {shown['pad']} of held-out simulated" in headline
+    assert re.search(rf"`stylus` renders {shown['stylus']} of ten\s+real", headline)
+
+
+def test_the_code_of_the_readme_prints_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    readme = (ROOT / "README.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "dataset", "sound", "--objects", "0", "--takes", "wiggle", "--seconds", "4", "--gain", "-6"]
+    assert main(words) == 0
+    (tmp_path / "sound/00-lava-stone/held/wiggle.flac").rename(tmp_path / "finger.wav")
+    capsys.readouterr()
+    (code,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    exec(code, {"__name__": "readme"})
+    printed = capsys.readouterr().out.strip()
+    assert f"It prints `{printed}` for a simulated stroke" in readme
 
 
 @pytest.mark.parametrize("page", ["safety", "threat-model"])
