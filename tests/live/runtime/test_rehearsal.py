@@ -2,7 +2,6 @@
 
 import os
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from tactophone.live.runtime.robot import run_robot
 from tactophone.live.runtime.supervisor import Main, ProcessInfo, Supervisor, supervised
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -51,7 +51,6 @@ def test_a_run_loads_nothing(profile: str, tmp_path: Path) -> None:
         Supervisor(partial(audited, run_operator, tmp_path / "operator.txt"), operator, name=name),
         Supervisor(partial(audited, send, tmp_path / "robot.txt"), robot, name=robot.process.name),
     ):
-        time.sleep(3.0)
-        assert Watcher(name).snapshot().counters["packets_received"] > 200
+        assert eventually(lambda: Watcher(name).snapshot().counters["packets_received"] > 200)
     for side in ("operator", "robot"):
         assert (tmp_path / f"{side}.txt").read_text() == "", side
