@@ -34,7 +34,7 @@ def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -
     path = Path(path)
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
     if not folder.is_dir():
-        raise DatasetError(f"{path}: no such folder; name the folder that holds {FILE_NAME}")
+        raise DatasetError(f"{path}: no such folder; name one with rough/ and smooth/, or with {FILE_NAME}")
     if manifests_in(folder):
         return read_metadata(folder, surface_of=_surface_of, labels=labels)
     if read := _reader(folder):
