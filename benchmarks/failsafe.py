@@ -1,17 +1,22 @@
 """Time from a failure to silence, where the link, the robot, the operator's process or the sound server fails.
 
 The robot sends an endless stroke, and a JACK client records the peaks at the operator's port. Something is stopped, and
-the time is measured until the vibration has fallen to -60 dB.
+the time is measured until the vibration has fallen to -60 dB. ``python benchmarks/failsafe.py`` (as root, Linux) kills
+the operator's process, by turns as the system schedules everybody and with JACK and both its clients before all others:
+what is longer in the first case was spent waiting for a processor.
 """
 
+import argparse
 import contextlib
 import itertools
 import math
 import os
 import signal
+import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +24,7 @@ from tactophone.app.measurement.impulses import PEAK, TONE, Graph, running_sides
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
+from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.runtime.pairing import Sides
 
@@ -143,3 +149,55 @@ def _await_vibration(recorder: PeakRecorder) -> None:
             return
         time.sleep(0.01)
     raise TactophoneError("no vibration within 5 s: try `tactophone latency --dummy` to see what fails")
+
+
+FIFO_PRIORITY = 40
+
+
+def _schedule(pid: int, *, first: bool) -> None:
+    """Let the threads of a process run before all others, or as others do."""
+    policy = os.SCHED_FIFO if first else os.SCHED_OTHER
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(int(task.name), policy, os.sched_param(FIFO_PRIORITY * first))
+
+
+def _waited(pid: int) -> float:
+    """Seconds for which a process's threads waited for a processor so far, by the scheduler's own count."""
+    return sum(int((task / "schedstat").read_text().split()[1]) for task in Path(f"/proc/{pid}/task").iterdir()) / 1e9
+
+
+def main() -> None:
+    """Print a table of the times to silence after the operator's process was killed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=20, metavar="N", help="of each kind; default 20")
+    kills = parser.parse_args().kills
+    found: tuple[list[float], ...] = ([], [])
+    waits: tuple[list[float], ...] = ([], [])
+    with DummyServer(128, synchronous=False) as server:
+        assert server._process
+        jack = server._process.pid
+        for number in range(2 * kills):
+            first, before = bool(number % 2), [0.0]
+
+            def stop(sides: Sides, first: bool = first, before: list[float] = before) -> None:
+                for pid in (jack, os.getpid(), sides.operator.pid):
+                    _schedule(pid, first=first)
+                before[0] = _waited(jack)
+                kill_operator(sides)
+
+            found[first].append(measure_time_to_silence(Settings(), Graph(server.name), stop))
+            waits[first].append(_waited(jack) - before[0])
+    print(f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in {AFTERMATH:g} s after a kill.\n")
+    print("| operator killed | time to silence: p50, worst | over 100 ms | JACK waited for a processor: p50, worst |")
+    print("|---|---|--:|---|")
+    for first, name in enumerate(("as scheduled", "JACK and both clients before all others")):
+        times, waited = ([1e3 * each for each in column[first]] for column in (found, waits))
+        print(
+            f"| {name} | {statistics.median(times):.0f}, {max(times):.0f} ms | {sum(each > 100 for each in times)} of "
+            f"{len(times)} | {statistics.median(waited):.0f}, {max(waited):.0f} ms |"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -182,6 +182,18 @@ def test_hellos_from_forged_addresses_cost_no_memory() -> None:
     assert not operator._pending
 
 
+@pytest.mark.parametrize(("trusted", "rate"), [(False, 50), (True, 200)])
+def test_hellos_from_forged_addresses_get_so_many_answers_a_second(trusted: bool, rate: int) -> None:
+    operator, answers = answering(), 0
+    robot = calling() if trusted else Session(UNTRUSTED, Peers(), call=AT_OPERATOR)
+    robot.poll(0)
+    ((hello, _),) = robot.outgoing()
+    for number in range(2_000):
+        operator.receive(hello, source=("198.51.100.1", number), now=number / 1_000)
+        answers += len(operator.outgoing())
+    assert 2 * rate <= answers <= 2.5 * rate + 1  # the rate of two seconds, and half a second's at once
+
+
 def test_callers_that_never_finish_are_limited_and_time_out() -> None:
     operator, robots = answering(), [calling() for _ in range(MAX_HANDSHAKES + 3)]
     for port, robot in enumerate(robots):
