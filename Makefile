@@ -13,7 +13,7 @@ CORES  := $(shell nproc)
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage docs docs-figures audit lock clean
+.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage docs docs-figures audit cost lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -114,6 +114,10 @@ docs-figures: $(READY)  ## measure again what the docs print: tables on the term
 # Without a network, or without an answer in two minutes, it says so, and succeeds.
 audit:  ## check the locked packages against the known vulnerabilities
 	scripts/audit
+
+# Needs valgrind. Counts of another Python or another version of a library are not compared.
+cost: $(READY)  ## instructions of a packet by stage; fails where one differs from benchmarks/cost.json by 3 %
+	$(BIN)/python benchmarks/cost.py --check
 
 # Resolves the lock anew from pyproject.toml, with the newest versions it allows.
 lock:
