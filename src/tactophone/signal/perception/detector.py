@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.core.errors import ModelError
-from tactophone.core.microphones import CONTACT, check_channels
+from tactophone.core.microphones import CONTACT, MICROPHONES, check_channels
 from tactophone.core.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
@@ -392,7 +392,7 @@ class TouchDetector:
         """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
         # Detector and gate count the samples that they were given; predictions carry the time of the stream. So lost
         # sound, a jump of a block's start, shifts all times after it; too long a gap begins anew.
-        if block.samples.shape[1] > self.detector.card.channels:
+        if self.detector.card.channels < block.channels <= len(MICROPHONES):
             # The gate hears what the model does.
             block = replace(block, samples=self.detector.card.heard(block.samples))
         lost = block.start - self._next
