@@ -12,7 +12,7 @@ from tactophone.lab.simulation.source import SimulatedFinger
 from tactophone.lab.simulation.strokes import take_moves
 from tactophone.lab.simulation.takes import TAKES
 from tactophone.live.runtime.wiring import microphone_faults, open_pipeline_for
-from tactophone.signal.perception.fit import Misfit
+from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import default_model, open_detector
 
 RATE, SECONDS = 48_000, 8
@@ -38,6 +38,15 @@ def misfit(sound: FloatArray, tip: str, model: str = "") -> Misfit | None:
     for start in range(0, len(sound), 4800):
         detector.push(AudioBlock(sound[start : start + 4800], RATE, start))
     return detector.misfit
+
+
+def test_a_touch_that_stays_unknown_is_noticed() -> None:
+    check, rng = FitCheck("texture", 16_000, tip="", air=False), np.random.default_rng(0)
+    for _ in range(400):
+        check.push(0.1 * rng.standard_normal((1, 512)).astype(np.float32), touching=True)
+        check.hear((0.0, 0.5, 0.5))
+    assert check.misfit is not None
+    assert check.misfit.code == "undecided"
 
 
 @pytest.mark.parametrize("tip", ["pad", "stylus"])

@@ -30,7 +30,7 @@ class Scripted:
 
     name, hop, latency, bandwidth, contact_at = "scripted", 0.01, 0.0, 4000.0, None
 
-    card = SimpleNamespace(decision=DecisionRule(), channels=2)
+    card, no_touch = SimpleNamespace(decision=DecisionRule(), channels=2), None
 
     def __init__(self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = 0.5) -> None:
         self._touches, self._level_dbfs, self._smooth, self._done = touches, level_dbfs, smooth, 0

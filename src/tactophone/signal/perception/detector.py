@@ -29,6 +29,7 @@ from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.health import InvalidSampleFilter
 from tactophone.signal.perception.levels import loudness
 from tactophone.signal.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
+from tactophone.signal.perception.no_touch import NO_TOUCH_TEXT, NoTouchCheck
 from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
 from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler, Windower
 
@@ -121,6 +122,7 @@ class WindowDetector:
       uses; seconds from a window's end until it can be classified.
     - ``missing``: samples until the next window is complete.
     - ``fit``: says whether the sound fits the model, where it is not ``None``; it changes no prediction.
+    - ``no_touch``: says whether the sound is no touch, where it is not ``None``; then rough is not rendered.
     - ``trace``: called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
     Raises `ModelError` if the rate is too low, or this version cannot run the model.
@@ -142,6 +144,7 @@ class WindowDetector:
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
         self.contact_at: Callable[[float], Contact] | None = None
         self.fit: FitCheck | None = None
+        self.no_touch: NoTouchCheck | None = None
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self._sample_rate = sample_rate
         self._decision = Decision(card.decision)
@@ -172,6 +175,8 @@ class WindowDetector:
         self.state[:] = 0
         if self.fit:
             self.fit.reset()
+        if self.no_touch:
+            self.no_touch.reset()
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
@@ -242,8 +247,10 @@ class WindowDetector:
     ) -> Prediction:
         """Return the prediction of the next window, from its level and what the graph returned."""
         faulty = self._is_faulty(end, probabilities)
-        if faulty:
+        if faulty or (self.no_touch and self.no_touch.push(features, loud=loud)):
             probabilities = CERTAINLY_NONE
+        if self.fit and loud:
+            self.fit.hear(probabilities)
         touch, roughness = self._decision.decide(probabilities, contact=loud and not faulty)
         start, until = (end - self.card.window_size) / self.card.sample_rate, end / self.card.sample_rate
         prediction = Prediction(probabilities, touch, roughness, level_dbfs, start, until, faulty=faulty)
@@ -369,6 +376,8 @@ class TouchDetector:
     @property
     def misfit(self) -> Misfit | None:
         """What about the sound does not fit the model now."""
+        if self.detector.no_touch and self.detector.no_touch.noticed:
+            return Misfit("no-touch", NO_TOUCH_TEXT)
         return self.detector.fit.misfit if self.detector.fit else None
 
     @property
@@ -527,6 +536,8 @@ class TouchDetector:
         if prediction.touch is Touch.ROUGH and now - self._since < LANDED:
             self.state = TouchState.LANDING
             return _overruled(prediction, Touch.SMOOTH)
+        if self.detector.no_touch and self.detector.no_touch.noticed:
+            prediction = _overruled(prediction, Touch.SMOOTH)
         if prediction.touch is not self._decided:
             self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.tips import TIPS
-from tactophone.core.types import FloatArray
+from tactophone.core.types import FloatArray, is_unknown
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +41,9 @@ SILENT_DB = -115.0
 
 MISSING_DB = 20.0
 """By how much, at least, each band over a cut-off is fainter than under the tip, beside the bands under it."""
+
+UNKNOWN_SHARE, UNKNOWN_MEMORY = 0.4, 300
+"""Share of a touch over which *unknown* is noticed, and windows over which it is measured: 3 s."""
 
 LEAST_BANDS = 3
 """Bands under a cut-off."""
@@ -107,6 +110,7 @@ class FitCheck:
         self.misfit: Misfit | None = None
         self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
+        self._decided_on, self._unknown = 0, 0.0
         # Running means over windows of touch: levels, their squares, impulses of the slope.
         self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
         self._noise = np.zeros(1)
@@ -130,6 +134,11 @@ class FitCheck:
         elif self._since > RINGING:
             self._quiet += 1
             self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
+
+    def hear(self, probabilities: tuple[float, float, float]) -> None:
+        """Take what the model made of a window of touch."""
+        self._decided_on = min(self._decided_on + 1, UNKNOWN_MEMORY)
+        self._unknown += (float(is_unknown(*probabilities)) - self._unknown) / self._decided_on
 
     def description(self) -> tuple[Floats, int]:
         """Return touch less noise, whatever the gains, in dB for each channel heard, and the number of its windows.
@@ -178,7 +187,15 @@ class FitCheck:
                     f"touch is only {over.mean():.0f} dB over the noise, too little to tell smooth from rough; press "
                     "harder, turn the gain up, or keep motors and fans away",
                 )
-        return self._other_tip() if self._tip and (known or long) else None
+        if self._tip and (known or long) and (other := self._other_tip()):
+            return other
+        if self._decided_on < UNKNOWN_MEMORY or self._unknown <= UNKNOWN_SHARE:
+            return None
+        return Misfit(
+            "undecided",
+            f"the model {self._name} cannot tell smooth from rough in {self._unknown:.0%} of this touch; let "
+            "`tactophone setup` measure your finger on a smooth and a rough object",
+        )
 
     def _microphones(self) -> str:
         return "both" if self._heard().sum() > 1 else "air" if self._air else "contact"

@@ -11,6 +11,7 @@ from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
+from tactophone.signal.perception.no_touch import read_no_touch
 from tactophone.signal.perception.noise_floor import SPREAD_DB, TOUCH_HOLD, NoiseFloor
 
 PAPER_MONO = "paper-mono"
@@ -104,6 +105,7 @@ def open_detector(
     if card.kind == "texture":
         tip = card.tip if name in {each.model for each in TIPS.values()} else ""
         detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
+        detector.no_touch = read_no_touch() if tip == "stylus" else None
     return (
         TouchDetector(detector)
         if contact == "window"

@@ -1,0 +1,53 @@
+"""Whether an air microphone hears something that is no touch: speech, rain, typing, claps.
+
+A hard tip's model takes their clicks for strikes. A logistic regression on the features that the model computes anyway
+tells them from touch; ``benchmarks/no_touch.py --fit`` writes its weights. A window that sounds like no touch counts as
+unknown; once they prevail, touch is rendered as smooth until the sound is a touch again.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.core.types import FloatArray
+
+SCORE_LIMIT = 4.0
+"""Greatest score of a window for or against: no single one decides."""
+
+NOTICE_MEMORY, END_MEMORY = 40, 200
+"""Windows of sound after which the weight of one has fallen to 1/e, before a notice (0.4 s) and during one (2 s)."""
+
+NOTICE_FROM, END_UNDER = -1.0, -3.0
+"""Mean scores from which it is noticed, and under which that ends; the mean of touch is nearly -4."""
+
+NO_TOUCH_TEXT = (
+    "this sounds like speech, rain or typing, not like touch, so rough is not rendered: move the air microphone to the "
+    "tip and away from people, or turn its gain down"
+)
+
+
+class NoTouchCheck:
+    """Scores the windows of one detector; ``noticed``: whether the sound of late is no touch."""
+
+    def __init__(self, weights: FloatArray, bias: float) -> None:
+        self._weights, self._bias = np.asarray(weights, np.float32), bias
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the initial state: whatever sounds is touch."""
+        self.noticed, self._mean = False, END_UNDER
+
+    def push(self, features: FloatArray, *, loud: bool) -> bool:
+        """Take the features of the next window; return whether it, or the sound of late, is no touch."""
+        if not loud or not np.isfinite(features).all():
+            return self.noticed
+        score = min(max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT)
+        self._mean += (score - self._mean) / (END_MEMORY if self.noticed else NOTICE_MEMORY)
+        self.noticed = self._mean >= (END_UNDER if self.noticed else NOTICE_FROM)
+        return self.noticed or score > 0
+
+
+def read_no_touch() -> NoTouchCheck:
+    """Return the check of the shipped stylus model."""
+    with np.load(Path(__file__).parent / "models" / "no-touch.npz") as file:
+        return NoTouchCheck(file["weights"], float(file["bias"]))
