@@ -22,7 +22,7 @@ from benchmarks.paper_tables import (
     training_takes,
 )
 
-from tactophone.cli.output import show
+from tactophone.cli.output import out, show
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
 from tactophone.lab.benchmark.folds import Cache
@@ -158,6 +158,7 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
+    out.cache_clear()  # the console of an earlier test may be wider
     score = Estimate(0.723, 0.614, 1.0)
     shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
     rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
