@@ -17,7 +17,6 @@ from tactophone.faces.web.game import serve_game
 from tactophone.faces.web.game_rules import GameSettings
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
-from tactophone.live.telemetry.writer import Telemetry
 from tests.browser import resize, text, wait
 from tests.faces.web.running import Run
 
@@ -159,14 +158,19 @@ def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_whe
     browser: webdriver.Chrome, run: Run, tmp_path: Path
 ) -> None:
     _, finger = Pipe(duplex=False)
-    with Telemetry(run.telemetry.name + "-cold") as cold:  # a run that has rendered nothing yet
-        box = GameSettings(cold.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
+    cold = Run(run.telemetry.name + "-cold")
+    cold.silent = True  # a run that has rendered nothing yet
+    with cold:
+        box = GameSettings(cold.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
         with serve_game(box) as page:
-            cold.update(run.state, now=time.monotonic())
             browser.get(page.url)
             wait(browser, lambda: text(browser, "life") == "starting")
             assert text(browser, "cause").startswith("The simulated finger starts: ")
             assert not can_press(browser, "begin")
+            cold.silent = False
+            wait(browser, lambda: text(browser, "life") == "ready")
+            assert can_press(browser, "begin")
+            assert can_press(browser, "stop")
     browser.get_log("browser")  # it seeks the server that has ended
     box = GameSettings(run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
     with serve_game(box) as page:

@@ -138,9 +138,11 @@ class _Player:
     def _message(self, snapshot: Snapshot) -> bytes:
         # The operator's side starts before the robot's: a round can begin when sound has arrived.
         started = snapshot.alive and snapshot.step_end > 0
-        header: dict[str, Any] = {**command_of(snapshot, self._last), "alive": started}
-        if not started:
-            header["starting"] = starting(time.monotonic() - self._opened)
+        header: dict[str, Any] = {
+            **command_of(snapshot, self._last),
+            "alive": started,
+            "starting": "" if started else starting(time.monotonic() - self._opened),
+        }
         if self._round is not None:
             self._keep(snapshot)
             if self._round.trainer and len(snapshot.steps):
