@@ -69,6 +69,9 @@ function showCountdown([left, whole]) {
   put($("seconds"), String(Math.ceil(left)));
 }
 
+/** A finding of the terminal as a sentence of the page. */
+const shown = (line) => line.charAt(0).toUpperCase() + line.slice(1).replaceAll("`", "");
+
 function showResult({ objects, before, after, words, findings = [] }) {
   const share = (value) => (value === null ? "–" : percent(value));
   const rows = [...objects, { name: "balanced", rough: null, before, after }].map(({ name, rough, before, after }) => {
@@ -78,7 +81,7 @@ function showResult({ objects, before, after, words, findings = [] }) {
   });
   $("objects").replaceChildren(...rows);
   put($("summary"), words);
-  $("findings").replaceChildren(...findings.map((line) => element("li", line)));
+  $("findings").replaceChildren(...findings.map((line) => element("li", shown(line))));
   put($("instruction"), "Finished: the result is below, with what to run next.");
   $("result-panel").hidden = false;
 }
@@ -90,7 +93,7 @@ function show(update) {
   if ("state" in update) put($("state"), update.state);
   if (update.countdown) showCountdown(update.countdown);
   if (update.levels) showLevels(update.levels);
-  if (update.findings) $("faults").replaceChildren(...update.findings.map((line) => element("p", line)));
+  if (update.findings) $("faults").replaceChildren(...update.findings.map((line) => element("p", shown(line))));
   if (update.result) showResult(update.result);
 }
 
