@@ -231,7 +231,7 @@ def test_a_command_holds_for_35_ms_to_the_sample() -> None:
     for oscillator in (alone, followed):
         held(oscillator, ROUGH, 0.1)
         oscillator.submit(ROUGH)
-    first, whole = (np.concatenate([rendered(each, 840) for _ in range(2)]) for each in (alone, followed))
-    np.testing.assert_array_equal(first, whole)
+    begun = rendered(followed, 840)
     followed.submit(ROUGH)
+    np.testing.assert_array_equal(rendered(alone, 1680), np.concatenate([begun, rendered(followed, 840)]))
     assert rendered(alone, 1)[0] != rendered(followed, 1)[0]
