@@ -29,7 +29,7 @@ from tactophone.core.types import (
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.contact import ContactGate
-from tactophone.signal.perception.detector import LONGEST_GAP, push_together
+from tactophone.signal.perception.detector import begins_anew, push_together
 from tactophone.signal.perception.events import EventDetector, EventMerger
 from tactophone.signal.perception.levels import Ear
 from tactophone.signal.perception.model_file import Model
@@ -67,9 +67,14 @@ class Pipeline:
         self, detector: Detector, profile: Profile, limits: Limits | None = None, *, events: EventMerger | None = None
     ) -> None:
         self.detector = detector
-        self._events, self.has_events = events, events is not None
+        self._events = events
         self.limits = limits or Limits()
         self.profile = profile
+
+    @property
+    def has_events(self) -> bool:
+        """Whether touch events are detected."""
+        return self._events is not None
 
     @property
     def profile(self) -> Profile:
@@ -161,17 +166,14 @@ class Hand:
 
     def _waits(self, block: AudioBlock) -> bool:
         ear = self._ear or self._gates[0].ear
-        ear.hear(block.samples.T[:: len(MICROPHONES)])
-        ear.ahead += block.size
+        ear.hear_ahead(block.samples.T[:: len(MICROPHONES)])
         return all(gate.quiet for gate in self._gates)
 
     def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
         if self._ear and block.channels == len(MICROPHONES) * self.fingers:
-            lost = block.start - self._next + self._ear.ahead
-            if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
+            if begins_anew(block.start - self._next + self._ear.ahead, block.sample_rate):
                 self._ear.reset()
-            self._ear.hear(block.samples.T[:: len(MICROPHONES), self._ear.ahead :])
-            self._ear.ahead = 0
+            self._ear.hear(block.samples.T[:: len(MICROPHONES)])
         yield from self._steps(block)
         self._next = block.end
         detectors: list[Any] = [pipeline.detector for pipeline in self.pipelines]

@@ -99,12 +99,8 @@ class ContactGate:
         bands: bool = False,
         hold: float = 0.0,
     ) -> None:
-        self.ear, self._finger, self._shared, self._has_bands = (
-            Ear(rule, sample_rate=sample_rate, bands=bands),
-            0,
-            False,
-            bands,
-        )
+        self.ear, self._has_bands = Ear(rule, sample_rate=sample_rate, bands=bands), bands
+        self._finger, self._shared = 0, False
         self._sample_rate, self._step_size = sample_rate, self.ear.steps.step_size
         count = self.ear.steps.count
         self._hop = count(BANDS_HOP)
@@ -159,8 +155,7 @@ class ContactGate:
             # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
             self._waits |= block.moving and self._begun >= 0 and self._steps - self._begun < self._persistent
         if not self._shared:
-            self.ear.hear(block.samples.T[CONTACT : CONTACT + 1, self.ear.ahead :])
-            self.ear.ahead = 0
+            self.ear.hear(block.samples.T[CONTACT : CONTACT + 1])
         self._part += block.size
         steps, self._part = divmod(self._part, self._step_size)
         return self._take(steps)

@@ -310,6 +310,12 @@ LONG_WINDOW = 0.1
 LONGEST_GAP = 0.25
 """Seconds of lost sound, about a window, across which windows are still joined."""
 
+
+def begins_anew(lost: int, sample_rate: int) -> bool:
+    """Whether a stream begins anew after a jump of so many samples: back in time, or too far ahead to be joined."""
+    return not 0 <= lost <= LONGEST_GAP * sample_rate
+
+
 _NO_PREDICTION = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
 
 
@@ -405,7 +411,7 @@ class TouchDetector:
             # The gate hears what the model does.
             block = replace(block, samples=self.detector.card.heard(block.samples))
         lost = block.start - self._next
-        if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
+        if begins_anew(lost, block.sample_rate):
             self.reset()
             self._begin(block.start)
         elif lost:

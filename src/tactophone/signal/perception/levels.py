@@ -287,7 +287,7 @@ class Ear:
     - ``steps``: measures steps.
     - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of the steps not taken yet.
     - ``bands``: of each finger, the levels of the bands of the hops not taken yet.
-    - ``ahead``: samples heard that are pushed later.
+    - ``ahead``: samples that were heard ahead, and will be given to `hear`.
     """
 
     def __init__(self, rule: LoudnessRule, *, sample_rate: int, bands: bool, count: int = 1) -> None:
@@ -318,7 +318,16 @@ class Ear:
         return Ear(rule, sample_rate=sample_rate, bands=bands, count=count)
 
     def hear(self, contacts: FloatArray) -> None:
-        """Take samples, shape ``(count, samples)``."""
+        """Take samples, shape ``(count, samples)``; the first `ahead` of them were heard already."""
+        self._measure(contacts[:, self.ahead :])
+        self.ahead = 0
+
+    def hear_ahead(self, contacts: FloatArray) -> None:
+        """Take samples now that `hear` will be given with those that follow."""
+        self._measure(contacts)
+        self.ahead += contacts.shape[1]
+
+    def _measure(self, contacts: FloatArray) -> None:
         # Each level is a sum of its own, so that it is the same at any block size.
         powers = self.steps.push(contacts)
         for start in range(0, powers.shape[1], MOST_STEPS):

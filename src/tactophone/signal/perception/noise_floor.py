@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BandLevels, LoudnessRule, StepLevels
+from tactophone.signal.perception.levels import BANDS, BANDS_HOP, SLOW, BandLevels, LoudnessRule, StepLevels
 
 Floats = NDArray[np.float64]
 
@@ -110,8 +110,8 @@ LOWEST_DBFS, HIGHEST_DBFS = -90.0, -12.0
 FLOOR_SILENT_DBFS = -120.0
 """Level under which there is no microphone: the last bit of 16 is at -98 dBFS."""
 
-FLOOR_WINDOW = 0.032
-"""Seconds that one level covers."""
+FLOOR_WINDOW = SLOW
+"""Seconds that one level covers: as the slow one of the gate, whose threshold follows it."""
 
 
 class NoiseFloor:
