@@ -51,7 +51,7 @@ class RobotEndpoint:
         if not self.detectors:
             self.group.push(block)
             return []
-        blocks = split_fingers(block, self._channels) if self._channels else [block]
+        blocks = self._split(block)
         found = list(map(tuple, push_together(self.detectors, blocks)))
         # Predictions whose windows end together travel in one packet, oldest first.
         by_end: dict[float, dict[int, Prediction]] = {}
@@ -67,8 +67,10 @@ class RobotEndpoint:
 
     def steps(self, block: AudioBlock) -> list[PipelineStep]:
         """Return each finger's step of a block that was sent without predictions."""
-        blocks = split_fingers(block, self._channels) if self._channels else [block]
-        return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
+        return [PipelineStep(part, (), (), finger) for finger, part in enumerate(self._split(block))]
+
+    def _split(self, block: AudioBlock) -> list[AudioBlock]:
+        return split_fingers(block, self._channels) if self._channels else [block]
 
 
 class OperatorEndpoint:
@@ -113,7 +115,7 @@ class OperatorEndpoint:
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
         for event in events:
-            steps: Iterable[PipelineStep | None] = () if isinstance(event, DecodedAudio) else (None,)
+            steps: Iterable[PipelineStep] = ()
             match event:
                 case DecodedAudio(block=block, stale=stale) if self._accepts(block.channels):  # nearly always
                     # Late sound still goes through the detector, but what it leads to is no longer rendered.
@@ -131,8 +133,8 @@ class OperatorEndpoint:
             step = None
             for step in steps:
                 yield event, step
-            if step is None and isinstance(event, DecodedAudio):
-                yield event, None  # it waits for the next
+            if step is None:
+                yield event, None
 
     def _accepts(self, channels: int) -> bool:
         """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""

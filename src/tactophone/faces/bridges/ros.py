@@ -123,10 +123,8 @@ class JointMotion:
 
     def push(self, joints: Any) -> None:
         """Take a ``sensor_msgs/JointState``."""
-        time, speeds = (
-            joints.header.stamp.sec + 1e-9 * joints.header.stamp.nanosec,
-            dict(zip(joints.name, joints.velocity, strict=False)),
-        )
+        time = joints.header.stamp.sec + 1e-9 * joints.header.stamp.nanosec
+        speeds = dict(zip(joints.name, joints.velocity, strict=False))
         for name, place in zip(joints.name, joints.position, strict=False):
             before, then = self._places.get(name, (place, time))
             self._places[name] = place, time

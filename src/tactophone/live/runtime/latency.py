@@ -112,14 +112,18 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
 
 def _newest_session(found: NDArray[np.void]) -> NDArray[np.void]:
     """Marks of one stage since its newest session began; those of an earlier one would match any later sound."""
-    jumps = np.flatnonzero(abs((np.diff(found["position"]) + _WRAP // 2) % _WRAP - _WRAP // 2) > _NEW_SESSION)
+    jumps = np.flatnonzero(abs(_wrapped(np.diff(found["position"]))) > _NEW_SESSION)
     return found[jumps[-1] + 1 :] if len(jumps) else found
 
 
 def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:
     """Positions relative to one of them, across the wrap of the RTP timestamp."""
-    relative: NDArray[np.int64] = (marks["position"] - reference + _WRAP // 2) % _WRAP - _WRAP // 2
-    return relative
+    return _wrapped(marks["position"] - reference)
+
+
+def _wrapped(differences: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Differences of RTP timestamps as the nearest that they can be: from half a wrap back to half a wrap ahead."""
+    return (differences + _WRAP // 2) % _WRAP - _WRAP // 2
 
 
 def _median(times: dict[str, NDArray[np.float64]], start: str, end: str) -> float:
