@@ -1,6 +1,6 @@
 // The page of a guided command: its steps, the button of each step, meters, and the result; it decides nothing itself.
 
-import { percent, put } from "./text.js";
+import { capital, percent, put } from "./text.js";
 import { socketTo } from "./feed.js";
 import { Meter } from "./meter.js";
 
@@ -70,7 +70,7 @@ function showCountdown([left, whole]) {
 }
 
 /** A finding of the terminal as a sentence of the page. */
-const shown = (line) => line.charAt(0).toUpperCase() + line.slice(1).replaceAll("`", "");
+const shown = (line) => capital(line).replaceAll("`", "");
 
 function showResult({ objects, before, after, words, findings = [] }) {
   const share = (value) => (value === null ? "–" : percent(value));

@@ -1,6 +1,6 @@
 // The state bar of every page that can vibrate: starting, live, muted, stopped, no data, replay or ended; why; and the buttons Mute and Stop.
 
-import { formatNumber, put } from "./text.js";
+import { capital, formatNumber, put } from "./text.js";
 import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
@@ -12,7 +12,7 @@ const COVER = "<h2>The run has ended</h2><p>Nothing on this page moves or vibrat
   + "<p><code id=command></code></p><p>or see what runs there: <code>tactophone status</code></p>";
 
 function sentence(text) {
-  return text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
+  return text && `${capital(text)}${/[.!?]$/.test(text) ? "" : "."}`;
 }
 
 function element(name, properties) {

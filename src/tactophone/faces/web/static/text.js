@@ -32,6 +32,9 @@ export function list(node, rows) {
   });
 }
 
+/** A text as the beginning of a sentence. */
+export const capital = (text) => text && text[0].toUpperCase() + text.slice(1);
+
 /** Set a text only if it changed, so that a screen reader does not repeat it. */
 export function put(node, text) {
   if (node.textContent !== text) node.textContent = text;
