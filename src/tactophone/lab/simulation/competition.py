@@ -30,8 +30,6 @@ class Task:
 
     Parameters
     ----------
-    name
-        Part of what is written; empty for the first one.
     force, speed
         Ranges of newtons and of peak m/s that a visit is drawn from.
     slips
@@ -42,7 +40,6 @@ class Task:
         Factor of the pad's loss, along and across, as of a glove over it; what the tip radiates falls by as much.
     """
 
-    name: str = ""
     force: tuple[float, float] = (0.5, 2.5)
     speed: tuple[float, float] = (0.04, 0.14)
     slips: float = 0.35
@@ -63,7 +60,7 @@ class Task:
 
 TASKS = {
     "box": Task(),
-    "hard": Task("hard", force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0),
+    "hard": Task(force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0),
 }
 """By the word of ``tactophone simulate competition --task``."""
 
