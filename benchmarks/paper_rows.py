@@ -18,7 +18,7 @@ of plain glass at its 99th percentile, while the finger passes and for 0.4 s mor
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,9 @@ from tactophone.lab.simulation.strokes import Script, Visit, explore, log_unifor
 from tactophone.lab.simulation.surface import Grains, Ridges
 
 SHIPPED = ("texture", "paper", "paper-mono")
+STROKES = 8
+"""Over each kind of mark at each speed."""
+
 LANDING = 0.3
 """Seconds after landing, which sounds rough by itself, that say nothing of the glass."""
 
@@ -153,25 +156,26 @@ def irregularities(models: Sequence[str]) -> None:
     for model in models or SHIPPED:
         for kind in ("scratch", "grain"):
             for speed in (0.05, 0.10, 0.15):
-                hits, tried, places, false = 0, 0, [], 0
-                for seed in range(8):
+                places, false = list[float](), 0
+                for seed in range(STROKES):
                     obj, place = marked(kind, seed)
                     plain = replace(obj, surface=replace(obj.surface, name="plain"))
                     base = passes(plain, place, speed, model, seed, least=None)
                     quiet = np.array([value for _, value, _ in base])
                     least = 2 * float(np.percentile(quiet, 99)) if quiet.size else 0.5
-                    found = [x for near, value, x in passes(obj, place, speed, model, seed, least) if near]
-                    false += any(near for near, value, _ in passes(plain, place, speed, model, seed + 500, least))
-                    tried += 1
-                    hits += bool(found)
-                    places += [1e3 * (found[0] - place)] if found else []
+                    found = [x for near, _, x in passes(obj, place, speed, model, seed, least) if near]
+                    false += any(near for near, _, _ in passes(plain, place, speed, model, seed + 500, least))
+                    places += [1e3 * (x - place) for x in found[:1]]
                 middle = f"{np.median(places):.0f}" if places else "-"
-                print(f"| {model} | {kind} | {100 * speed:.0f} | {hits} | {tried} | {false} | {middle} |", flush=True)
+                print(
+                    f"| {model} | {kind} | {100 * speed:.0f} | {len(places)} | {STROKES} | {false} | {middle} |",
+                    flush=True,
+                )
 
 
 def passes(
     obj: SimulatedObject, place: float, speed: float, model: str, seed: int, least: float | None
-) -> Iterator[tuple[bool, float, float]] | list[tuple[bool, float, float]]:
+) -> list[tuple[bool, float, float]]:
     """Return for each prediction in touch whether it is a hit near the mark, its roughness, and the finger's place."""
     sound, truth = strokes(obj, 1.0, speed, seed=seed, count=1)
     begun = np.flatnonzero(truth.touch != Touch.NONE)[0]

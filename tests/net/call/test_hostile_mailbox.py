@@ -10,6 +10,8 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 
+from .calls_apart import results_of
+
 pytest.importorskip("wormhole")
 
 ESCAPES = "\x1b]0;PWNED\x07\x1b[2J\x1b[31m [/x] "
@@ -121,12 +123,7 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
 
 def test_a_mailbox_that_lies_is_silent_or_says_too_much_ends_the_call_in_time_and_in_printable_words() -> None:
-    context = multiprocessing.get_context("spawn")
-    results = context.Queue()
-    process = context.Process(target=hostile_calls, args=(results,), daemon=True)
-    process.start()
-    found = results.get(timeout=60)
-    process.join(10)
+    found = results_of(hostile_calls)
     for mode, wanted in MODES.items():
         assert wanted in found[mode], mode
         assert found[mode].isprintable(), mode

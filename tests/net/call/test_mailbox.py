@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from .calls_apart import results_of
+
 pytest.importorskip("wormhole")
 server = pytest.importorskip("wormhole_mailbox_server")
 
@@ -74,12 +76,7 @@ def lying_calls(results: "multiprocessing.Queue[dict[str, list[str]]]") -> None:
 
 
 def test_a_mailbox_that_changes_a_message_ends_the_call_at_both_ends() -> None:
-    context = multiprocessing.get_context("spawn")
-    results = context.Queue()
-    process = context.Process(target=lying_calls, args=(results,), daemon=True)
-    process.start()
-    found = results.get(timeout=60)
-    process.join(10)
+    found = results_of(lying_calls)
     assert found.pop("") == 2 * ["Refused(reason='nothing more')"]
     for swapped, said in found.items():
         assert all("the code is wrong" in each for each in said), (swapped, said)
