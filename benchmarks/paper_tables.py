@@ -22,11 +22,13 @@ operator is the same for every method and has no input but the vibration; it is 
 """
 
 import argparse
+import hashlib
 import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +46,9 @@ from tactophone.lab.benchmark.plan import origin_of
 from tactophone.lab.dataset.layouts import SPARE_OBJECT
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import Fold, split
-from tactophone.lab.dataset.values import Dataset, Recording, Segment, stretches
+from tactophone.lab.dataset.values import Dataset, Recording, Segment, fingerprint, stretches
 from tactophone.lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
-from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of
+from tactophone.lab.evaluation.predict import Predictor, TakePredictions, in_true_contact, model_predictor, scores_of
 from tactophone.lab.training.baselines import FeatureRecipe
 from tactophone.lab.training.options import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
 from tactophone.lab.training.recipes import RecipeFile
@@ -54,7 +56,7 @@ from tactophone.lab.training.tracks import read_signals
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.haptics.profiles import PROFILES
-from tactophone.signal.perception.model_file import Gate
+from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone.signal.perception.models import shipped_models
 from tactophone.signal.pipeline import open_pipeline
 
@@ -66,6 +68,9 @@ LABELLED = "contact as labelled"
 FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
 
 METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
+
+NETWORK_CODE = ("lab/training/network.py", "lab/training/tracks.py", "lab/training/trainer.py")
+"""Files of the package that train the paper's network."""
 
 ABLATIONS = Path(__file__).parents[1] / "examples/recipes/ablations"
 
@@ -134,8 +139,8 @@ def predict_held_out(
     """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
 
     Without ``names`` they are the paper's three variants and ``texture``; a name may be that of a recipe file.
-    ``report`` is called with each method's name before it trains. Raises `DatasetError` if there are no held-out
-    recordings.
+    ``report`` is called with each method's name before it trains, and with its progress. Raises `DatasetError` if there
+    are no held-out recordings.
     """
     kept = dataset.labelled()
     if not any(take.known("split") not in ("train", "") for take in kept.recordings):
@@ -148,10 +153,10 @@ def predict_held_out(
         take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
     )
     predictions = {}
-    files = [Path(name) for name in names if name.endswith(".toml")]
+    recipes = [Path(name) for name in names if name.endswith(".toml")]
     others = [name for name in names if not name.endswith(".toml")]
-    known = methods_for(replace(kept, recordings=recordings), others or METHODS) if others or not files else ()
-    for method in (*known, *map(file_method, files)):
+    known = methods_for(replace(kept, recordings=recordings), others or METHODS) if others or not recipes else ()
+    for method in (*known, *(file_method(path, cache.folder, report) for path in recipes)):
         report(method.name)
         fine_tuned = isinstance(method, NetworkMethod) and method.recipe.settings.variant == "fine-tuned"
         # A recipe file labels its windows by its own threshold, not by the segments that the tables score by.
@@ -168,12 +173,40 @@ REDUCED_OBJECTS = frozenset(range(10, 20))
 which are most like the competition's stones."""
 
 
-def file_method(path: Path) -> NetworkMethod:
-    """Return the paper's network as a recipe file trains it, named as the file."""
+@dataclass(frozen=True, slots=True)
+class KeptMethod(NetworkMethod):
+    """The paper's network, whose model stays in `folder`.
+
+    An interrupted training continues there, and other test recordings need no new one. Only another recipe, other
+    recordings or other code in `NETWORK_CODE` train anew.
+    """
+
+    folder: Path = Path()
+    report: Callable[[str], None] = lambda note: None
+
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        package = Path(str(files("tactophone")))
+        code = b"".join((package / name).read_bytes() for name in NETWORK_CODE)
+        key = hashlib.sha256(f"{self.identity}\n{fingerprint(recordings)}\n".encode() + code).hexdigest()[:16]
+        path, checkpoint = self.folder / f"{self.title}-{key}.onnx", self.folder / f"{self.title}-{key}.unfinished"
+        if not path.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.recipe.train(
+                path,
+                Dataset(self.title, self.folder, tuple(recordings)),
+                checkpoint=checkpoint,
+                report=lambda done, total, note: self.report(f"{self.title}: {done} of {total}, {note}"),
+            )
+            checkpoint.unlink(missing_ok=True)
+        return model_predictor(read_model(path))
+
+
+def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> KeptMethod:
+    """Return the paper's network as a recipe file trains it, named as the file; its model is kept in `folder`."""
     recipe = RecipeFile.read(path).configured()
     if isinstance(recipe, FeatureRecipe):
         raise ConfigError(f"{path}: recipe {recipe.name}, but a table takes files of the paper's network")
-    return NetworkMethod(recipe, title=path.stem)
+    return KeptMethod(recipe, path.stem, folder, report)
 
 
 def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Recording, ...], bool]:
