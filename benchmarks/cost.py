@@ -57,7 +57,7 @@ class Stage(NamedTuple):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fingers", default="1,10")
-    parser.add_argument("--check", action="store_true", help=f"fail if a stage differs by over {TOLERANCE:.0%}")
+    parser.add_argument("--check", action="store_true", help=f"fail if a stage differs by over {TOLERANCE:.0%}%")
     parser.add_argument("--write", action="store_true", help=f"write {COUNTS.name}")
     parser.add_argument("--counts", type=Path, default=COUNTS, help="another file than benchmarks/cost.json")
     parser.add_argument("--only", default="", help="names of stages, which are then not taken from each other")

@@ -32,11 +32,11 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from benchmarks.ablations import Ablation
-from benchmarks.simulated_operator import SoundToVibration, perceive_visits, play_rounds, render_visits
 from numpy.typing import NDArray
 from rich.text import Text
 
+from ablations import Ablation
+from simulated_operator import SoundToVibration, perceive_visits, play_rounds, render_visits
 from tactophone.cli import output
 from tactophone.core.errors import ConfigError, DatasetError, TactophoneError, did_you_mean
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch

@@ -12,8 +12,8 @@ phases counts.
 import argparse
 
 import numpy as np
-from benchmarks.simulated_operator import perceive
 
+from simulated_operator import perceive
 from tactophone.signal.haptics.psychophysics import LEVEL_JND_DB, PITCH_JND
 
 RATE, CHUNK, STEPS, LOW_PASS = 8000, 512 / 48_000, 3, 4e-3

@@ -24,7 +24,7 @@ from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
-from tactophone.signal.perception.fit import HARD, SOFT, FitCheck, Misfit
+from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import open_detector
 
 RIDGE_DB = 1.2
@@ -102,7 +102,7 @@ def described(run: Run) -> list[tuple[str, Floats]]:
     tip, found = run[0], []
     if tip != "lmt":
         found.append(("both", describe(run, "texture", None)))
-    found.append(("contact", describe(run, "texture", 0 if tip in SOFT else 1)))
+    found.append(("contact", describe(run, "texture", int(tip not in TIPS or TIPS[tip].hard))))
     found.append(("air", describe(run, "stylus", None)))
     return [(f"{microphones} {tip}", values) for microphones, values in found if len(values)]
 
@@ -115,7 +115,7 @@ def fit(runs: list[Run], out: Path) -> None:
                 found[name].append(values)
     arrays: dict[str, Floats] = {}
     for microphones in ("both", "contact", "air"):
-        tips = [found[f"{microphones} {tip}"] for tip in (*SOFT, *HARD, "lmt") if f"{microphones} {tip}" in found]
+        tips = [found[f"{microphones} {tip}"] for tip in (*TIPS, "lmt") if f"{microphones} {tip}" in found]
         arrays |= {f"{microphones}-{name}": fitted.astype(np.float32) for name, fitted in gaussians(tips).items()}
     np.savez_compressed(out, **arrays)  # type: ignore[arg-type]
 
@@ -147,7 +147,7 @@ def _positive(matrix: Floats) -> Floats:
 
 
 def score(runs: list[Run], seconds: float) -> None:
-    tips = (*SOFT, *HARD)
+    tips = tuple(TIPS)
     jobs = [(run, tip) for run in runs for tip in tips]
     counts: dict[tuple[str, str], list[tuple[bool, bool, bool]]] = defaultdict(list)
     with ProcessPoolExecutor(2) as pool:

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.ablations import Ablation
 
+from ablations import Ablation
 from tactophone.core.errors import ConfigError
 from tests.surfaces import surfaces
 

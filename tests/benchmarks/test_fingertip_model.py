@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from benchmarks.simulated_operator import (
+
+from simulated_operator import (
     FULL_DRIVE_DB,
     Percepts,
     add_internal_noise,

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from benchmarks.paper_tables import (
+
+from paper_tables import (
     FINE_TUNED,
     GATES,
     IN_CONTACT,
@@ -21,7 +22,6 @@ from benchmarks.paper_tables import (
     table_two,
     training_takes,
 )
-
 from tactophone.cli.output import out, show
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch

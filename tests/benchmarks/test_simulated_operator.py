@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from benchmarks.simulated_operator import (
+
+from simulated_operator import (
     Operator,
     Percepts,
     Visits,
@@ -9,7 +10,6 @@ from benchmarks.simulated_operator import (
     play_rounds,
     render_visits,
 )
-
 from tactophone.core.types import Touch
 
 RATE = 48_000

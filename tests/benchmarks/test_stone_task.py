@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from benchmarks.paper_tables import play_task, task_methods, vibration_of
 
+from paper_tables import play_task, task_methods, vibration_of
 from tactophone.core.errors import ConfigError
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tests.sounds import noise

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from benchmarks.simulated_operator import synthetic_object
 
+from simulated_operator import synthetic_object
 from tactophone.core.types import Touch
 
 
