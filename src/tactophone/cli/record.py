@@ -6,21 +6,19 @@ import os
 from pathlib import Path
 
 from rich.console import Group
+from rich.live import Live
 from rich.text import Text
 
-from tactophone.app.sources import AudioInput, SimulatedAct
+from tactophone.app.record import record_object
 from tactophone.cli import console, options, output
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
 from tactophone.cli.simulate import takes_named
-from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.lab.dataset.metadata import manifests_in
-from tactophone.lab.dataset.read import open_dataset
+from tactophone.core.types import SURFACE_LABELS, AudioBlock, Touch
 from tactophone.lab.recording import protocol
 from tactophone.lab.recording.protocol import Key, Stage
 from tactophone.lab.recording.quality import GOOD
 from tactophone.lab.recording.recorder import RecordedObject, Recorder, SessionPlan
-from tactophone.lab.recording.safe_writer import recording_in, recover
 from tactophone.lab.simulation.takes import TAKES
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.health import Reference
@@ -76,9 +74,13 @@ def run(args: argparse.Namespace) -> int:
         args.object, Touch[args.label.upper()], surface=args.surface, material=args.material, scenario=args.scenario,
         session=args.session or datetime.date.today().isoformat(),
     )  # fmt: skip
-    with recording_in(plan.root):
-        recorder = _session(args, plan, target)
-    takes = recorder.recordings
+    settings = options.settings_of(args)
+    with console.single_keys() as has_keyboard, output.live_display() as live:
+        attended = has_keyboard and not args.yes and settings.capture.source not in ("finger", "file")
+        screen = _Screen(plan, live, attended=attended)
+        takes = record_object(
+            settings, target, plan, key=_key if attended else None, follow=screen.push, report=output.log().print
+        )
     known = [(each.take, float(each.properties["level_dbfs"]), each.properties["quality"]) for each in takes]
     rows = [{"take": take, "level": f"{level:.0f} dBFS", "quality": quality} for take, level, quality in known]
     folder = str(args.out)
@@ -88,18 +90,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject) -> Recorder:
-    """Finish what was cut off before, then record."""
-    for recovered in recover(plan.root):
-        output.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
-    known = open_dataset(plan.root) if manifests_in(plan.root) else None
-    with AudioInput(options.settings_of(args), args.object) as audio, console.single_keys() as has_keyboard:
-        rate, channels = audio.source.sample_rate, audio.source.channels
-        recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
-        _record(recorder, audio, plan, unattended=args.yes or audio.simulated or not has_keyboard)
-    return recorder
-
-
 def _plan(args: argparse.Namespace) -> SessionPlan:
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
     selected = takes_named(args.takes)
@@ -107,39 +97,27 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
     return SessionPlan(args.out, reference, takes, duration=args.seconds)
 
 
-def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unattended: bool) -> None:
-    """Pass sound and keys to the recorder, and show its state, until it is done."""
-    meters = Meters(audio.source.channels, plan.reference.threshold_dbfs)
-    count = len(recorder.protocol.takes)
-    output.log().print(f"{count} takes to record" if count else "all takes are recorded already")
-    try:
-        with output.live_display() as live:
-            for block in audio:
-                if unattended:
-                    _press_go(recorder, audio, plan)
-                elif key := RECORD_KEYS.get(console.read_key(0)):
-                    recorder.press(key)
-                before = recorder.protocol.stage
-                recorder.push(block)
-                meters.push(block)
-                if recorder.protocol.stage is Stage.REVIEW and before is not Stage.REVIEW:
-                    output.log().print(_quality(recorder), soft_wrap=True)
-                if recorder.protocol.stage is Stage.DONE:
-                    return
-                if live is not None and meters.due():
-                    live.update(_screen(recorder, meters, plan, unattended=unattended), refresh=True)
-    finally:
-        recorder.close()
+def _key() -> Key | None:
+    return RECORD_KEYS.get(console.read_key(0))
 
 
-def _press_go(recorder: Recorder, audio: AudioInput, plan: SessionPlan) -> None:
-    """Start each take and keep it, as a person does who accepts every take."""
-    if recorder.protocol.stage is Stage.REVIEW:
-        recorder.press(Key.GO)
-    if recorder.protocol.stage is Stage.READY:
-        recorder.press(Key.GO)
-        # The simulated person starts at once, so that the countdown is over when the stroke is under way.
-        audio.ask(SimulatedAct("take", plan.duration + plan.countdown, take=recorder.protocol.take.name))
+class _Screen:
+    """Shows the recorder and the microphones' levels in the terminal, and prints each take's quality."""
+
+    def __init__(self, plan: SessionPlan, live: Live | None, *, attended: bool) -> None:
+        self._plan, self._live, self._attended = plan, live, attended
+        self._meters: Meters | None = None
+        self._stage: Stage | None = None
+
+    def push(self, recorder: Recorder, block: AudioBlock) -> None:
+        self._meters = self._meters or Meters(block.channels, self._plan.reference.threshold_dbfs)
+        self._meters.push(block)
+        before, self._stage = self._stage, recorder.protocol.stage
+        if self._stage is Stage.REVIEW and before is not Stage.REVIEW:
+            output.log().print(_quality(recorder), soft_wrap=True)
+        if self._live is not None and self._stage is not Stage.DONE and self._meters.due():
+            screen = _screen(recorder, self._meters, self._plan, unattended=not self._attended)
+            self._live.update(screen, refresh=True)
 
 
 def _quality(recorder: Recorder) -> Text:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.replay import Replay, add_sound, settings_of, write_replay, write_sound
+from tactophone.app.log_sound import add_sound, write_sound
+from tactophone.app.logged_run import settings_of
+from tactophone.app.replay import Replay, write_replay
 from tactophone.cli import main
 from tactophone.core.errors import DatasetError
 from tactophone.core.settings import change

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.replay import Replay, write_replay, write_sound
+from tactophone.app.log_sound import write_sound
+from tactophone.app.replay import Replay, write_replay
 from tactophone.cli import main
 from tactophone.core.errors import TactophoneError
 from tactophone.live.log.log_topics import CONTROLS, PACKETS, RUN, Message, Packets, topics_of
