@@ -60,23 +60,27 @@ tips: sets
 	$(BIN)/python benchmarks/tip_sounds.py $(foreach set,train 201 202,$(TIPS:%=$(SETS)/%-$(set))) --out $(MODELS)/tips.npz
 	$(BIN)/python benchmarks/tip_sounds.py $(TIPS:%=$(SETS)/%-test) $(TIPS:%=$(SETS)/%-301)
 
-# Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast: about 4 h on two
-# cores. Every training is cached by hash, so that it can be stopped and goes on. PAPER_DATA takes real recordings in the
-# authors' layout (`python examples/published_sets.py authors OUT`); `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'`
-# is a small one.
+# Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast: 4 h on two idle
+# cores. Every training is kept by hash and goes on after a stop. PAPER_DATA takes real recordings in the authors' layout
+# (`python examples/published_sets.py authors OUT`) in place of both simulated tasks, PAPER_PAGE another file for the page.
+# `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'` is a small one.
 PAPER         = build/paper
 PAPER_SECONDS = 30
 PAPER_RECIPES = examples/recipes/tables/*.toml
-PAPER_DATA    = $(PAPER)/data
+PAPER_DATA    = $(PAPER)/box $(PAPER)/hard
+PAPER_PAGE    = $(PAPER)/tables.md
+SIMULATED     = $(filter $(PAPER)/box,$(PAPER_DATA))
 comma := ,
 empty :=
 .PHONY: paper
-paper: $(READY)  ## the paper's tables, in build/paper/tables.txt
+paper: $(READY)  ## the paper's tables, in build/paper/tables.md
 	mkdir -p $(PAPER)
-	$(if $(filter $(PAPER)/data,$(PAPER_DATA)),$(BIN)/python -m tactophone simulate dataset $(PAPER_DATA) --authors-layout --opus --seconds $(PAPER_SECONDS) && $(BIN)/python -m tactophone simulate competition $(PAPER_DATA) --authors-layout)
-	{ echo "$$(date -u +%F), commit $$(git rev-parse --short HEAD), seed 0"; \
-	  $(BIN)/python benchmarks/paper_tables.py 1 2 --data $(PAPER_DATA) --cache $(PAPER)/cache \
-	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))) && \
-	  $(BIN)/python benchmarks/paper_tables.py 3 && \
-	  $(BIN)/python benchmarks/paper_tables.py ablations --data $(PAPER_DATA) --cache $(PAPER)/cache; \
-	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER)/tables.txt
+	$(if $(SIMULATED),$(BIN)/python -m tactophone simulate dataset $(PAPER)/box --authors-layout --opus --seconds $(PAPER_SECONDS))
+	$(if $(SIMULATED),for task in box hard; do \
+	  $(BIN)/python -m tactophone simulate competition $(PAPER)/$$task --authors-layout --task $$task || exit; done)
+	$(if $(SIMULATED),cp -al $(PAPER)/box/opus $(PAPER)/hard/ 2>/dev/null || cp -r $(PAPER)/box/opus $(PAPER)/hard/)
+	{ echo "# The paper's tables" && echo && \
+	  echo "Made by \`make paper\` on $$(date -u +%F) at commit $$(git rev-parse --short HEAD), seed 0, $(PAPER_SECONDS) s a take." && \
+	  $(BIN)/python benchmarks/paper_tables.py 1 2 3 ablations $(PAPER_DATA:%=--data %) --cache $(PAPER)/cache --form markdown \
+	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))),texture; \
+	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER_PAGE)
