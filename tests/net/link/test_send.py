@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
 
-from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction, Touch
+from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.events import Connected, Disconnected, PacketReceived
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.receive import PredictionReceived, ReceiveSession
-from tactophone.net.link.send import SendGroup
+from tactophone.net.link.send import MOST_OPERATORS, SendGroup
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.pipeline import Hand, open_pipeline

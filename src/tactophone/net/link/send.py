@@ -5,13 +5,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from tactophone.core.errors import PacketError
-from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction, ignore
+from tactophone.core.types import AudioBlock, Prediction, ignore
 from tactophone.net.link.codec import NARROW_BAND, Codec
 from tactophone.net.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.net.link.packet import CLOCK_RATE, Address, Packet, write_predictions
 from tactophone.net.link.rtcp import ReceiverReport, ReceiverRequest, parse_report, round_trip_time
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+
+MOST_OPERATORS = 4
+"""Operators of one robot: trainer, trainee and two who watch. Each one more costs the robot an encryption a packet."""
 
 REPORT_INTERVAL = 0.2
 """Seconds between reports, both ways: a fifth of the time after which a silent operator is called again."""
