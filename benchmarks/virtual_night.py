@@ -194,6 +194,7 @@ class Night:
         self._position = self.compared = 0
         self._frozen_for, self._checked_at, self._turned_at = 0.0, self.now, self.now
         self._watchdog = Watchdog()
+        self._freeze_at = self._dice.randrange(10, 40)
 
     def run(self) -> None:
         """Live through the night, and then replay its log."""
@@ -399,8 +400,8 @@ class Night:
                 self._as(robot)
                 robot.side._send(AudioBlock(TONE[start : start + PERIOD], LIVE_SAMPLE_RATE, self._position))
             self._position += PERIOD
-        for _ in range(2):  # there, and back
-            self._carry()
+        for back in (False, True):
+            self._carry(back)
         self._check_connection(robot, operator)
         self._check_vibration(operator)
 
@@ -414,7 +415,7 @@ class Night:
                 self._lively_until = max(self._lively_until, self.now + LIVELY)
         self._turned_at = self.now
 
-    def _carry(self) -> None:
+    def _carry(self, back: bool) -> None:
         """Take the datagrams of both sides over the network, and let their loops read what arrived."""
         dead = self.now < self._way_until
         for name, other in (("robot", "operator"), ("operator", "robot")):
@@ -436,7 +437,8 @@ class Night:
                 side.ended.clear()
                 side._follow_network(0) if isinstance(side, Robot) else side._follow_network()
                 side.ended.clear()
-                side.housekeep(now)
+                if back:
+                    side.housekeep(now)
 
     def _check_connection(self, robot: Machine, operator: Machine) -> None:
         usable = robot.runs(self.now) and operator.runs(self.now) and self.now >= self._way_until
@@ -486,6 +488,9 @@ class Night:
         self._promise(peak == 0.0 or self._frozen_for <= SOON, f"{peak:.3f} of a frozen process")
         self._checked_at = now
         self.felt += peak > 0.01
+        if self.felt == self._freeze_at:  # once a night in the middle of a vibration, which only the watchdog ends then
+            self._freeze_at, machine.frozen_until = -1, now + 0.15
+            self._tell("freeze while it vibrates")
 
     def _replay(self) -> None:
         replay = Replay(read_log(self._folder / "night.mcap"))

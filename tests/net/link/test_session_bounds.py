@@ -4,6 +4,7 @@ import pytest
 
 from tactophone.net.link import session as session_module
 from tactophone.net.link.events import Connected, Disconnected, PacketReceived
+from tactophone.net.link.handshake import HANDSHAKE_TIMEOUT
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.rtcp import Goodbye, Introduction, ReceiverReport
 from tactophone.net.link.session import (
@@ -163,6 +164,23 @@ def test_a_hello_beyond_the_places_is_counted(monkeypatch: pytest.MonkeyPatch) -
     ((hello, _),) = robot.outgoing()
     operator.receive(hello, source=AT_ROBOT, now=0.0)
     assert operator.faults == {"stray": 1}
+
+
+def test_the_cookie_for_a_call_that_was_given_up_serves_the_next_one() -> None:
+    """An operator that slept answers the calls that waited in its socket, the oldest first."""
+    pair = SessionPair(calling(), answering())
+    late: list[bytes] = []
+    for now in (0.0, HANDSHAKE_TIMEOUT + 0.1):
+        pair.robot.poll(now)
+        pair.robot.poll(now + 0.01)
+        for hello, _ in pair.robot.outgoing():
+            pair.operator.receive(hello, source=AT_ROBOT, now=now)
+        late += [reply for reply, _ in pair.operator.outgoing()]
+    pair.now = HANDSHAKE_TIMEOUT + 0.2
+    for reply in late:
+        pair.robot.receive(reply, source=AT_OPERATOR, now=pair.now)
+    pair.wait(0.5)
+    assert (pair.robot.peer, pair.operator.peer) == ("operator", "robot")
 
 
 def test_a_failed_handshake_is_counted_once_and_a_fault_ends_only_its_senders() -> None:

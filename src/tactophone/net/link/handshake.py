@@ -198,7 +198,8 @@ class Handshakes:
         Until then no state is kept (RFC 6347 section 4.2.1), so that forged addresses cost no memory.
         """
         connection = self._connection()
-        connection.set_app_data((source, hello_random(hello)))
+        # The cookie proves the address alone: one that answers a call given up serves the call after it.
+        connection.set_app_data(source)
         connection.bio_write(hello)
         try:
             connection.DTLSv1_listen()
