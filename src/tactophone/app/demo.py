@@ -35,8 +35,8 @@ RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 
 STONES = "a simulated finger on a smooth stone, then a rough one"
 
-Follow = Callable[[Sequence[Supervisor], float], Snapshot | None]
-"""Waits for a run's end, at most so many seconds; returns its last snapshot."""
+Follow = Callable[[Sequence[Supervisor], str, float], Snapshot | None]
+"""Waits for the end of a run of that name, at most so many seconds; returns its last snapshot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Demonstration:
 
 def demonstrate(
     settings: Settings, folder: Path, *, recording: Path | None = None, name: str = "demo",
-    follow: Follow | None = None, report: Callable[[str], None] = ignore, warn: Callable[[str], None] = ignore,
+    follow: Follow = runs.wait_for_end, report: Callable[[str], None] = ignore, warn: Callable[[str], None] = ignore,
 ) -> Demonstration:  # fmt: skip
     """Run both sides over sound, in real time, with the simulated network of the settings between them.
 
@@ -91,7 +91,7 @@ def demonstrate(
         ExitStack() as stack,
     ):
         recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(sources))]
-        last = (follow or runs.waiting_for(name))(sides, duration + PATIENCE)
+        last = follow(sides, name, duration + PATIENCE)
     if last is None:
         raise TactophoneError(f"{name}: no side started; `tactophone loopback` says why")
     report("drawing ...")

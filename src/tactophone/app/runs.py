@@ -53,32 +53,29 @@ def loopback(
         both_sides(settings, name=name, report=report) as sides,
         observed(settings, name, record=record, bridges=bridges, report=report, warn=report),
     ):
-        last = waiting_for(name)(sides, duration)
+        last = wait_for_end(sides, name, duration)
     if last is None:
         raise TactophoneError(f"{name}: no side started; `tactophone loopback` says why")
     return last
 
 
-def waiting_for(name: str) -> "Callable[[Sequence[Supervisor], float], Snapshot | None]":
-    """Return what waits until a side of the run of that name ends, at most so many seconds from its start.
+def wait_for_end(sides: "Sequence[Supervisor]", name: str, duration: float) -> "Snapshot | None":
+    """Wait until a side ends, at most so many seconds from the start of the run of that name.
 
-    It returns the last snapshot of the run; ``None`` if it never started.
+    Returns the last snapshot of the run; ``None`` if it never started.
     """
     from tactophone.live.telemetry.watcher import Watcher
 
-    def wait(sides: "Sequence[Supervisor]", duration: float) -> "Snapshot | None":
-        watcher: Watcher | None = None
-        last: Snapshot | None = None
-        deadline = math.inf
-        while all(side.running for side in sides) and time.monotonic() < deadline:
-            sides[0].wait(min(0.2, max(0.0, deadline - time.monotonic())))
-            if watcher := watcher or Watcher.find(name):
-                deadline = min(deadline, time.monotonic() + duration)
-                watcher.follow(drain=False)
-                last = watcher.snapshot()
-        return last
-
-    return wait
+    watcher: Watcher | None = None
+    last: Snapshot | None = None
+    deadline = math.inf
+    while all(side.running for side in sides) and time.monotonic() < deadline:
+        sides[0].wait(min(0.2, max(0.0, deadline - time.monotonic())))
+        if watcher := watcher or Watcher.find(name):
+            deadline = min(deadline, time.monotonic() + duration)
+            watcher.follow(drain=False)
+            last = watcher.snapshot()
+    return last
 
 
 def open_side(

@@ -46,16 +46,16 @@ def run(args: argparse.Namespace) -> int:
 
     output.make_folder(args.out)
     settings = options.settings_of(args, USUAL)
+
+    def follow(sides: "Sequence[Supervisor]", name: str, duration: float) -> "Snapshot | None":
+        watched = page.shown(settings, name, page=page.wanted(args, settings))
+        with live.recorded(args, settings, name), watched:
+            outcome = console.follow(sides, name, duration=duration)
+        if outcome.signal:
+            raise KeyboardInterrupt
+        return outcome.last
+
     with nullcontext(settings.process.name) if settings.process.name else free_name() as name:
-
-        def follow(sides: "Sequence[Supervisor]", duration: float) -> "Snapshot | None":
-            watched = page.shown(settings, name, page=page.wanted(args, settings))
-            with live.recorded(args, settings, name), watched:
-                outcome = console.follow(sides, name, duration=duration)
-            if outcome.signal:
-                raise KeyboardInterrupt
-            return outcome.last
-
         shown = demonstrate(
             settings, args.out, recording=args.recording, name=name, follow=follow, report=output.note, warn=output.warn
         )
