@@ -159,7 +159,7 @@ def subtracted(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return rows
 
 
-PARTS = {"receive": ["send"], "order": ["unprotect", "decode"], "decide": ["gate", "graph"]}
+PARTS = {"receive": ["send"], "order": ["unprotect", "decode"], "decide": ["graph"]}
 """Stages that are measured together with others, which are then taken off."""
 
 
@@ -226,7 +226,9 @@ def stages_of(fingers: int, stack: ExitStack) -> Iterator[Stage]:
     """Yield the stages in order, each made ready: what one takes is what the one before has made."""
     from tactophone.core.types import AudioBlock
     from tactophone.net.link.codec import Codec
+    from tactophone.signal.perception import model_file
 
+    model_file.SLOWEST = model_file.MODEL_PROBE_TIMEOUT = 1000  # the counter slows everything down
     sound, codec = strokes(2 * fingers), Codec("opus", channels=2 * fingers, packet_size=PACKET)
     blocks = [AudioBlock(sound[at : at + PACKET], RATE, at) for at in range(0, (WARM_UP + MEASURED) * PACKET, PACKET)]
     yield capturing(fingers, sound, stack)
@@ -368,23 +370,9 @@ def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, st
     from tactophone.live.telemetry.writer import Telemetry
     from tactophone.net.endpoints import OperatorEndpoint
     from tactophone.signal.haptics.oscillator import Oscillator
-    from tactophone.signal.pipeline import split_fingers
 
     settings = settings_of(fingers)
     alone, whole = (wiring.open_endpoint(settings, session).hand for _ in range(2))
-    parts = [split_fingers(block, [2] * fingers) for block in heard]
-    gates = [pipeline.detector.active.gate for pipeline in alone.pipelines]
-
-    def gate(first: int, end: int) -> None:
-        for block, each in zip(heard[first:end], parts[first:end], strict=True):
-            if alone._ear:
-                alone._ear.hear(block.samples.T[::2])
-            for own, part in zip(gates, each, strict=True):
-                own.push(part)
-
-    gate(0, WARM_UP)
-    yield Stage("operator", "gate", "packet", MEASURED, lambda: gate(WARM_UP, WARM_UP + MEASURED))
-
     detector, windows = alone.pipelines[0].detector.active.detector, MEASURED * PACKET // 512
     shape = detector.card.channels, detector.card.window_size
     window = [np.random.default_rng(0).normal(0, 0.1, shape).astype(np.float32)] * fingers
@@ -479,7 +467,7 @@ def strokes(channels: int) -> Any:
 
     size = (WARM_UP + MEASURED) * PACKET + PERIOD
     time, gains = np.arange(size) / RATE, np.tile([1, 0.3], channels // 2)
-    strength = 0.001 + 0.1 * np.maximum(0, np.sin(2 * np.pi * 2 * (time - 0.9))) * (time > 0.9)
+    strength = 0.003 + 0.1 * np.maximum(0, np.sin(2 * np.pi * 2 * (time - 0.9))) * (time > 0.9)
     return (np.random.default_rng(0).standard_normal((size, channels)) * strength[:, None] * gains).astype(np.float32)
 
 

@@ -141,13 +141,17 @@ class Hand:
         self._held: list[AudioBlock] = []
         self._due = self._next = 0
         # A detector without such a gate has nothing to share, and sound waits for none with events.
-        gates = [getattr(pipeline.detector, "contact_gate", None) for pipeline in self.pipelines]
-        self._gates: list[ContactGate] = [gate for gate in gates if gate]
+        gates = [getattr(pipeline.detector, "gate", None) for pipeline in self.pipelines]
+        self._gates: list[ContactGate] = [gate for gate in gates if isinstance(gate, ContactGate)]
         self._patient = len(self._gates) == self.fingers and not any(each.has_events for each in self.pipelines)
         if self.fingers > 1 and self._patient and len({gate.ear.settings for gate in self._gates}) == 1:
             self._ear: Ear | None = self._gates[0].ear.for_fingers(self.fingers)
             for finger, gate in enumerate(self._gates):
                 gate.share(self._ear, finger)
+            microphones = [
+                min(gate.microphone, count - 1) for gate, count in zip(self._gates, self._channels, strict=True)
+            ]
+            self._heard = [len(MICROPHONES) * finger + channel for finger, channel in enumerate(microphones)]
         else:
             self._ear, self._patient = None, self._patient and self.fingers == 1
 
@@ -165,15 +169,17 @@ class Hand:
             yield from self._process(part)
 
     def _waits(self, block: AudioBlock) -> bool:
-        ear = self._ear or self._gates[0].ear
-        ear.hear_ahead(block.samples.T[:: len(MICROPHONES)])
+        if self._ear:
+            self._ear.hear_ahead(block.samples.T[self._heard])
+        else:
+            self._gates[0].ear.hear_ahead(self._gates[0].heard(block))
         return all(gate.quiet for gate in self._gates)
 
     def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
         if self._ear and block.channels == len(MICROPHONES) * self.fingers:
             if begins_anew(block.start - self._next + self._ear.ahead, block.sample_rate):
                 self._ear.reset()
-            self._ear.hear(block.samples.T[:: len(MICROPHONES)])
+            self._ear.hear(block.samples.T[self._heard])
         yield from self._steps(block)
         self._next = block.end
         detectors: list[Any] = [pipeline.detector for pipeline in self.pipelines]
@@ -209,10 +215,9 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
     if block.channels != 2 * len(channels):
         raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
     # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
-    return [
-        replace(block, samples=np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]))
-        for finger, count in enumerate(channels)
-    ]
+    parts = (np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count]) for at, count in enumerate(channels))
+    rate, start, concealed, moving = block.sample_rate, block.start, block.concealed, block.moving
+    return [AudioBlock(part, rate, start, concealed, moving) for part in parts]
 
 
 def open_pipeline(

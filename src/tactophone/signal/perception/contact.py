@@ -45,6 +45,10 @@ BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 EARLY = 0.05
 """Seconds from the opening of the level gate in which its word counts alone: the bands' windows are 64 ms long."""
 
+PATIENCE = 0.011
+"""Longest time in s that sound waits while the level says what it said before: a window of the shipped models. A change
+that the bands alone tell, whose windows are six times as long, comes with the model's window."""
+
 DISTRUST = 1.0
 """Seconds after an opening that no band confirmed in which another counts for nothing: motors open the level gate."""
 
@@ -80,6 +84,8 @@ class ContactGate:
       assigned.
     - ``hold``: seconds that contact lasts on over silence.
     - ``threshold``: a shared one may take its place.
+    - ``microphone``: the channel that it hears, where there are two.
+    - ``patience``: samples that may wait while it is `quiet`.
 
     >>> import numpy as np
     >>> gate = ContactGate(-40, sample_rate=48_000)
@@ -104,6 +110,7 @@ class ContactGate:
         self._sample_rate, self._step_size = sample_rate, self.ear.steps.step_size
         count = self.ear.steps.count
         self._hop = count(BANDS_HOP)
+        self.microphone, self.patience = CONTACT, round(PATIENCE * sample_rate)
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         self._early, self._distrust = count(EARLY), count(DISTRUST)
         self._jerk, self._persistent = count(JERK), count(PERSISTENT)
@@ -155,10 +162,15 @@ class ContactGate:
             # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
             self._waits |= block.moving and self._begun >= 0 and self._steps - self._begun < self._persistent
         if not self._shared:
-            self.ear.hear(block.samples.T[CONTACT : CONTACT + 1])
+            self.ear.hear(self.heard(block))
         self._part += block.size
         steps, self._part = divmod(self._part, self._step_size)
         return self._take(steps)
+
+    def heard(self, block: AudioBlock) -> FloatArray:
+        """Return the channel that the gate hears, ``(1, samples)``: its microphone's, or the only one."""
+        first = self.microphone if block.channels > self.microphone else CONTACT
+        return block.samples.T[first : first + 1]
 
     def share(self, ear: Ear, finger: int) -> None:
         """Take levels of one of the fingers from an ear that hears all, and that others reset and let hear."""
@@ -166,13 +178,8 @@ class ContactGate:
         self.reset()
 
     @property
-    def due(self) -> int:
-        """Samples until something may come of sound, whatever its level."""
-        return (self._hop - self._steps % self._hop) * self._step_size - self._part
-
-    @property
     def quiet(self) -> bool:
-        """Whether nothing comes of what was heard and not pushed, as long as less is than is `due`."""
+        """Whether the level says of what was heard and not pushed what it said before; then it may wait `patience`."""
         plain = self.threshold.dbfs == self._threshold_dbfs and self.threshold.follows_floor is self._following
         return plain and self._stays(self.ear.slow[self._finger], self.ear.fast[self._finger])
 

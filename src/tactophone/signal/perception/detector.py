@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.core.errors import ModelError
-from tactophone.core.microphones import CONTACT, MICROPHONES, check_channels
+from tactophone.core.microphones import AIR, CONTACT, check_channels
 from tactophone.core.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
@@ -218,7 +218,7 @@ class WindowDetector:
         """Resample all that arrived; return the windows that it completes."""
         samples = self._arrived[0] if len(self._arrived) == 1 else np.concatenate(self._arrived)
         self._arrived = []
-        samples = self._select_channels(self._invalid_samples.clean(samples))
+        samples = self._invalid_samples.clean(self._select_channels(samples))
         windows = self._windower.push(self._resampler.push(samples))
         self.missing = self._resampler.missing_until(self._windower.next_end)
         return windows
@@ -373,6 +373,8 @@ class TouchDetector:
         detector.threshold = self.threshold
         if gate:
             gate.threshold = self.threshold
+            if detector.card.channels == 1 and detector.card.microphone == "air":
+                gate.microphone = AIR  # it hears what the model does
             detector.contact_at = self._contact_at
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
         self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
@@ -407,9 +409,6 @@ class TouchDetector:
         """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
         # Detector and gate count the samples that they were given; predictions carry the time of the stream. So lost
         # sound, a jump of a block's start, shifts all times after it; too long a gap begins anew.
-        if self.detector.card.channels < block.channels <= len(MICROPHONES):
-            # The gate hears what the model does.
-            block = replace(block, samples=self.detector.card.heard(block.samples))
         lost = block.start - self._next
         if begins_anew(lost, block.sample_rate):
             self.reset()
@@ -429,14 +428,9 @@ class TouchDetector:
         return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
 
     @property
-    def contact_gate(self) -> ContactGate | None:
-        """The gate, where there is one that hears the contact microphone."""
-        return self.gate if self.detector.card.microphone == "contact" else None
-
-    @property
     def due(self) -> int:
-        """Position in the stream up to which nothing comes of sound while `gate` is quiet: it may be pushed later."""
-        return self._next + min(self.detector.missing, self.gate.due) if self.gate else self._next
+        """Position in the stream up to which sound may wait while `gate` is quiet."""
+        return self._next + min(self.detector.missing, self.gate.patience) if self.gate else self._next
 
     def flush(self) -> list[Prediction]:
         return [self._revise(self._shifted(prediction)) for prediction in self.detector.flush()]

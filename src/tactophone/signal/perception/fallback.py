@@ -139,8 +139,8 @@ class FallbackDetector:
         return min(self._main.due, self._next + self._left) if self.active is self._main else self._next
 
     @property
-    def contact_gate(self) -> ContactGate | None:
-        return self._main.contact_gate
+    def gate(self) -> ContactGate | None:
+        return self._main.gate
 
     def flush(self) -> list[Prediction]:
         return [self._revised(prediction) for prediction in self.active.flush()]

@@ -287,7 +287,7 @@ class Ear:
     - ``steps``: measures steps.
     - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of the steps not taken yet.
     - ``bands``: of each finger, the levels of the bands of the hops not taken yet.
-    - ``ahead``: samples that were heard ahead, and will be given to `hear`.
+    - ``ahead``: samples whose steps were heard ahead, and that will be given to `hear`.
     """
 
     def __init__(self, rule: LoudnessRule, *, sample_rate: int, bands: bool, count: int = 1) -> None:
@@ -318,12 +318,15 @@ class Ear:
         return Ear(rule, sample_rate=sample_rate, bands=bands, count=count)
 
     def hear(self, contacts: FloatArray) -> None:
-        """Take samples, shape ``(count, samples)``; the first `ahead` of them were heard already."""
+        """Take samples, shape ``(count, samples)``; the steps of the first `ahead` of them were heard already."""
         self._measure(contacts[:, self.ahead :])
-        self.ahead = 0
+        self.ahead = max(0, self.ahead - contacts.shape[1])
+        for rows in self._bands.push(contacts) if self._bands else ():
+            for queue, row in zip(self.bands, rows, strict=True):
+                queue.append(row)
 
     def hear_ahead(self, contacts: FloatArray) -> None:
-        """Take samples now that `hear` will be given with those that follow."""
+        """Take the steps of samples now that `hear` will be given with those that follow."""
         self._measure(contacts)
         self.ahead += contacts.shape[1]
 
@@ -340,6 +343,3 @@ class Ear:
             for finger in range(len(slow)):
                 self.slow[finger] += slow[finger]
                 self.fast[finger] += fast[finger]
-        for rows in self._bands.push(contacts) if self._bands else ():
-            for queue, row in zip(self.bands, rows, strict=True):
-                queue.append(row)
