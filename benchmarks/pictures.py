@@ -1,15 +1,19 @@
 """Pictures of the pages: those in `docs/images`, or every screen in every size and theme, to be looked at.
 
-``python benchmarks/pictures.py FOLDER [all]`` writes ``dashboard.png`` and ``stone-box.png``; with ``all``, each screen
-of each page at 390, 768 and 1280 px, light and dark. Needs Debian's chromium and chromium-driver.
+``python benchmarks/pictures.py FOLDER [all [PART...]]`` writes ``dashboard.png`` and ``stone-box.png``; with ``all``,
+each screen of each page at 390, 768 and 1280 px, light and dark, or of the parts ``dashboard``, ``stone_box``,
+``recordings`` and ``set_up``. Needs Debian's chromium and chromium-driver.
 """
 
 import base64
 import contextlib
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
@@ -66,9 +70,9 @@ def stone_box(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, s
         tactophone("play", "--seed", "5", "--name", "pictures-box") as url,
     ):
         browser.get(url)
-        until = time.monotonic() + 60
-        while not browser.find_element(By.ID, "begin").is_enabled() and time.monotonic() < until:
-            time.sleep(0.2)
+        if looks is not DOCS:
+            pictures(browser, folder, "stone-box-starting", looks[:2])
+        wait(lambda: browser.find_element(By.ID, "begin").is_enabled(), 90)
         if looks is not DOCS:
             pictures(browser, folder, "stone-box-door", looks)
         browser.find_element(By.ID, "begin").click()
@@ -96,13 +100,58 @@ def stroke(browser: webdriver.Chrome, stone: int) -> None:
     time.sleep(0.5)
 
 
+def recordings(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+    """The pages of a recording and of a recorded run, and what stands over one that has ended."""
+    with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
+        arguments = ("--objects", "0", "--takes", "wiggle", "--seconds", "6", "--gain", "-6")
+        subprocess.run([sys.executable, "-m", "tactophone", "simulate", "dataset", "sound", *arguments], check=True)
+        run = ("loopback", "--source", "finger", "--actuator", "none", "--duration", "8", "--record", "run.mcap")
+        subprocess.run([sys.executable, "-m", "tactophone", *run, "--name", "pictures-run"], check=True)
+        sound = "sound/00-lava-stone/held/wiggle.flac"
+        pages = (("feel", "feel", sound), ("replay", "replay", "run.mcap"))
+        for name, *arguments in pages:
+            with tactophone(*arguments, "--dashboard") as url:
+                browser.get(url)
+                wait(lambda: browser.find_element(By.ID, "life").text.lower() == "replay")
+                time.sleep(4)
+                pictures(browser, folder, name, looks)
+    time.sleep(1)
+    pictures(browser, folder, "ended", looks)
+
+
+def set_up(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+    """The page of `setup`: the tips, a step, and the result."""
+    with (
+        tempfile.TemporaryDirectory() as place,
+        contextlib.chdir(place),
+        tactophone("setup", "--source", "finger", "--seconds", "20", "--dashboard") as url,
+    ):
+        browser.get(url)
+        tips = wait(lambda: browser.find_elements(By.CSS_SELECTOR, ".tip"))
+        pictures(browser, folder, "setup-tip", looks)
+        tips[1].click()
+        wait(lambda: browser.find_element(By.ID, "ring").is_displayed(), 60)
+        pictures(browser, folder, "setup-step", looks)
+        wait(lambda: browser.find_element(By.ID, "result-panel").is_displayed(), 300)
+        pictures(browser, folder, "setup-result", looks)
+
+
+def wait(done: Callable[[], Any], seconds: float = 60) -> Any:
+    """Return what ``done`` returns once it is true."""
+    until = time.monotonic() + seconds
+    while not (found := done()) and time.monotonic() < until:
+        time.sleep(0.1)
+    return found
+
+
 def main() -> None:
     folder, looks = Path(sys.argv[1]).absolute(), ALL if "all" in sys.argv[2:] else DOCS
     folder.mkdir(parents=True, exist_ok=True)
     with chromium("hide-scrollbars") as browser:
         browser.set_window_size(1280, 900)
-        dashboard(browser, folder, looks)
-        stone_box(browser, folder, looks)
+        for part in (dashboard, stone_box, recordings, set_up) if looks is ALL else (dashboard, stone_box):
+            if not sys.argv[3:] or part.__name__ in sys.argv[3:]:
+                part(browser, folder, looks)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "pair": "create this machine's key, and choose which other machine to trust",
         "send": "the robot's side: capture the finger's sound and send it encrypted to the operator",
         "receive": "the operator's side: receive sound, detect roughness and drive the actuator",
-        "call": "ring the other end, in any network: a code to speak, then as send or receive",
+        "call": "ring the other end, in any network: read a code out, then run as receive or send",
         "answer": "answer a call with its code, or with a name that both ends remember",
         "status": "list the runs of this machine",
         "stop": "emergency stop: all vibration on this machine ends until an operator arms it again",

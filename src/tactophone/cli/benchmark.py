@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--splits", metavar="LIST", help=words)
     words = "three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours"
     add("--fast", action="store_true", help=words)
-    words = "for results.json, report.md and its figures"
+    words = "folder for results.json, report.md and its figures"
     add("--out", type=Path, default=Path("benchmark"), metavar="DIR", help=words)
     add_folds(parser)
     options.add_json(parser, "print JSON instead of tables")

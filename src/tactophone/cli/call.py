@@ -39,17 +39,17 @@ EXAMPLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     answers = parser.get_default("verb") == "answer"
     if answers:
-        parser.add_argument("code", help="that `tactophone call` shows there, or a name given to --remember")
+        parser.add_argument("code", help="as `tactophone call` shows it there, or a name given to --remember")
         parser.add_argument("--yes", action="store_true", help="accept whoever has the code, without a question")
     else:
-        parser.add_argument("code", nargs="?", default="", metavar="name", help="of an end that --remember knows")
-        words = "only say which router is here, and which way a call would take"
+        parser.add_argument("code", nargs="?", default="", metavar="name", help="given to --remember before")
+        words = "only say which kind of router is here, and which route a call would take"
         parser.add_argument("--check", action="store_true", help=words)
     usual = "what the caller is not" if answers else "the operator"
     words = f"be the robot (default: {usual})"
     parser.add_argument("--robot", action="store_const", const="robot", dest="role", help=words)
     parser.add_argument("--operator", action="store_const", const="operator", dest="role", help="be the operator")
-    words = "keep the other end's fingerprint and a secret: then no code"
+    words = "keep the other end's fingerprint and a secret: the next call needs no code"
     parser.add_argument("--remember", default="", metavar="NAME", help=words)
     live.add_arguments(parser)
 

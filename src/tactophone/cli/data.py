@@ -33,8 +33,8 @@ def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
 
 def add_kin(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--kin", type=Path, metavar="CSV",
-        help="columns surface,kin: surfaces of one kin stay on one side of a split (default: the column kin, or "
-        "the versions of a surface, by name)")  # fmt: skip
+        help="file with the columns surface,kin: surfaces of one kin stay on one side of a split (default: "
+        "the column kin, or the versions of a surface, by name)")  # fmt: skip
 
 
 def add_folds(parser: argparse._ActionsContainer) -> None:
@@ -42,7 +42,7 @@ def add_folds(parser: argparse._ActionsContainer) -> None:
     add = parser.add_argument
     add("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
     add("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
-    add("--cache", type=Path, metavar="DIR", help="for the folds' results (default: the user's cache)")
+    add("--cache", type=Path, metavar="DIR", help="folder for the folds' results (default: the user's cache)")
 
 
 def cache_of(args: argparse.Namespace) -> "Cache":

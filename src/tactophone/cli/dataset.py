@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     def add(name: str, run: Callable[[argparse.Namespace], int], words: str) -> argparse.ArgumentParser:
         sub = add_action(name, words, run)
-        sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
+        sub.add_argument("folder", metavar="DIR", help="a data set, or class folders rough/ and smooth/")
         return sub
 
     sub = add("check", _check, "read every file and report what is wrong; exit 1 if a recording cannot be used")
@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
-    sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
+    sub.add_argument("--surface", default="", metavar="NAME", help="surface that was touched, for an MCAP file")
+    sub.add_argument("--label", default="", metavar="LABEL", help="none, smooth or rough, for an MCAP file")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
 

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="feel: play bursts that grow until you feel them; measure: play a sweep on the actuator, record it with "
         "the contact microphone, write actuator.toml")  # fmt: skip
     add("--amplitude", type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"), default=0.2,
-        metavar="SHARE", help="measure: of the sweep, %(type)s")  # fmt: skip
+        metavar="SHARE", help="measure: amplitude of the sweep, %(type)s")  # fmt: skip
     add("--out", type=Path, default=Path("actuator.toml"), metavar="FILE", help="measure: settings file to write")
     options.add_json(parser, "print a list that a program can read")
     options.add_settings(parser, "devices")

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("model", nargs="?", metavar="MODEL",
         help="a model file or the name of a shipped one; leave it out to cross-validate a recipe")  # fmt: skip
-    add("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
+    add("--data", type=Path, required=True, metavar="DIR", help="a data set, or class folders rough/ and smooth/")
     add_filter(parser)
     add_kin(parser)
     add("--by-recording", action="store_true", help="list every recording instead of surfaces")

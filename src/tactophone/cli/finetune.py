@@ -77,13 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("model", metavar="MODEL", help="model to start from: a file, or the name of a shipped one")
     add("new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more")
-    add("--general", type=Path, required=True, metavar="DIR", help="a general data set, to replay and to test with")
+    add("--general", type=Path, required=True, metavar="DIR", help="general data, to train on again and test with")
     add("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
     add("--strategy", choices=("blend", "fine-tuned"), default="blend",
         help="train on both and mix with the old parameters, or the paper's own fine-tuning")  # fmt: skip
-    add("--anyway", action="store_true", help="write the model even if smooth is rough more often elsewhere")
+    add("--anyway", action="store_true", help="write it even if smooth feels rough more often on the general data")
     add("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
-    add("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
+    add("--seed", type=SEED, default=0, metavar="N", help="random seed, %(type)s")
     options.add_json(parser, "print JSON instead of a table")
     add_filter(parser)
 

@@ -123,7 +123,7 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
     add_filter(parser)
     parser.set_defaults(run=_set_threshold)
     goal = parser.add_mutually_exclusive_group(required=True)
-    words = "rough predicted on smooth, over 0 to 600 times a minute of contact"
+    words = "false bumps to allow: rough predicted on smooth, over 0 to 600 a minute of contact"
     goal.add_argument("--false-bumps", metavar="N/min", help=words)
     goal.add_argument("--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
         help="share of smooth contact predicted rough, %(type)s")  # fmt: skip
@@ -131,7 +131,7 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
         help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)")  # fmt: skip
     add("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
     add("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
-    add("--anyway", action="store_true", help="write the rule even if smooth is rough more often on objects left out")
+    add("--anyway", action="store_true", help="write it even if smooth feels rough more often on objects left out")
     options.add_json(parser, "print JSON instead of a table")
 
 

@@ -2,9 +2,10 @@
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -73,13 +74,17 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
         default = action.default
         shown = default is not argparse.SUPPRESS and (default or isinstance(default, int | float))
-        return super()._get_help_string(action) if shown and not isinstance(default, bool) else action.help
+        words = super()._get_help_string(action) if shown and not isinstance(default, bool) else action.help
+        return words.replace("%(default)s", "%(default)g") if words and isinstance(default, float) else words
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:
             return "\n".join(indent + line for line in text.splitlines())
         return super()._fill_text(text, width, indent)
 
+
+ELSEWHERE = {"'fetch'": "examples/published_sets.py authors OUT", ": bench": "hardware/bench.py"}
+"""What is no verb, by words of the error, and the program of the repository that does it."""
 
 FIRST_OPTIONS = (
     "out", "plot", "recording", "data", "recipe", "split", "smooth", "rough", "check", "peer", "source", "actuator",
@@ -144,6 +149,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and how to get help, and exit with 2."""
+        message += "".join(f"; run `python {where}`" for words, where in ELSEWHERE.items() if words in message)
         self.exit(2, f"{self.prog}: {message}\n`{self.prog} --help` shows what there is\n")
 
 
@@ -155,14 +161,17 @@ def flags_of(verb: str) -> list[str]:
 def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None) -> None:
     """Add the option of a setting, with its words, range and default; ``default`` is the verb's own."""
     setting = SETTINGS[name]
-    words = setting.help.replace("%", "%%")
+    words, *unset = re.split("; (?:nan|empty): ", setting.words)  # a file's words for "not given"
+    words = replace(setting, words=words).help.replace("%", "%%")
     if isinstance(setting.default, bool):
         group.add_argument(setting.flag, dest=name, action="store_const", const="true", help=words)
         return
-    value = setting.default if default is None else default
+    value = default if default is not None else unset[0] if unset else setting.default
     shown = "" if value == "" else f" (default: {value})"
+    number = isinstance(setting.default, int | float)
+    kind = "S" if setting.unit == "s" else "N" if number else setting.flag.removeprefix("--").upper()
     group.add_argument(setting.flag, dest=name, action="append" if name == "link.peer" else "store",
-        metavar="NAME[:DEVICE]" if setting.device else "VALUE", help=f"{words}{shown}")  # fmt: skip
+        metavar="NAME[:DEVICE]" if setting.device else kind, help=f"{words}{shown}")  # fmt: skip
 
 
 def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:

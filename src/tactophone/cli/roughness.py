@@ -39,9 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="profile or height map: .npy, .npz (heights, step) or .png (grey)")  # fmt: skip
     add("--pixel", type=Within(float, 0, over=True, unit="m"), metavar="M",
         help="distance between heights, %(type)s, such as 29.4e-6; where FILE lacks it")  # fmt: skip
-    add("--unit", choices=("m", "mm", "um", "nm"), default="m", help="of the heights (and of places) in FILE")
+    add("--unit", choices=("m", "mm", "um", "nm"), default="m", help="unit of the heights and positions in FILE")
     add("--cutoff", type=Within(float, 0, over=True, unit="mm"), metavar="MM",
-        help="of the Gaussian filter, %(type)s (default: as ISO 21920-3 names it for the Ra found)")  # fmt: skip
+        help="cutoff of the Gaussian filter, %(type)s (default: by ISO 21920-3, from the Ra found)")  # fmt: skip
     add("--resolution", type=Within(float, 0, unit="um"), default=0.0, metavar="UM",
         help="height that the sensor just resolves, %(type)s: a smaller Ra is reported with a warning")  # fmt: skip
     add("--write-metadata", type=Path, metavar="DIR", help="data set to write the columns ra_um, rz_um, rsm_um into")

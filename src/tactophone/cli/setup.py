@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="FILE", help="file to write (default: finger.onnx; with --check calibration.toml)")
     add("--model", default="", metavar="NAME|FILE",
-        help="model of kind texture to start from; default: the shipped one for the tip")  # fmt: skip
+        help="texture model to start from (default: the shipped one for the tip)")  # fmt: skip
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         words = (
             f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
@@ -117,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         add(f"--{label}", metavar="NAMES", help=words)
     add("--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
-        help="of sliding on each object, %(type)s")  # fmt: skip
+        help="time to slide on each object, %(type)s")  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
     options.add_json(parser, "print the result as JSON")
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
@@ -217,7 +217,7 @@ def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str
     if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
-        screen.page.show(instruction="Opening the microphones ...", buttons={})
+        screen.page.show(instruction="Opening the microphones", buttons={})
     return key
 
 

@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = add_action("dataset", words, _dataset).add_argument
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
     _add_sound(add)
-    add("--seconds", type=Within(float, 0, over=True, unit="s"), default=30.0, help="length of a take, %(type)s")
+    add("--seconds", type=Within(float, 0, over=True, unit="s"), default=30.0, metavar="S",
+        help="length of a take, %(type)s")  # fmt: skip
     words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all' for the catalogue"
     add("--objects", default="paper", metavar="LIST", help=words)
     words = f"takes separated by commas, of {takes}; or 'all'"
@@ -45,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--gain", type=Within(float, -40, 40, unit="dB"), default=0.0, metavar="DB", help=words)
     words = "angle between the finger's bed and the surface, %(type)s; the printed finger's bed leans by 30 degrees"
     add("--tilt", type=Within(float, 0, 75, unit="°"), default=0.0, metavar="DEGREES", help=words)
-    add("--jobs", type=Within(int, 1), default=cores, help="processes, %(type)s")
+    add("--jobs", type=Within(int, 1), default=cores, metavar="N", help="processes, %(type)s")
     words = "render runs over five stones in a box, on two days, with the truth over time"
     add = add_action("competition", words, _competition).add_argument
     _add_sound(add)
-    add("--runs", type=Within(int, 1), default=5, help="runs per day, %(type)s")
+    add("--runs", type=Within(int, 1), default=5, metavar="N", help="runs per day, %(type)s")
     words = "hard: stones almost alike, touched lightly through a damped pad"
     add("--task", choices=("box", "hard"), default="box", help=words)
     add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
@@ -57,13 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = add_action("hand", words, _hand).add_argument
     add("out", type=Path, metavar="OUT", help="folder to write to, with a recording for each finger")
     add("--fingers", default="5", metavar="N|FILE", help="their number, 1 to 10, or a TOML file with a table for each")
-    add("--seed", type=SEED, default=0, help="random seed of set-up, strokes and noise, %(type)s")
+    add("--seed", type=SEED, default=0, metavar="N", help="random seed of set-up, strokes and noise, %(type)s")
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
 def _add_sound(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
-    add("--seed", type=SEED, default=0, help="random seed of sessions, strokes and noise, %(type)s")
+    add("--seed", type=SEED, default=0, metavar="N", help="random seed of sessions, strokes and noise, %(type)s")
     add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 

@@ -25,7 +25,7 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     add("--channels", type=int, choices=(1, 2),
         help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
         "them from variant")  # fmt: skip
-    words = "that the model is for (recipes on features; default: the one that the recordings name)"
+    words = "tip that the model is for (recipes on features; default: the recordings' own)"
     add("--tip", choices=TIP_NAMES, help=words)
     add("--set", action="append", default=[], metavar="NAME=VALUE",
         help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable")  # fmt: skip
@@ -57,7 +57,7 @@ def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
+    add("data", type=Path, metavar="DIR", help="a data set, or class folders rough/ and smooth/")
     add("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
     add("--also", type=Path, action="append", default=[], metavar="DIR",
         help="train on this data set too, all of it that is labelled; repeatable")  # fmt: skip

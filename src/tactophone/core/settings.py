@@ -108,7 +108,7 @@ class Capture:
     )
     tip: str = _setting(
         DEFAULT_TIP,
-        "tip that touches: it chooses the model where none is named, and is the simulated finger's",
+        "the finger's tip: it chooses the model unless one is named, and is what the simulated finger wears",
         choices=TIP_NAMES,
         flag="--tip",
         verbs="answer call demo feel loopback play receive send setup",
@@ -202,8 +202,8 @@ class Detector:
     )  # fmt: skip
     contact: str = _setting(
         "bands",
-        "what decides on contact: bands within milliseconds, each over its own noise, so that motors are none; "
-        "the level alone; or the level of the model's window, as in the paper",
+        "what decides on contact: bands, each over its own noise, within milliseconds and deaf to steady motors; the "
+        "level alone; or the level of the model's window, as in the paper",
         choices=("bands", "level", "window"), flag="--contact", verbs="feel",
     )  # fmt: skip
     margin_db: float = _setting(

@@ -160,7 +160,7 @@ class JackClient:
             found = f"{f'no JACK server {self._server}'.rstrip()}: {advice}"
             if is_pipewire():
                 found = "PipeWire does not answer: start it (`systemctl --user start pipewire`)"
-            raise DeviceError(f"{found}, or choose portaudio") from None
+            raise DeviceError(f"{found}, or choose portaudio; no hardware: --source finger, --actuator none") from None
         self._connect_ports()
         if self._unconnected:
             unconnected = self._unconnected
