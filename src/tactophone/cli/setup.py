@@ -227,6 +227,8 @@ def _check_set_up(args: argparse.Namespace) -> int:
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
+        if page is not None:
+            page.show(title="Check the microphones", about="Silence, strokes and taps, and a robot's motion")
         screen = GuideScreen(None, has_keyboard, page, steps=("robot", "silence", "stroke", "taps", "motion"))
         moving = not args.yes and screen.answers and settings.capture.source not in ("finger", "file")
         if moving:

@@ -87,6 +87,11 @@ function showResult({ objects, before, after, words, findings = [] }) {
 }
 
 function show(update) {
+  if (update.title) {
+    put($("title"), update.title);
+    put($("run"), update.about);
+    document.title = `Tactophone: ${update.title.toLowerCase()}`;
+  }
   if (update.steps || "step" in update) showSteps(update);
   if ("instruction" in update) put($("instruction"), update.instruction);
   if (update.buttons) showButtons(update.buttons);
