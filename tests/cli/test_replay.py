@@ -23,6 +23,19 @@ def test_it_says_that_all_is_equal(log: Path, capsys: pytest.CaptureFixture[str]
     assert "equal to the bit" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("profile", ["graded", "paper", "erm"])
+def test_a_log_is_replayed_to_the_bit_by_the_profile_that_it_was_recorded_with(
+    profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    recorded = record(tmp_path / "run.mcap", model, f"rendering.profile={profile}")
+    assert main(["replay", str(recorded), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["different"] == 0
+    other = "paper" if profile != "paper" else "graded"
+    assert main(["replay", str(recorded), "--profile", other, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["different"] > 0
+
+
 def test_what_would_have_been_rendered_is_written(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
