@@ -1,13 +1,16 @@
 """Where the other end of a call may make this machine send."""
 
 import asyncio
+import socket
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 pytest.importorskip("aioice")
 
 from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, Finder, allowed
-from tactophone.net.call.messages import Address
+from tactophone.net.call.messages import Address, Offer
 
 
 def address(host: str, port: int = 40_000, priority: int = 1) -> Address:
@@ -42,3 +45,23 @@ def test_an_end_that_wants_the_relay_alone_names_no_other_address() -> None:
 
     assert asyncio.run(offered(relay_only=False)) > 0
     assert asyncio.run(offered(relay_only=True)) == 0
+
+
+def test_only_allowed_addresses_of_an_offer_are_tried() -> None:
+    tried: list[str] = []
+
+    async def connect() -> None:
+        finder: Any = Finder(controls=True, stun=None, turn=None, relay_only=False)
+        finder._ice = SimpleNamespace(local_password="p" * 22)
+
+        async def check(offer: Offer, _: float) -> None:
+            tried.extend(each.host for each in offer.addresses)
+            raise ConnectionError
+
+        finder._check = check
+        offer = Offer("abcd", "p" * 22, [address("10.2.0.1"), address("224.0.0.251")], "open", False)
+        with socket.socket() as live, pytest.raises(ConnectionError):
+            await finder.connect(offer, "open", live, name="robot", fingerprint="")
+
+    asyncio.run(connect())
+    assert tried == ["10.2.0.1"]

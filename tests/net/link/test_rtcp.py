@@ -27,6 +27,12 @@ def test_reports_survive_the_wire(report: Report) -> None:
     assert parse_report(bytes(report)) == report
 
 
+@pytest.mark.parametrize("version", ["0.1.0[/x]", "0.1.0\x1b[2J", "0 1", "1" * 65])
+def test_a_version_holds_nothing_that_a_terminal_could_take_for_its_own(version: str) -> None:
+    with pytest.raises(PacketError, match="a version of"):
+        parse_report(bytes(Introduction(1, version)))
+
+
 def test_a_receiver_report_has_the_bytes_of_the_standard() -> None:
     assert bytes(REPORT).hex(" ", -4) == (
         "81c90007 00000001 00000002 4000012c 00011170 00000030 00000009 00008000"  # RFC 3550 section 6.4.2

@@ -128,6 +128,9 @@ def test_a_robot_that_returns_is_connected_at_once_with_fresh_keys() -> None:
     pair.robot = calling()
     pair.wait(0.2)
     assert pair.robot.peer == "operator"
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    assert isinstance(pair.at_operator[-1], PacketReceived)
     received = len(pair.at_operator)
     assert pair.operator.receive(recorded, source=AT_ROBOT, now=pair.now) == []
     assert len(pair.at_operator) == received
@@ -217,6 +220,7 @@ def test_a_forged_alert_does_not_end_a_handshake() -> None:
     pair = SessionPair(robot, operator)
     pair.wait(0.5)
     assert robot.peer == "operator"
+    assert not robot.faults  # the first handshake, not one after it
 
 
 @given(

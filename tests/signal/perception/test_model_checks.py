@@ -14,7 +14,17 @@ from onnx import TensorProto, helper, numpy_helper
 from tactophone.core.errors import ModelError
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception import model_file as checks
-from tactophone.signal.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, SOUND, _session, read_model
+from tactophone.signal.perception.model_file import (
+    CARD_KEY,
+    CONTACT_INPUT,
+    FEATURES,
+    LOG_PROBABILITIES,
+    SOUND,
+    STATE,
+    STATE_OUT,
+    _session,
+    read_model,
+)
 from tactophone.signal.perception.models import open_detector
 from tests.models import CARD, write_tiny_model
 
@@ -55,7 +65,7 @@ def with_nodes(
 
 
 HOSTILE_ENTRIES: list[dict[str, Any]] = [
-    *({"hop": hop} for hop in ("1/0", "1e400", "1e99999999", "0", "-1", "1/1000000", "inf", 0, True, None, [1])),
+    *({"hop": hop} for hop in ("1/0", "1e400", "1e99999999", "0", "-1", "1/1000000", "inf", "20001", 0, True, None, [1])),
     *({"sample_rate": rate} for rate in (0, 10**12, "2000", -1, 2000.5, True)),
     *({"window_size": size} for size in (0, -5, 10**12, 512.0)),
     *({"channels": count} for count in (0, 9, "2")),
@@ -217,6 +227,18 @@ def test_a_network_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
     ]
     with pytest.raises(ModelError):
         read_model(with_nodes(tmp_path / "bomb.onnx", nodes, [shape, SHARES]))
+
+
+def test_a_state_of_a_billion_numbers_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    state = helper.make_node("Identity", [STATE], [STATE_OUT])
+    path = with_nodes(tmp_path / "state.onnx", [*ADD, state], [SHARES])
+    model, size = onnx.load(str(path)), (1, 10**9)
+    model.graph.input.append(helper.make_tensor_value_info(CONTACT_INPUT, TensorProto.FLOAT, (1,)))
+    model.graph.input.append(helper.make_tensor_value_info(STATE, TensorProto.DOUBLE, size))
+    model.graph.output.append(helper.make_tensor_value_info(STATE_OUT, TensorProto.DOUBLE, size))
+    onnx.save(model, str(path))
+    with pytest.raises(ModelError, match="its state has shape"):
+        read_model(path)
 
 
 @pytest.mark.parametrize("optimised", [False, True])
