@@ -1,8 +1,11 @@
 """One robot with several operators: its settings, and two at once over the real loopback network."""
 
 import argparse
+import threading
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from uuid import uuid4
 
 import numpy as np
@@ -11,8 +14,10 @@ from benchmarks.second_operator import with_operator
 
 from tactophone.cli import add_verb, options
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Link, change
+from tactophone.core.settings import Link, Settings, change
+from tactophone.live.runtime import robot as robot_side
 from tactophone.live.runtime.operator import Operator
+from tactophone.live.runtime.robot import Robot
 from tactophone.live.runtime.supervisor import ProcessInfo
 from tactophone.live.runtime.wiring import open_send_group, operators_of
 from tactophone.live.telemetry.watcher import Watcher
@@ -57,6 +62,25 @@ def test_the_flag_may_be_given_for_each_operator() -> None:
 
 
 @pytest.mark.realtime
+def test_the_sound_waits_for_eight_datagrams_of_an_operator_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[int] = []
+    ended = threading.Event()
+    group = SimpleNamespace(
+        members=[SimpleNamespace(session=None)],
+        receive=lambda datagrams, **_: taken.append(len(datagrams)),
+        poll=lambda *_, **__: ended.set(),
+    )
+    sockets = [SimpleNamespace(receive=lambda _: [(b"flood", ("192.0.2.1", 5_000))] * 20)]
+    monkeypatch.setattr(robot_side, "name_thread", lambda _: None)
+    monkeypatch.setattr(robot_side, "prioritize_thread", lambda _: None)
+    monkeypatch.setattr(robot_side.wiring, "send_outgoing", lambda *_: None)
+    robot: Any = SimpleNamespace(
+        _group=group, _sockets=sockets, _lock=threading.Lock(), _settings=Settings(), ended=ended
+    )
+    Robot._follow_network(robot, 0)
+    assert taken == [8, 8, 4]
+
+
 def test_trainer_and_trainee_feel_the_same_robot_each_below_its_own_ceiling(tmp_path: Path) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
     name = f"second-{uuid4().hex[:8]}"
