@@ -144,6 +144,12 @@ def test_the_command_line_takes_each_command_that_a_page_shows(page: Path) -> No
         assert _parse(words, words[0]).verb == words[0], words
 
 
+def test_guide_and_reference_are_short() -> None:
+    generated = {"paper.md", "api.md", "tuning.md"}
+    pages = [page for shelf in ("guide", "reference") for page in (ROOT / "docs" / shelf).glob("*.md")]
+    assert sum(len(page.read_text().split()) for page in pages if page.name not in generated) <= 22_000
+
+
 def test_the_page_of_what_may_be_tuned_is_fresh() -> None:
     page = ROOT / "docs" / "reference" / "tuning.md"
     fresh = runpy.run_path(str(ROOT / "scripts" / "tuning.py"))["page"]()

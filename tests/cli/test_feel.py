@@ -124,7 +124,17 @@ def test_a_rate_under_the_models_is_said(tmp_path: Path, capsys: pytest.CaptureF
     assert "recorded at 8000 Hz" in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_folder_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_is_felt_file_by_file_without_earlier_results(model: str, tmp_path: Path) -> None:
+    folder = tmp_path / "own"
+    for name in ("rough/slate/a.wav", "smooth/glass/b.wav"):
+        (folder / name).parent.mkdir(parents=True)
+        record(folder / name)
+    for _ in range(2):
+        assert main(["feel", str(folder), "--model", model, "--out", str(folder)]) == 0
+    assert {path.name for path in folder.glob("*.wav")} == {"a.haptic.wav", "b.haptic.wav"}
+
+
+def test_a_folder_without_sound_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["feel", str(tmp_path), "--out", str(tmp_path)]) == 1
     assert f"{tmp_path}: a folder; give a WAV or FLAC recording" in capsys.readouterr().err
 

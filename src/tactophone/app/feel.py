@@ -14,6 +14,7 @@ from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import ContactRule, PipelineStep, TouchEvent, ignore
+from tactophone.lab.dataset.layouts import sounds_in
 from tactophone.lab.dataset.read import ground_truth
 from tactophone.lab.dataset.values import Segment
 from tactophone.live.telemetry.timeline import read_timeline
@@ -120,14 +121,15 @@ def feel(
 def sounds_of(
     paths: Iterable[Path], folder: Path, *, finger: str = "", report: Callable[[str], None] = ignore
 ) -> Iterator[Path]:
-    """Yield recordings, and in place of a log its sound, written to a folder: of each session and finger, or of one.
+    """Yield recordings, those in a folder, and a log's sound, written to ``folder``: of each finger, or of one.
 
     ``report`` is called with what is wrong with a log, which is then left out. Raises `ConfigError` if a finger is
     named, but there is no log.
     """
     from tactophone.live.log.mcap import is_mcap
 
-    paths = list(paths)
+    found = {path: [sound for sound in sounds_in(path) if ".haptic." not in sound.name] or [path] for path in paths}
+    paths = [sound for sounds in found.values() for sound in sounds]
     if finger and not any(map(is_mcap, paths)):
         raise ConfigError("--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out")
     for path in paths:

@@ -37,7 +37,7 @@ EXAMPLES = (
 )
 
 FLICKER = 60.0
-"""False bumps or dips a minute from which the decision is said to guess."""
+"""False bumps or dips a minute over which their number says no more."""
 
 _MEASURES = {
     "balanced_accuracy": "balanced accuracy",
@@ -148,9 +148,10 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     )
     if not known and any(name.startswith("permuted") for name in reports):
         yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
-    if max(first.false_bumps, first.dips) > FLICKER:
-        yield "The decision changes more than once a second within a touch: it guesses on these surfaces.\n"
-    bumps, dips = (f"{rate:.1f}" if math.isfinite(rate) else "-" for rate in (first.false_bumps, first.dips))
+    rates = (first.false_bumps, first.dips)
+    bumps, dips = (
+        "-" if math.isnan(rate) else f"{rate:.1f}" if rate < FLICKER else "over one a second" for rate in rates
+    )
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
     unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))
     yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"

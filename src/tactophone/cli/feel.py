@@ -86,8 +86,8 @@ def _no_contact(result: Felt) -> tuple[str, str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recordings", nargs="+", type=Path, metavar="RECORDING",
-        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; or the sound of a "
-        "run, an MCAP file of --record")  # fmt: skip
+        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; a "
+        "folder of them; or the sound of a run, an MCAP file of --record")  # fmt: skip
     add("--finger", default="", metavar="NAME",
         help="only this finger of a hand's log (default: all)")  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")

@@ -39,6 +39,9 @@ QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will sl
 
 ROBOT_QUESTION = "Does a robot move this finger?"
 
+USUAL = ("simulation.gain_db=-20",)
+"""At 0 dB the simulated finger clips on rough objects, which is refused."""
+
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
     "tactophone setup --check --out calibration.toml",
@@ -128,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--check", action="store_true", help=words)
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
-    options.add_settings(parser, "setup")
+    options.add_settings(parser, "setup", USUAL)
     options.add_finger(parser)
 
 
@@ -152,7 +155,7 @@ class Steps:
 
 
 def run(args: argparse.Namespace) -> int:
-    settings = options.settings_of(args)
+    settings = options.settings_of(args, USUAL)
     if args.check:
         return _check_set_up(args)
     file = args.out or Path("finger.onnx")
@@ -175,6 +178,8 @@ def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, ti
         screen.page.show(findings=[str(finding) for finding in findings])
     if any(finding.fatal for finding in findings):
         words = "nothing was written: correct what is refused above, and run setup again"
+        if screen.page is not None:
+            screen.page.show(instruction=words[0].upper() + words[1:])
         messages = [finding.message for finding in findings]
         output.show({"passed": False, "findings": messages}, [*findings_in_words(findings), words], as_json=args.json)
         return 1
@@ -198,7 +203,7 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
 
 def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     """Show the picture and read the answer; the setting where nobody is asked."""
-    tip = options.settings_of(args).capture.tip
+    tip = options.settings_of(args, USUAL).capture.tip
     if args.yes or not screen.answers:
         return tip
     keys = f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}"
@@ -222,7 +227,7 @@ def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str
 
 
 def _check_set_up(args: argparse.Namespace) -> int:
-    settings = options.settings_of(args)
+    settings = options.settings_of(args, USUAL)
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
     page = GuidePage(wait=not args.yes) if args.dashboard else None
@@ -242,7 +247,7 @@ def _check_set_up(args: argparse.Namespace) -> int:
             )  # fmt: skip
         if page is not None:
             words = f"written: {path}" if found.passed else "nothing was written: correct this, and check again"
-            page.show(findings=[str(each) for each in found.findings], instruction=words)
+            page.show(findings=[str(each) for each in found.findings], instruction=words[0].upper() + words[1:])
     values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
     values |= {"motion_db": found.motion_db}
     output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)

@@ -179,6 +179,11 @@ class _Name:
         return Recording(path, self.surface, LABEL_NAMES[self.label], channels, take=self.take, properties=properties)
 
 
+def sounds_in(folder: Path) -> list[Path]:
+    """Return the sound files at any depth of a folder, in order; none for a file."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES)
+
+
 def read_lab_folder(folder: Path) -> LabFolder:
     """Find recordings, labels and pairs by the names below a folder.
 
@@ -188,7 +193,7 @@ def read_lab_folder(folder: Path) -> LabFolder:
     """
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES):
+    for path in sounds_in(folder):
         name = _parse_name(path.relative_to(folder))
         if name.microphone in groups[name.key]:
             first = groups[name.key][name.microphone][0].relative_to(folder)

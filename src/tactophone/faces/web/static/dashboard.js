@@ -185,8 +185,8 @@ function showHealth(node, { link, output }, counters, gauges) {
   const jitter = gauges.jitter === null ? "" : `, ${milliseconds(gauges.jitter)} jitter`;
   const late = gauges.latency_total > IMMEDIATE;
   const sentences = [
-    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, total ? word : "unknown"],
-    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, gauges.latency_total === null ? "unknown" : late ? "fair" : "good"],
+    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link === "replay" ? "none, this is a recording" : link || "none, this run is local"}.`, total ? word : "unknown"],
+    [gauges.latency_total === null ? `Latency: not measured ${link === "replay" ? "in a replay" : "yet"}.` : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, gauges.latency_total === null ? "unknown" : late ? "fair" : "good"],
     [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
     ...(!output || output === "none" ? [] : [[counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"]]),
   ];
@@ -232,7 +232,7 @@ function showNow() {
 function nextAction(touch) {
   if (Number.isNaN(touch)) return "Waiting for sound: start the robot's side, then stroke something.";
   if (bar.state === "muted") return "Detected, but not felt: press Resume to vibrate.";
-  return touch === 0 ? "Nothing is touched: stroke something." : "";
+  return touch === 0 && state?.role !== "replay" ? "Nothing is touched: stroke something." : "";
 }
 
 function showView(view) {

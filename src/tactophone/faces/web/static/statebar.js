@@ -8,7 +8,7 @@ const SILENT = 500; // ms, after which the bar says so
 const GONE = 3600; // s: the age of a run that ended in order
 const STOPPED = /^emergency stop/;
 const LOCAL = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
-const COVER = "<h2>The run has ended</h2><p>Nothing on this page moves or vibrates any more. On the machine of the run, start it again:</p>"
+const COVER = "<h2>The run has ended</h2><p>Nothing on this page moves or vibrates any more. Start it again on its machine:</p>"
   + "<p><code id=command></code></p><p>or see what runs there: <code>tactophone status</code></p>";
 
 function sentence(text) {
@@ -75,7 +75,10 @@ export class StateBar {
   }
 
   /** The command line of the run, for when it has ended. */
-  set command(text) { put(this.#cover.querySelector("#command"), text); }
+  set command(text) {
+    const words = text.split(" ").flatMap((word) => [" ", Object.assign(document.createElement("span"), { textContent: word })]);
+    this.#cover.querySelector("#command").replaceChildren(...words.slice(1));
+  }
 
   #ask(action) {
     this.#refused = "";

@@ -105,6 +105,8 @@ export class Timeline {
       slider.addEventListener("change", () => send({ action: "seek", value: Math.min(slider.valueAsNumber, this.#transport.duration) }));
       const row = made("div", { className: "transport" });
       row.append(play, slider, words);
+      this.#pause.hidden = true;
+      play.setAttribute("aria-keyshortcuts", "p");
       this.#node.append(row);
       this.#transport = { play, slider, words };
     }
@@ -131,7 +133,7 @@ export class Timeline {
     button("+", "Show less time", () => this.#zoom(-1));
     addEventListener("keydown", (event) => {
       if (event.target.closest?.("input, select") || event.ctrlKey || event.metaKey) return;
-      ({ p: () => this.#toggle(), "+": () => this.#zoom(-1), "-": () => this.#zoom(1) })[event.key.toLowerCase()]?.();
+      ({ p: () => (this.#transport ? this.#transport.play.click() : this.#toggle()), "+": () => this.#zoom(-1), "-": () => this.#zoom(1) })[event.key.toLowerCase()]?.();
     });
   }
 

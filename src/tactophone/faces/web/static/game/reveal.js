@@ -15,7 +15,7 @@ new ResizeObserver(drawStones).observe($("lifted"));
 /** Show a finished round. */
 export function reveal({ result, past, kept }, { steps, track }) {
   put($("verdict"), ["Neither was rough", "One of two is right", "Both are right"][result.correct]);
-  put($("took"), `${formatNumber(result.duration, 0, "s")}${result.trainer ? ", with the trainer on: not scored" : ""}.${past.rounds ? ` So far ${past.right} of ${past.rounds} rounds all right, ${formatNumber(past.median_duration, 0, "s")} in the median.` : ""}`);
+  put($("took"), `${formatNumber(result.duration, 0, "s")}${result.trainer ? ", with the trainer on: not scored" : ""}.${past.rounds > 1 ? ` So far ${past.right} of ${past.rounds} rounds right, median ${formatNumber(past.median_duration, 0, "s")}.` : ""}`);
   list($("score"), [
     ["strokes", formatNumber(result.strokes.reduce((a, b) => a + b))],
     ["press to sound", result.round_trip === null ? "–" : formatNumber(1000 * result.round_trip, 0, "ms")],
