@@ -188,8 +188,8 @@ def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, ti
     output.show(result, _fitted(result), as_json=args.json)
     if screen.page is not None:
         content = output.finite(output.as_values(result))
-        words = f"written: {file}; {_estimate(result.fit)}. Now feel with it: tactophone receive --model {file}"
-        screen.page.show(result=content | {"words": words})
+        words = f"Written: {file}; {_estimate(result.fit)}. Now feel with it:"
+        screen.page.show(result=content | {"words": words, "command": f"tactophone receive --model {file}"})
     return 0
 
 

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return
     parser.add_argument(
         "name", nargs="?",
-        help="of the run, as `tactophone status` shows it (default: every run here that can vibrate; arm takes "
+        help="name of the run, as `tactophone status` shows it (default: every run here that can vibrate; arm takes "
         "the only one)")  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 // The page of a guided command: its steps, the button of each step, meters, and the result; it decides nothing itself.
 
-import { capital, percent, put } from "./text.js";
+import { capital, percent, put, putCommand } from "./text.js";
 import { socketTo } from "./feed.js";
 import { Meter } from "./meter.js";
 
@@ -72,7 +72,7 @@ function showCountdown([left, whole]) {
 /** A finding of the terminal as a sentence of the page. */
 const shown = (line) => capital(line).replaceAll("`", "");
 
-function showResult({ objects, before, after, words, findings = [] }) {
+function showResult({ objects, before, after, words, command, findings = [] }) {
   const share = (value) => (value === null ? "–" : percent(value));
   const rows = [...objects, { name: "balanced", rough: null, before, after }].map(({ name, rough, before, after }) => {
     const row = document.createElement("tr");
@@ -81,6 +81,7 @@ function showResult({ objects, before, after, words, findings = [] }) {
   });
   $("objects").replaceChildren(...rows);
   put($("summary"), words);
+  putCommand($("next"), command);
   $("findings").replaceChildren(...findings.map((line) => element("li", shown(line))));
   put($("instruction"), "Finished: the result is below, with what to run next.");
   $("result-panel").hidden = false;

@@ -1,6 +1,6 @@
 // The state bar of every page that can vibrate: starting, live, muted, stopped, no data, replay or ended; why; and the buttons Mute and Stop.
 
-import { capital, formatNumber, put } from "./text.js";
+import { capital, formatNumber, put, putCommand } from "./text.js";
 import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
@@ -76,8 +76,7 @@ export class StateBar {
 
   /** The command line of the run, for when it has ended. */
   set command(text) {
-    const words = text.split(" ").flatMap((word) => [" ", Object.assign(document.createElement("span"), { textContent: word })]);
-    this.#cover.querySelector("#command").replaceChildren(...words.slice(1));
+    putCommand(this.#cover.querySelector("#command"), text);
   }
 
   #ask(action) {

@@ -47,3 +47,9 @@ export function showFaults(node, faults) {
   node.dataset.texts = texts.join("\n");
   node.replaceChildren(...texts.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
 }
+
+/** Write a command line that breaks between its words alone. */
+export function putCommand(node, text) {
+  const words = text.split(" ").flatMap((word) => [" ", Object.assign(document.createElement("span"), { textContent: word })]);
+  node.replaceChildren(...words.slice(1));
+}
