@@ -39,10 +39,9 @@ def test_each_card_of_the_network_has_the_papers_settings_and_its_scores(name: s
     assert (card.gate.threshold_dbfs, card.gate.rule) == (-26.0, "rms")
     assert card.training["settings"]["labelling"]["loudness"] == "rms"
     assert "simulated sound alone" in card.licence
-    accuracy, low, high = card.scores["simulated, held out"]["balanced_accuracy, two-class rule"]
-    # Of ten frozen objects; the models before, scored on three easier ones, had over 0.6.
-    assert card.scores["simulated, held out"]["surfaces"] == 10
-    assert 0.55 < low <= accuracy <= high
+    (accuracy,) = card.scores["simulated, held out"]["balanced_accuracy, two-class rule"]
+    assert card.scores["simulated, held out"]["surfaces"] == 10  # four of them smooth, too few for an interval
+    assert accuracy > 0.7
 
 
 @pytest.mark.parametrize("name", shipped_models())
