@@ -62,12 +62,10 @@ def _parts(
     yield f"share of the new parameters: {share:.0%}; {seconds:.0f} s; intervals: 90 %"
     new, elsewhere = (changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
     if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
-        output.log().print(
-            "warning: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
-        )
+        output.log().print("warning: no better on the new objects, or 2 points worse elsewhere; keep the old model")
     rate = changes[GENERAL]["false_positive_rate"]
     words = (
-        f" elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing was written: "
+        f" elsewhere smooth as rough is now {rate.after} (was {rate.before}); nothing was written: "
         "record smooth objects too, or add --anyway"
     )
     yield str(file) if file else output.styled("red", "refused:", words)

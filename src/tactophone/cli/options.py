@@ -168,8 +168,7 @@ def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None
         return
     value = default if default is not None else unset[0] if unset else setting.default
     shown = "" if value == "" else f" (default: {value})"
-    number = isinstance(setting.default, int | float)
-    kind = "S" if setting.unit == "s" else "N" if number else setting.flag.removeprefix("--").upper()
+    kind = "S" if setting.unit == "s" else "N" if isinstance(setting.default, int | float) else setting.flag[2:].upper()
     group.add_argument(setting.flag, dest=name, action="append" if name == "link.peer" else "store",
         metavar="NAME[:DEVICE]" if setting.device else kind, help=f"{words}{shown}")  # fmt: skip
 
