@@ -203,8 +203,9 @@ class Oscillator(Renderer):
         # Turns since the segment began: the target's, f n, and what the gap in frequency adds, (f0 - f) sum(r^k).
         np.add(self._counts[:size], self._age, out=phases)
         phases *= self._frequency
-        np.multiply(self._decay_sum[first : first + size], self._frequency_gap, out=envelope)
-        phases += envelope
+        if self._frequency_gap:
+            np.multiply(self._decay_sum[first : first + size], self._frequency_gap, out=envelope)
+            phases += envelope
         phases *= 1 / self.sample_rate
         phases += self._phase
         # Whole turns are removed before the sine, which is exact and fast near zero only.

@@ -27,7 +27,7 @@ import numpy as np
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
 from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BANDS_WINDOW, Ear, LoudnessRule
-from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, NoiseFloor, RecordingFloor
+from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, Floats, NoiseFloor, RecordingFloor
 
 CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
@@ -234,7 +234,7 @@ class ContactGate:
             self._lasted, self._believed = 0, self._steps >= self._believed_from
         return self._report()
 
-    def _end_hop(self, slow: float, bands: FloatArray) -> list[Contact]:
+    def _end_hop(self, slow: float, bands: Floats) -> list[Contact]:
         """Ask the bands, and let the floor follow."""
         level_dbfs = 20 / self.ear.steps.power * math.log10(slow) if slow > 0 else math.nan
         if self._by_bands and self.floor:
@@ -248,7 +248,7 @@ class ContactGate:
                 self._move(self.floor)
         return self._report(due=self._steps % (2 * self._hop) == 0)
 
-    def _hear(self, floor: NoiseFloor, bands: FloatArray) -> None:
+    def _hear(self, floor: NoiseFloor, bands: Floats) -> None:
         over = float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0))) / BANDS  # their mean
         self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)  # false where it is NaN
         self._silent_for = 0 if self._heard else self._hold + 1 if math.isnan(over) else self._silent_for + self._hop
@@ -295,4 +295,4 @@ class ContactGate:
         self._set(floor.threshold_dbfs, floor.release_dbfs)
 
 
-_NO_BANDS = np.zeros(0, np.float32)
+_NO_BANDS = np.zeros(0)

@@ -306,7 +306,7 @@ class Ear:
     def reset(self) -> None:
         count = len(self._powers)
         self.slow, self.fast = [list[float]() for _ in range(count)], [list[float]() for _ in range(count)]
-        self.bands: list[list[FloatArray]] = [[] for _ in range(count)]
+        self.bands: list[list[NDArray[np.float64]]] = [[] for _ in range(count)]
         self.ahead = 0
         self.steps.reset()
         self._powers[:] = 0
@@ -322,7 +322,8 @@ class Ear:
         self._measure(contacts[:, self.ahead :])
         self.ahead = max(0, self.ahead - contacts.shape[1])
         for rows in self._bands.push(contacts) if self._bands else ():
-            for queue, row in zip(self.bands, rows, strict=True):
+            # In the precision of the floors, or NumPy would convert them in each sum.
+            for queue, row in zip(self.bands, rows.astype(np.float64), strict=True):
                 queue.append(row)
 
     def hear_ahead(self, contacts: FloatArray) -> None:

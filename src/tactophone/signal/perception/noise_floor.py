@@ -28,7 +28,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.core.microphones import CONTACT
-from tactophone.core.types import AudioBlock, FloatArray
+from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.levels import BANDS, BANDS_HOP, SLOW, BandLevels, LoudnessRule, StepLevels
 
 Floats = NDArray[np.float64]
@@ -169,7 +169,7 @@ class NoiseFloor:
         self.margin_db = other.margin_db
         self._levels, self._highest, self._variance = other._levels.copy(), other._highest, other._variance
 
-    def push(self, level_dbfs: float, bands: FloatArray, *, touching: bool, loud: bool) -> None:
+    def push(self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool) -> None:
         """Take the next levels, whether there is contact, and whether the gate's own level says so.
 
         A level of NaN stands for sound that is not to be used.
