@@ -221,3 +221,27 @@ def test_a_detector_of_a_users_own_needs_no_more_than_its_contract_lists() -> No
     touches = [step.predictions[0].touch for step in Hand(fingers).push(loud)]
     assert touches == [Touch.ROUGH, Touch.NONE]
     assert fingers[0].flush(loud).predictions == ()
+
+
+@pytest.mark.parametrize("name", ["texture", "stylus"])
+@pytest.mark.parametrize("fingers", [1, 3])
+def test_a_hand_whose_sound_waits_predicts_what_each_finger_does_alone(name: str, fingers: int) -> None:
+    def opened() -> Pipeline:
+        return open_pipeline(name, sample_rate=RATE, channels=2)
+
+    stroke = strokes(duration=2) * np.float32([1, 0.3])
+    sound = np.hstack([np.roll(stroke, 4800 * finger, axis=0) for finger in range(fingers)])
+    hand, alone = Hand([opened() for _ in range(fingers)]), [opened() for _ in range(fingers)]
+    found: list[list[Prediction]] = [[] for _ in range(fingers)]
+    expected: list[list[Prediction]] = [[] for _ in range(fingers)]
+    for number, start in enumerate(range(0, len(sound), 120)):
+        moving = number % 7 > 3  # also where sound waits
+        block = AudioBlock(sound[start : start + 120], RATE, start, moving=moving)
+        for step in hand.push(block):
+            found[step.finger] += step.predictions
+        for finger, pipeline in enumerate(alone):
+            part = np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + 2])
+            expected[finger] += pipeline.push(AudioBlock(part, RATE, start, moving=moving)).predictions
+    for one, other in zip(found, expected, strict=True):
+        assert len(one) > 100
+        assert [(each.touch, each.end) for each in one] == [(each.touch, each.end) for each in other[: len(one)]]

@@ -181,6 +181,8 @@ class ContactGate:
     def quiet(self) -> bool:
         """Whether the level says of what was heard and not pushed what it said before; then it may wait `patience`."""
         plain = self.threshold.dbfs == self._threshold_dbfs and self.threshold.follows_floor is self._following
+        if self._open and self._lasted < self._early:
+            return False  # the bands are about to confirm it, or to end it
         return plain and self._stays(self.ear.slow[self._finger], self.ear.fast[self._finger])
 
     def _take(self, steps: int) -> list[Contact]:
