@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -80,7 +81,7 @@ def test_each_card_has_the_recipe_of_its_command(name: str, made: list[list[str]
     card, recipe = read_model(model_path(name)).card, training_of(name, made)[1].configured()
     if isinstance(recipe, FeatureRecipe):
         through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in recipe.codecs]
-        expected = {"recipe": recipe.name, "through": ["nothing", *through]}
+        expected: dict[str, Any] = {"recipe": recipe.name, "through": ["nothing", *through]}
         assert card.decision == recipe.recipe.response_for(card.tip).decision
     else:
         settings = json.loads(json.dumps(asdict(recipe.settings)))
