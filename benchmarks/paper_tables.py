@@ -562,7 +562,7 @@ def main() -> None:
     args = parser.parse_args()
     cache = Cache(args.cache) if args.cache else default_cache()
     names = [name for name in args.methods.split(",") if name]
-    if args.form == "markdown":
+    if args.form == "markdown" and "1" in args.tables:
         print(PAGE_HEAD)
     try:
         if {"1", "2", "ablations"} & {*args.tables} and not args.data:
