@@ -42,7 +42,7 @@ def test_a_model_with_more_false_positives_elsewhere_is_refused_unless_anyway(
     assert main(command) == 1
     shown = " ".join(capsys.readouterr().out.split())
     # One smooth surface elsewhere: no interval.
-    assert "refused: elsewhere smooth as rough is 1.000, with the model before 0.000; nothing was written" in shown
+    assert "refused: elsewhere smooth as rough is now 1.000 (was 0.000); nothing was written" in shown
     assert not out.exists()
     assert main([*command, "--anyway", "--json"]) == 0
     change = json.loads(capsys.readouterr().out)["general test set"]["false_positive_rate"]
