@@ -72,6 +72,7 @@ def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
     """Open a model that classifies nothing, which takes most of the time and changes no notice."""
     detector = open_detector(model, sample_rate=sound[0].sample_rate, follow_floor=True).detector
     detector.classify = lambda windows, *_: [(CERTAINLY_NONE, np.zeros(0, np.float32))] * len(windows)
+    detector.no_touch = None  # it reads features, of which there are none
     return detector
 
 

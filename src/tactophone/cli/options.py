@@ -224,11 +224,12 @@ def add_json(parser: argparse.ArgumentParser, words: str = "print JSON, for a pr
 def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings:
     """Return the settings in force: defaults < ``--settings`` < options < ``--set``; ``--fingers`` adds to each finger.
 
-    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; a settings file and options change them.
+    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come before the options.
     """
-    settings = change(Settings(), usual)
+    settings = Settings()
     for path in getattr(args, "settings", ()):
         settings = read_settings(path, settings)
+    settings = change(settings, usual)
     for name, value in vars(args).items():
         if name in SETTINGS and value is not None:
             settings = change(settings, _assignments(name, value), where=SETTINGS[name].flag)

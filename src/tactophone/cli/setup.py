@@ -26,6 +26,7 @@ from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.calibration import CalibrationResult, Finding
@@ -154,8 +155,12 @@ class Steps:
         return record_step(audio, blocks, act, instruction, meters=self._meters, screen=self._screen, wait=self._wait)
 
 
+def _settings(args: argparse.Namespace) -> Settings:
+    return options.settings_of(args, () if args.settings else USUAL)
+
+
 def run(args: argparse.Namespace) -> int:
-    settings = options.settings_of(args, USUAL)
+    settings = _settings(args)
     if args.check:
         return _check_set_up(args)
     file = args.out or Path("finger.onnx")
@@ -203,7 +208,7 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
 
 def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     """Show the picture and read the answer; the setting where nobody is asked."""
-    tip = options.settings_of(args, USUAL).capture.tip
+    tip = _settings(args).capture.tip
     if args.yes or not screen.answers:
         return tip
     keys = f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}"
@@ -227,7 +232,7 @@ def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str
 
 
 def _check_set_up(args: argparse.Namespace) -> int:
-    settings = options.settings_of(args, USUAL)
+    settings = _settings(args)
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
     page = GuidePage(wait=not args.yes) if args.dashboard else None
