@@ -380,7 +380,7 @@ def _count_frames(paths: Iterable[Path]) -> int:
     for path in paths:
         try:
             head = parquet.read_metadata(path)
-        except (pyarrow.ArrowException, OSError) as error:
+        except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?") from None
         count += head.num_rows
