@@ -41,7 +41,7 @@ QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will sl
 ROBOT_QUESTION = "Does a robot move this finger?"
 
 USUAL = ("simulation.gain_db=-20",)
-"""At 0 dB the simulated finger clips on rough objects, which is refused."""
+"""At 0 dB the simulated finger clips on rough objects, which is refused; a settings file has its own."""
 
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
@@ -132,7 +132,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--check", action="store_true", help=words)
     add("--false-alarms", default="1/min", metavar="N/min",
         help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
-    options.add_settings(parser, "setup", USUAL)
+    options.add_settings(parser, "setup")
     options.add_finger(parser)
 
 
