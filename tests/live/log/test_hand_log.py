@@ -167,4 +167,4 @@ def test_a_bag_holds_the_topics_of_each_finger(log: Path, tmp_path: Path) -> Non
         topics = {connection.topic: connection.msgcount for connection in bag.connections}
     for finger in ("thumb", "index"):
         assert topics[f"/tactophone/{finger}/prediction"] > 150
-        assert topics[f"/tactophone/{finger}/audio"] > 500
+        assert topics[f"/tactophone/{finger}/audio"] > 150  # the sound of a window in one
