@@ -23,6 +23,7 @@ operator is the same for every method and has no input but the vibration; it is 
 """
 
 import argparse
+import ast
 import hashlib
 import math
 import re
@@ -195,9 +196,7 @@ class KeptMethod(NetworkMethod):
     report: Callable[[str], None] = lambda note: None
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        package = Path(str(files("tactophone")))
-        code = b"".join((package / name).read_bytes() for name in NETWORK_CODE)
-        key = hashlib.sha256(f"{self.identity}\n{fingerprint(recordings)}\n".encode() + code).hexdigest()[:16]
+        key = training_key(self, recordings)
         path, checkpoint = self.folder / f"{self.title}-{key}.onnx", self.folder / f"{self.title}-{key}.unfinished"
         if not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -209,6 +208,13 @@ class KeptMethod(NetworkMethod):
             )
             checkpoint.unlink(missing_ok=True)
         return model_predictor(read_model(path))
+
+
+def training_key(method: NetworkMethod, recordings: Sequence[Recording]) -> str:
+    """Hash what a model follows from: recipe, recordings and the statements of `NETWORK_CODE`, however laid out."""
+    package = Path(str(files("tactophone")))
+    code = (ast.dump(ast.parse((package / name).read_bytes())) for name in NETWORK_CODE)
+    return hashlib.sha256("\n".join((method.identity, fingerprint(recordings), *code)).encode()).hexdigest()[:16]
 
 
 def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> KeptMethod:

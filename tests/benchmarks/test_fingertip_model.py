@@ -1,13 +1,7 @@
 import numpy as np
 import pytest
 
-from simulated_operator import (
-    FULL_DRIVE_DB,
-    Percepts,
-    add_internal_noise,
-    perceive,
-    threshold_db,
-)
+from simulated_operator import FULL_DRIVE_DB, Percepts, add_internal_noise, perceive, threshold_db
 
 RATE = 48_000
 

@@ -1,15 +1,7 @@
 import numpy as np
 import pytest
 
-from simulated_operator import (
-    Operator,
-    Percepts,
-    Visits,
-    perceive,
-    perceive_visits,
-    play_rounds,
-    render_visits,
-)
+from simulated_operator import Operator, Percepts, Visits, perceive, perceive_visits, play_rounds, render_visits
 from tactophone.core.types import Touch
 
 RATE = 48_000

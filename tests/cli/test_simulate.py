@@ -28,11 +28,7 @@ def test_a_hand_has_a_labelled_recording_for_each_finger(tmp_path: Path, capsys:
 @pytest.mark.slow
 def test_runs_are_rendered_with_their_truth(tmp_path: Path) -> None:
     assert main(["simulate", "competition", str(tmp_path), "--runs", "1"]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "day_1_run_1.flac",
-        "day_2_run_1.flac",
-        "metadata.csv",
-    }
+    assert {path.name for path in tmp_path.iterdir()} == {"day_1_run_1.flac", "day_2_run_1.flac", "metadata.csv"}
 
 
 def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixture[str]) -> None:

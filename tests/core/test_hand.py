@@ -97,12 +97,7 @@ def test_sound_of_another_number_of_fingers_raises(model: str) -> None:
 
 
 def journey(
-    model: str,
-    fingers: int,
-    *,
-    codec: Codec,
-    lost: Iterator[bool] | None = None,
-    send_predictions: bool = False,
+    model: str, fingers: int, *, codec: Codec, lost: Iterator[bool] | None = None, send_predictions: bool = False
 ) -> list[PipelineStep]:
     robot, operator = paired_sessions(codec)
     detectors = [pipeline_of(model).detector for _ in range(fingers)] if send_predictions else None

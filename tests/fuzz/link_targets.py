@@ -23,14 +23,7 @@ from tactophone.net.link.packet import (
     write_predictions,
 )
 from tactophone.net.link.receive import ReceiveSession
-from tactophone.net.link.rtcp import (
-    Goodbye,
-    Introduction,
-    ReceiverReport,
-    ReceiverRequest,
-    SenderReport,
-    parse_report,
-)
+from tactophone.net.link.rtcp import Goodbye, Introduction, ReceiverReport, ReceiverRequest, SenderReport, parse_report
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
 from tactophone.net.link.udp import CHANNEL_HEADER

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from tactophone.app import lerobot
-from tactophone.app.log_sound import write_sound
+from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay
 from tactophone.core.errors import TactophoneError
 from tactophone.core.types import HapticCommand, Prediction, Touch

@@ -76,8 +76,7 @@ def test_a_killed_robot_is_silent_within_100_ms_and_leaves_no_stale_pulse(seed: 
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "frequency", "late"),
-    list(itertools.product((math.nan, -1.0), (120.0, math.inf), (0.0, -5.0))),
+    ("amplitude", "frequency", "late"), list(itertools.product((math.nan, -1.0), (120.0, math.inf), (0.0, -5.0)))
 )
 def test_what_is_no_command_is_silence(amplitude: float, frequency: float, late: float) -> None:
     source = TouchSource(

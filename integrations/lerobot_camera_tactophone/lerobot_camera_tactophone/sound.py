@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lerobot_camera_tactophone.picture import Picture
 from tactophone import AudioBlock
-from tactophone.app.log_sound import SoundDecoder, decoded_blocks
+from tactophone.app.logged_run import SoundDecoder, decoded_blocks
 from tactophone.core.prediction_fields import prediction_of
 from tactophone.live.log.mcap import LoggedPrediction, read_log
 from tactophone.live.telemetry.records import read_records

@@ -136,7 +136,7 @@ def sounds_of(
         if not is_mcap(path):
             yield path
             continue
-        from tactophone.app.log_sound import write_sound  # for logs alone: it needs the extras link and record
+        from tactophone.app.logged_run import write_sound  # for logs alone: it needs the extras link and record
 
         try:
             yield from [sound.path for sound in write_sound(path, folder, finger=finger)]

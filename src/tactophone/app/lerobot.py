@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.app.log_sound import write_sound
+from tactophone.app.logged_run import write_sound
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
 from tactophone.core.types import EVENT_KINDS, Touch

@@ -1,4 +1,4 @@
-"""The run in a log: its settings, what its operator's end processed at each moment, and that end, opened again.
+"""The run in a log: its settings, what its operator's end processed at each moment, that end opened again, its sound.
 
 The same endpoint gets the same packets at the same times, without network or clock. Needs the link's libraries.
 """
@@ -6,25 +6,33 @@ The same endpoint gets the same packets at the same times, without network or cl
 import hashlib
 import itertools
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
+import numpy as np
+import soundfile
+
 from tactophone.core.errors import ConfigError, DatasetError
-from tactophone.core.hand import channels_of, each_finger, of_finger
+from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
+from tactophone.core.processes import make_room
 from tactophone.core.settings import Finger, Settings, change, set_value
-from tactophone.core.types import PipelineStep
-from tactophone.live.log.mcap import LogEnd, LogEntry, LoggedPrediction
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
+from tactophone.live.log.log_topics import topics_of
+from tactophone.live.log.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
+from tactophone.live.log.sound import SoundMessages
 from tactophone.live.runtime.output_gate import FingerOutput
 from tactophone.live.runtime.wiring import open_pipeline_for
 from tactophone.live.telemetry.layout import Request
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.net.endpoints import OperatorEndpoint
-from tactophone.net.link.events import LoggedSession
+from tactophone.net.link.events import Connected, LoggedSession
 from tactophone.net.link.packet import Address
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.session import Session
+from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.perception.models import default_model, model_path, shipped_models
@@ -32,8 +40,10 @@ from tactophone.signal.pipeline import Hand, Pipeline
 
 Change = Callable[[Settings], Settings]
 
-NOWHERE: Address = ("", 0)
-"""Where the packets of a log come from."""
+LONGEST_GAP = 1.0
+"""Seconds without sound that are rendered as silence; a longer gap, such as a night, is noted and left out."""
+
+_NOWHERE: Address = ("", 0)
 
 _CALIBRATION, _MODEL, _CEILING = "detector.calibration", "detector.model", "rendering.ceiling"
 
@@ -74,7 +84,7 @@ def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
         yield pending
 
 
-def open_session() -> tuple[LoggedSession, ReceiveSession]:
+def _open_session() -> tuple[LoggedSession, ReceiveSession]:
     logged = LoggedSession()
     return logged, ReceiveSession(cast(Session, logged))
 
@@ -101,7 +111,7 @@ class LoggedEndpoint:
                 if hashlib.file_digest(file, "sha256").hexdigest() != run.models.get(name):
                     self.notes.append(f"the model {name} here is not the one that the run used")
         self._calibrations = [finger["calibration"] for finger in run.fingers] or [""]
-        self._session, session = open_session()
+        self._session, session = _open_session()
         channels = channels_of(self.settings, alone=2)
         hand = Hand([self.open(count, finger=finger) for finger, count in enumerate(channels)], channels=channels)
         self.endpoint = OperatorEndpoint(session, hand, reopen=None if self.settings.is_hand else self.open)
@@ -127,7 +137,7 @@ class LoggedEndpoint:
         Beside each, whether it is certain: where a control changed while a step was computed, the log cannot say
         whether that was before its command or after.
         """
-        datagrams = [(content, NOWHERE) for content in wake_up.received]
+        datagrams = [(content, _NOWHERE) for content in wake_up.received]
         self._session.polled = list(wake_up.polled)
         steps = itertools.chain(self.endpoint.receive(datagrams, now=wake_up.time), self.endpoint.poll(wake_up.time))
         for number, (_, step) in enumerate(steps, 1):
@@ -202,3 +212,124 @@ def _bounded(settings: Settings, ceiling: float) -> Settings:
         for each in settings.fingers
     )
     return replace(settings, rendering=rendering, fingers=tuple(fingers))
+
+
+class SoundDecoder:
+    """Decodes the sound of a log as it comes: ``push`` takes its next entries."""
+
+    def __init__(self) -> None:
+        self._logged, self._session = _open_session()
+
+    def push(self, entries: Iterable[LogEntry]) -> Iterator[AudioBlock | Connected]:
+        """Yield the blocks of sound, and where another session begins."""
+        for item in wake_ups(entries):
+            if isinstance(item, RunStart):
+                self._logged, self._session = _open_session()
+            if not isinstance(item, WakeUp):
+                continue
+            self._logged.polled = list(item.polled)
+            events = self._session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
+            for event in [*events, *self._session.poll(item.time)]:
+                match event:
+                    case DecodedAudio(block):
+                        yield block
+                    case Connected():
+                        yield event
+
+
+def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBlock]]:
+    """Yield the blocks of sound in a log, each with the number of its session; a gap over `LONGEST_GAP` begins one."""
+    number, reached = 0, None
+    for item in SoundDecoder().push(entries):
+        if not isinstance(item, AudioBlock):
+            reached = None
+            continue
+        if reached is None or not 0 <= item.start - reached <= LONGEST_GAP * LIVE_SAMPLE_RATE:
+            number += 1
+        reached = item.end
+        yield number, item
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSound:
+    """The sound of one session of a log, counted from 1, at one finger; its name is empty for the only one."""
+
+    path: Path
+    session: int
+    finger: str = ""
+
+
+def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
+    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
+
+    Gaps too long to be concealed are silence; over `LONGEST_GAP` another file begins. Raises `DatasetError` if the log
+    has no such finger or no sound: a link may carry predictions only.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    settings = settings_of(start)
+    names, channels = names_of(settings), channels_of(settings, alone=2)
+    if finger and finger not in names:
+        known = f"there are {', '.join(names)}" if any(names) else "it has a single, unnamed finger"
+        raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
+    written: list[SessionSound] = []
+    for number, group in itertools.groupby(decoded_blocks(read_log(log)), key=lambda each: each[0]):
+        blocks = (block for _, block in group)
+        first = next(blocks)
+        if max(1, first.channels // 2) != len(names):
+            continue  # of a robot with another number of fingers, which the operator refused
+        with ExitStack() as stack:
+            files = []
+            for place, (name, count) in enumerate(zip(names, channels, strict=True)):
+                if finger in ("", name):
+                    parts = (log.stem, name, "" if number == 1 else str(number))
+                    path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                    make_room(path)
+                    columns = slice(2 * place, min(2 * place + count, first.channels))
+                    size = columns.stop - columns.start
+                    file = soundfile.SoundFile(path, "w", LIVE_SAMPLE_RATE, size, "FLOAT")
+                    files.append((stack.enter_context(file), columns))
+                    written.append(SessionSound(path, number, name))
+            for samples in _without_gaps(itertools.chain([first], blocks)):
+                for file, columns in files:
+                    file.write(samples[:, columns])
+    if not written:
+        raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
+    return written
+
+
+def _without_gaps(blocks: Iterable[AudioBlock]) -> Iterator[FloatArray]:
+    """Yield the samples of blocks with silence between them where some are missing, all with as many channels."""
+    reached = channels = 0
+    for block in blocks:
+        channels = channels or block.channels
+        if reached and block.start > reached:
+            yield np.zeros((block.start - reached, channels), np.float32)
+        reached = block.end
+        yield block.samples if block.channels == channels else np.repeat(block.samples, channels, axis=1)[:, :channels]
+
+
+def add_sound(log: Path, path: Path) -> Path:
+    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or samples of 16 bits.
+
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    names = names_of(settings_of(start))
+    if path.exists() and path.samefile(log):
+        raise ConfigError(f"{path}: the log itself; name another file")
+    sound = SoundMessages(names)
+    try:
+        with LogFile(path, topics_of(names, sound=True)) as copy:
+            for message in read_messages(log):
+                if isinstance(message, LogEnd):
+                    added = sound.flush()
+                else:
+                    added = sound.push(message.topic.name, message.data)
+                    copy.write(message)
+                for each in added:
+                    copy.write(each)
+    except ValueError as error:
+        raise DatasetError(f"{log}: a message cannot be read ({error}); was the file changed?") from error
+    except OSError as error:
+        raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
+    return path

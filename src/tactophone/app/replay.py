@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.app.log_sound import LONGEST_GAP, add_sound, write_sound
-from tactophone.app.logged_run import Change, LoggedEndpoint, WakeUp, wake_ups
+from tactophone.app.logged_run import LONGEST_GAP, Change, LoggedEndpoint, WakeUp, add_sound, wake_ups, write_sound
 from tactophone.app.playback import Take
 from tactophone.app.plot import draw_recording
 from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
@@ -248,10 +247,10 @@ def replay_log(
         for finger in fingers:
             files |= {f"{finger.name} {kind}".strip(): path for kind, path in finger.files.items()}
     else:
-        _complete_steps(replay)
+        deque(replay.steps(), maxlen=0)
     if replay.lowered:
         replay = Replay(read_log(log), changed)
-        _complete_steps(replay)
+        deque(replay.steps(), maxlen=0)
         replay.notes.append(
             f"the ceiling of the run was above {ceiling:g}, to which what is written is bounded: --ceiling raises that"
         )
@@ -287,11 +286,6 @@ def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
 def _ceiling(changes: Sequence[str]) -> float:
     """Return what bounds the ceiling of a log: this machine's usual one, unless another was chosen."""
     return 1.0 if any(text.startswith("rendering.ceiling=") for text in changes) else DEFAULT_CEILING
-
-
-def _complete_steps(replay: Replay) -> None:
-    for _ in replay.steps():
-        pass
 
 
 def _write_bag(replay: Replay, log: Path, path: Path) -> Path:

@@ -145,7 +145,7 @@ def _split(args: argparse.Namespace) -> int:
 
 def _import_log(args: argparse.Namespace, log: Path) -> int:
     """Make a take of each session of a log, and of each finger of a hand."""
-    from tactophone.app.log_sound import write_sound
+    from tactophone.app.logged_run import write_sound
 
     if args.label not in LABEL_NAMES:
         raise ConfigError(f"--label {args.label}: must be one of {', '.join(filter(None, LABEL_NAMES))}")

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.app.evaluation import (
-    HEADLINE,
-    Progress,
-    compare_recipes,
-    evaluate_model,
-    evaluate_recipe,
-    note_scores,
-)
+from tactophone.app.evaluation import HEADLINE, Progress, compare_recipes, evaluate_model, evaluate_recipe, note_scores
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within

@@ -32,14 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from tactophone.app.lerobot import export
 
-    found = export(
-        args.log,
-        args.dataset,
-        args.out,
-        episode=args.episode,
-        start=args.start,
-        into_state=args.into_state,
-    )
+    found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start, into_state=args.into_state)
     words = (
         f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
         f"{found.frames} frames; {len(found.sound)} files of sound"

@@ -8,12 +8,7 @@ import pytest
 from tactophone.core.errors import ConfigError
 from tactophone.lab.benchmark.folds import Cache
 from tactophone.lab.benchmark.methods import FAST_STEPS, NO_AIR, method_names, methods_for
-from tactophone.lab.benchmark.plan import (
-    folds_with_edges,
-    origin_of,
-    run_benchmark,
-    splits_of,
-)
+from tactophone.lab.benchmark.plan import folds_with_edges, origin_of, run_benchmark, splits_of
 from tactophone.lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult
 from tactophone.lab.dataset.values import Dataset

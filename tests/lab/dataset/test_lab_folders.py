@@ -58,8 +58,7 @@ def test_a_name_under_both_labels_is_two_surfaces_and_sides_are_kept(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    "names",
-    [("piezo/rough/a_1.wav", "mems/rough/a_1.wav"), ("rough/a_1_contact.wav", "rough/a_1_air.wav")],
+    "names", [("piezo/rough/a_1.wav", "mems/rough/a_1.wav"), ("rough/a_1_contact.wav", "rough/a_1_air.wav")]
 )
 def test_a_mono_pair_becomes_one_recording_of_two_channels(tmp_path: Path, names: tuple[str, str]) -> None:
     contact, air = (write(tmp_path / "theirs" / name, touches(seed)) for seed, name in enumerate(names))

@@ -38,10 +38,7 @@ def test_one_in_a_hundred_smooth_windows_may_be_exceeded() -> None:
     smooth = np.linspace(0, 0.5, 100)
     rough = np.array([0.3, 0.4975, 0.51, 0.6])
     made = sort_scores(
-        np.concatenate([smooth, rough]),
-        rough=np.arange(104) >= 100,
-        surface=np.zeros(104, int),
-        names=("one",),
+        np.concatenate([smooth, rough]), rough=np.arange(104) >= 100, surface=np.zeros(104, int), names=("one",)
     )
     assert measure(made)["recall_at_1"] == 0.75
 

@@ -5,14 +5,7 @@ import pytest
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
-from tactophone.lab.simulation.catalogue import (
-    PAPER,
-    TEST,
-    catalogue,
-    find,
-    surface,
-    surface_roughness,
-)
+from tactophone.lab.simulation.catalogue import PAPER, TEST, catalogue, find, surface, surface_roughness
 
 AUTHORS_ROUGH = {0, 1, 8, 11, 13, 15, 17, 19, 20, 22}
 

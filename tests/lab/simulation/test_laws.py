@@ -42,12 +42,7 @@ def nominal(tip: str) -> SessionVariation:
 
 
 def slide(
-    obj: SimulatedObject,
-    session: SessionVariation,
-    *,
-    speed: float = SPEED,
-    seconds: float = 1.0,
-    force: float = 1.0,
+    obj: SimulatedObject, session: SessionVariation, *, speed: float = SPEED, seconds: float = 1.0, force: float = 1.0
 ) -> np.ndarray:
     """The air channel of steady sliding."""
     place = (0.04, 0.035)

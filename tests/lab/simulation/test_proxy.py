@@ -52,14 +52,7 @@ def test_a_session_over_real_sockets_and_a_bad_link_survives_a_restart() -> None
             assert operator.counters["handshakes"] == start
 
 
-def call(
-    robot: SendGroup,
-    robots: UdpSocket,
-    operator: ReceiveSession,
-    operators: UdpSocket,
-    *,
-    seconds: float,
-) -> int:
+def call(robot: SendGroup, robots: UdpSocket, operator: ReceiveSession, operators: UdpSocket, *, seconds: float) -> int:
     """Send silence for a while; return the number of packets decoded."""
     decoded, begun = 0, time.monotonic()
     for step in range(round(seconds / 0.005)):

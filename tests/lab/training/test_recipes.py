@@ -149,12 +149,7 @@ def test_where_the_paper_and_its_reference_code_differ() -> None:
         "relative": False,
         "quiet_rough": True,
     }
-    assert code["labelling"] == {
-        "loudness": "mean_absolute",
-        "threshold": 1.0,
-        "relative": True,
-        "quiet_rough": False,
-    }
+    assert code["labelling"] == {"loudness": "mean_absolute", "threshold": 1.0, "relative": True, "quiet_rough": False}
 
 
 def test_every_recipe_file_of_the_examples_can_be_followed() -> None:

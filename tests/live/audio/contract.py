@@ -47,11 +47,6 @@ def it_can_be_exited_in_the_middle(make: Callable[[], Source]) -> None:
             next(iter(source))
 
 
-ALL = (
-    blocks_are_as_announced,
-    blocks_follow_one_another,
-    yielded_blocks_do_not_change,
-    it_can_be_exited_in_the_middle,
-)
+ALL = (blocks_are_as_announced, blocks_follow_one_another, yielded_blocks_do_not_change, it_can_be_exited_in_the_middle)
 
 __all__ = ["ALL", "DURATION"]

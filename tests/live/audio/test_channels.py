@@ -90,10 +90,7 @@ def test_a_wireless_controller_with_two_outputs_is_none() -> None:
 @pytest.mark.parametrize(
     ("ports", "chosen"),
     [
-        (
-            ["DualSense Pro:playback_AUX1", "DualSense Pro:playback_AUX2"],
-            "AUX2",
-        ),
+        (["DualSense Pro:playback_AUX1", "DualSense Pro:playback_AUX2"], "AUX2"),
         (["DualSense wireless controller (PS5) Analog Surround 4.0:playback_RL"], "RL"),
         (["Speakers:playback_RL"], ""),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from benchmarks.virtual_link import VirtualLink, paired_sessions
 
-from tactophone.app.log_sound import _without_gaps, decoded_blocks
+from tactophone.app.logged_run import _without_gaps, decoded_blocks
 from tactophone.core.hand import channels_of, each_finger, with_fingers
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, FloatArray

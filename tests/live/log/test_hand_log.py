@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.log_sound import add_sound, write_sound
-from tactophone.app.logged_run import settings_of
+from tactophone.app.logged_run import add_sound, settings_of, write_sound
 from tactophone.app.replay import Replay, write_replay
 from tactophone.cli import main
 from tactophone.core.errors import DatasetError

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.log_sound import write_sound
+from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay, write_replay
 from tactophone.cli import main
 from tactophone.core.errors import TactophoneError

@@ -13,7 +13,7 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactophone.app.log_sound import add_sound, write_sound
+from tactophone.app.logged_run import add_sound, write_sound
 from tactophone.app.replay import Comparison, Replay, write_replay
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import prediction_of

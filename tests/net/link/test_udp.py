@@ -9,14 +9,7 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
-from tactophone.net.link.udp import (
-    CLOSED_READS,
-    FOREIGN_TURNS,
-    MAX_FOREIGN,
-    MAX_PEER_HANDSHAKES,
-    UdpSocket,
-    resolve,
-)
+from tactophone.net.link.udp import CLOSED_READS, FOREIGN_TURNS, MAX_FOREIGN, MAX_PEER_HANDSHAKES, UdpSocket, resolve
 
 
 @pytest.fixture

@@ -28,8 +28,7 @@ def test_an_allowed_command_is_unchanged() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"ceiling": 1.1}, {"ceiling": math.nan}, {"lowest": 0}, {"lowest": 90.0, "highest": 80.0}],
+    "wrong", [{"ceiling": 1.1}, {"ceiling": math.nan}, {"lowest": 0}, {"lowest": 90.0, "highest": 80.0}]
 )
 def test_invalid_limits_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="wanted"):

@@ -11,11 +11,7 @@ def prediction(touch: Touch, roughness: float) -> Prediction:
 
 @pytest.mark.parametrize(
     ("touch", "roughness", "amplitude", "frequency"),
-    [
-        (Touch.ROUGH, 1.0, 1.0, 60.0),
-        (Touch.SMOOTH, 0.0, 10 ** (-25 / 20), 120.0),
-        (Touch.NONE, 1.0, 0.0, 60.0),
-    ],
+    [(Touch.ROUGH, 1.0, 1.0, 60.0), (Touch.SMOOTH, 0.0, 10 ** (-25 / 20), 120.0), (Touch.NONE, 1.0, 0.0, 60.0)],
 )
 def test_the_papers_three_stimuli(touch: Touch, roughness: float, amplitude: float, frequency: float) -> None:
     command = PaperProfile().command(prediction(touch, roughness))

@@ -218,15 +218,7 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
 
 def _float32(fingers: Sequence[str]) -> Sink:
     (finger,) = fingers
-    return Sink(
-        f"tactophone/{finger}/amplitude",
-        Float32,
-        lambda amplitudes, beat: Float32(data=amplitudes[finger]),
-    )
+    return Sink(f"tactophone/{finger}/amplitude", Float32, lambda amplitudes, beat: Float32(data=amplitudes[finger]))
 
 
-_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
-    "joy": _joy,
-    "senseglove": _senseglove,
-    "float32": _float32,
-}
+_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {"joy": _joy, "senseglove": _senseglove, "float32": _float32}

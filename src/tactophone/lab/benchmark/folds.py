@@ -99,11 +99,7 @@ def default_cache() -> Cache:
 
 
 def cross_validate(
-    method: Method,
-    folds: Sequence[Fold],
-    *,
-    cache: Cache | None = None,
-    report: Callable[[int, str], None] = ignore,
+    method: Method, folds: Sequence[Fold], *, cache: Cache | None = None, report: Callable[[int, str], None] = ignore
 ) -> list[TakePredictions]:
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 

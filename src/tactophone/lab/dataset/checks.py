@@ -213,10 +213,7 @@ def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
 
 
 def check_consistency(
-    dataset: Dataset,
-    *,
-    threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
-    progress: Callable[[int], None] = ignore,
+    dataset: Dataset, *, threshold_dbfs: float = DEFAULT_CONTACT_DBFS, progress: Callable[[int], None] = ignore
 ) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 

@@ -58,10 +58,7 @@ class Task:
         )  # fmt: skip
 
 
-TASKS = {
-    "box": Task(),
-    "hard": Task(force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0),
-}
+TASKS = {"box": Task(), "hard": Task(force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0)}
 """By the word of ``tactophone simulate competition --task``."""
 
 

@@ -225,10 +225,7 @@ class Recipe:
 FEATURE_RATE = 16_000
 """Sample rate in Hz that all of these features are computed at."""
 
-WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
-    "texture": (512, Fraction(160)),
-    "cues": (4096, Fraction(512, 3)),
-}
+WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {"texture": (512, Fraction(160)), "cues": (4096, Fraction(512, 3))}
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
 
 _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)

@@ -15,10 +15,7 @@ from tactophone.lab.dataset.splits import kin_of
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.training.augmentation import Augmentation
 from tactophone.lab.training.export import Floats, is_simulation, join
-from tactophone.lab.training.options import (
-    MIN_VARIANCE,
-    FeatureSpec,
-)
+from tactophone.lab.training.options import MIN_VARIANCE, FeatureSpec
 from tactophone.lab.training.tracks import (
     ChangeMetric,
     FeatureTrack,

@@ -17,14 +17,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.lab.dataset.values import Recording
-from tactophone.lab.training.options import (
-    FEATURE_RATE,
-    MIN_VARIANCE,
-    NETWORK_RATE,
-    SILENT_POWER,
-    WINDOWS,
-    FeatureSpec,
-)
+from tactophone.lab.training.options import FEATURE_RATE, MIN_VARIANCE, NETWORK_RATE, SILENT_POWER, WINDOWS, FeatureSpec
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
 from tactophone.signal.perception.resample import Resampler

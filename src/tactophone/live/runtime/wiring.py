@@ -19,14 +19,7 @@ from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.core.settings import Link, Settings
-from tactophone.core.types import (
-    LIVE_SAMPLE_RATE,
-    AudioBlock,
-    ContactRule,
-    Detector,
-    FloatArray,
-    Source,
-)
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ContactRule, Detector, FloatArray, Source
 from tactophone.core.version import __version__
 from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand

@@ -37,10 +37,7 @@ class Span(NamedTuple):
 SMOOTH_GRADE = 0.46
 """Grade at which the paper's smooth stimulus is drawn; its rough one is drawn at 1, and what is smoother below this."""
 
-SPANS = {
-    Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE),
-    Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0),
-}
+SPANS = {Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE), Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0)}
 """A just-noticeable difference of `GradedProfile`'s vibration is 0.056: near the centre a unit of the logit is four of
 them in smooth and one in rough. A smooth touch stays weaker than any rough one, so a false bump cannot outdo it."""
 

@@ -34,10 +34,7 @@ def play(name: str, results: Path, talk: Talk) -> list[tuple[Any, ...]]:
             async with session.ws_connect(url + "player", origin=origin, max_msg_size=0) as view:
                 await talk(view, run)
 
-    with (
-        Run(name) as run,
-        serve_game(GameSettings(name, [ORDER], 7, finger, results)) as page,
-    ):
+    with Run(name) as run, serve_game(GameSettings(name, [ORDER], 7, finger, results)) as page:
         asyncio.run(connected(page.url, run))
         return _received(inbox)
 
