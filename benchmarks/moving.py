@@ -2,7 +2,7 @@
 
     python benchmarks/moving.py [--seeds 10] [--data DIR --model NAME]
 
-SIMULATED: an arm with gears and jerks (`lab.simulation.microphones.ARM`) moves in the air for 10 s, with three starts
+SIMULATED: an arm with gears and jerks (`ARM`) moves in the air for 10 s, with three starts
 and stops, then moves to an object and strokes it; without and with the arm saying when it moves. Where
 TACTOPHONE_RECORDINGS names a folder with `gripper`, its take in the air too, whose start is known from its laser. With
 ``--data`` only: what a model renders right of a data set, as it is and with that gripper added (`distortions`); of
@@ -28,7 +28,7 @@ from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.events import decided_touches
 from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.microphones import ARM
+from tactophone.lab.simulation.microphones import Electronics
 from tactophone.lab.simulation.participant import SimulatedParticipant
 from tactophone.lab.training.options import FeatureSpec
 from tactophone.lab.training.tracks import extract_features
@@ -39,6 +39,8 @@ from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor
 
 OBJECTS = ("whiteboard", "brick", "lava stone", "polished marble", "glazed tile")
+ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)
+"""A robot whose motion is as loud over its noise as that of the gripper that was recorded."""
 PACKET = 120
 STANDS_UNDER = 0.02
 """Share of the motors' greatest speed."""

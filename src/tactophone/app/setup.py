@@ -144,9 +144,8 @@ class Fitted:
 
 
 def fit_finger(
-    sounds: SetUpSounds, file: Path, *, tip: str, model: str = "",
-    report: Callable[[int], None] = ignore,
-) -> Fitted:  # fmt: skip
+    sounds: SetUpSounds, file: Path, *, tip: str, model: str = "", report: Callable[[int], None] = ignore
+) -> Fitted:
     """Fit a model of kind texture to a set-up, by default the shipped one for the tip, and write it to a file.
 
     ``report`` is called with the number of objects done. Raises `ModelError` if the model is of another kind or the

@@ -88,8 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("recordings", nargs="+", type=Path, metavar="RECORDING",
         help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; a "
         "folder of them; or the sound of a run, an MCAP file of --record")  # fmt: skip
-    add("--finger", default="", metavar="NAME",
-        help="only this finger of a hand's log (default: all)")  # fmt: skip
+    add("--finger", default="", metavar="NAME", help="only this finger of a hand's log (default: all)")
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="graded", metavar="NAME",
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip

@@ -79,7 +79,12 @@ def run(args: argparse.Namespace) -> int:
         attended = has_keyboard and not args.yes and settings.capture.source not in ("finger", "file")
         screen = _Screen(plan, live, attended=attended)
         takes = record_object(
-            settings, target, plan, key=_key if attended else None, follow=screen.push, report=output.log().print
+            settings,
+            target,
+            plan,
+            key=(lambda: RECORD_KEYS.get(console.read_key(0))) if attended else None,
+            follow=screen.push,
+            report=output.log().print,
         )
     known = [(each.take, float(each.properties["level_dbfs"]), each.properties["quality"]) for each in takes]
     rows = [{"take": take, "level": f"{level:.0f} dBFS", "quality": quality} for take, level, quality in known]
@@ -95,10 +100,6 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
     selected = takes_named(args.takes)
     takes = tuple(take for take in TAKES if take in selected)
     return SessionPlan(args.out, reference, takes, duration=args.seconds)
-
-
-def _key() -> Key | None:
-    return RECORD_KEYS.get(console.read_key(0))
 
 
 class _Screen:

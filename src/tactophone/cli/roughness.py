@@ -35,8 +35,7 @@ def _listing(report: "HeightReport") -> Table:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("file", type=Path, metavar="FILE",
-        help="profile or height map: .npy, .npz (heights, step) or .png (grey)")  # fmt: skip
+    add("file", type=Path, metavar="FILE", help="profile or height map: .npy, .npz (heights, step) or .png (grey)")
     add("--pixel", type=Within(float, 0, over=True, unit="m"), metavar="M",
         help="distance between heights, %(type)s, such as 29.4e-6; where FILE lacks it")  # fmt: skip
     add("--unit", choices=("m", "mm", "um", "nm"), default="m", help="unit of the heights and positions in FILE")

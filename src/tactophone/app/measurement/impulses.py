@@ -180,9 +180,8 @@ class Graph:
 
 
 def measure(
-    settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0,
-    progress: Callable[[float], None] = ignore,
-) -> ImpulseLatency:  # fmt: skip
+    settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0, progress: Callable[[float], None] = ignore
+) -> ImpulseLatency:
     """Run both sides on this machine, play impulses, and measure.
 
     Raises `TactophoneError` when a side does not start, or the two do not connect.

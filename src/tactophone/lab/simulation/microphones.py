@@ -257,8 +257,5 @@ class SessionVariation:
         )
 
 
-ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)
-"""A robot whose motion is as loud over its noise as that of the gripper that was recorded (`benchmarks/moving.py`)."""
-
 COMPETITION = Electronics(room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0)
 """A hall full of people, and running motors."""

@@ -176,9 +176,8 @@ class ImpairmentProxy:
     """
 
     def __init__(
-        self, operator: Address, profile: NetworkProfile, *, seed: int = 0,
-        prepare: Callable[[], object] = lambda: None,
-    ) -> None:  # fmt: skip
+        self, operator: Address, profile: NetworkProfile, *, seed: int = 0, prepare: Callable[[], object] = lambda: None
+    ) -> None:
         self._operator, self._prepare = operator, prepare
         self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)

@@ -65,9 +65,6 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType({recipe.name: recipe for recipe
 FEATURE_RECIPES = tuple(name for name, recipe in RECIPES.items() if recipe.features != "magnitudes")
 """Names of the recipes that learn from features: all but the paper's network."""
 
-SHIPPED_RECIPES = tuple(name for name, recipe in RECIPES.items() if recipe.shipped)
-"""Names of the recipes whose models ship inside the package; of ``paper``, its one-channel variant ships besides."""
-
 
 def configure(
     name: str, options: TrainingOptions | None = None, *, start: Path | None = None,

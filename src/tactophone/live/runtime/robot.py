@@ -258,8 +258,8 @@ class Robot(Side):
 
 
 def run_robot(
-    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, keeper: Keeper | None = None,
-) -> None:  # fmt: skip
+    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, keeper: Keeper | None = None
+) -> None:
     """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
