@@ -78,14 +78,8 @@ def run(args: argparse.Namespace) -> int:
     with console.single_keys() as has_keyboard, output.live_display() as live:
         attended = has_keyboard and not args.yes and settings.capture.source not in ("finger", "file")
         screen = _Screen(plan, live, attended=attended)
-        takes = record_object(
-            settings,
-            target,
-            plan,
-            key=(lambda: RECORD_KEYS.get(console.read_key(0))) if attended else None,
-            follow=screen.push,
-            report=output.log().print,
-        )
+        key = (lambda: RECORD_KEYS.get(console.read_key(0))) if attended else None
+        takes = record_object(settings, target, plan, key=key, follow=screen.push, report=output.log().print)
     known = [(each.take, float(each.properties["level_dbfs"]), each.properties["quality"]) for each in takes]
     rows = [{"take": take, "level": f"{level:.0f} dBFS", "quality": quality} for take, level, quality in known]
     folder = str(args.out)
