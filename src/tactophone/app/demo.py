@@ -33,8 +33,6 @@ PATIENCE = 20.0
 RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 """Settings of both sides over a recording."""
 
-STONES = "a simulated finger on a smooth stone, then a rough one"
-
 Follow = Callable[[Sequence[Supervisor], str, float], Snapshot | None]
 """Waits for the end of a run of that name, at most so many seconds; returns its last snapshot."""
 
@@ -98,7 +96,8 @@ def demonstrate(
     fingers = {}
     for finger, source, recorder in zip(names_of(settings), sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)
-        title = f"{finger or (recording.name if recording else STONES)}: encrypted, over {network}"
+        subject = finger or (recording.name if recording else "a simulated finger on a smooth stone, then a rough one")
+        title = f"{subject}: encrypted, over {network}"
         files = _write(folder, source, recorder, truth, finger=finger, title=title)
         fingers[finger] = DemoFinger(score_run(read_timeline(timeline, finger=finger), truth), files)
     return Demonstration(fingers, last)

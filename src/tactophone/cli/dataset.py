@@ -162,7 +162,8 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
             for sound in write_sound(log, Path(folder))
         ]
         converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
-    _print_count(len(converted.recordings), args.out)
+    count = len(converted.recordings)
+    print(f"{count} recording{'s' * (count != 1)} in {args.out}")
     return 0
 
 
@@ -207,7 +208,3 @@ def _surfaces(dataset: Dataset) -> list[dict[str, Any]]:
         | {"recordings": len(own)}
         for name, own in takes.items()
     ]
-
-
-def _print_count(recordings: int, folder: Path) -> None:
-    print(f"{recordings} recording{'s' * (recordings != 1)} in {folder}")

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
@@ -20,6 +19,7 @@ from tactophone.live.runtime.supervisor import Supervisor, supervised
 from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.memory import is_alive
 from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.udp import UdpSocket
 
 _KEYS = "tactophone-keys-"
 
@@ -34,7 +34,8 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     operator.save(folder / "operator")
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
-    common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
+    with UdpSocket("127.0.0.1") as probe:
+        common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.address[1])
     return (
         _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
         _side(settings, replace(common, identity=str(folder / "operator")), name),
@@ -82,9 +83,3 @@ def both_sides(
 
 def _side(settings: Settings, link: Link, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
