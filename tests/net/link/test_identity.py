@@ -2,6 +2,8 @@
 
 import contextlib
 import datetime
+import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,22 @@ def test_a_key_that_others_may_access_is_refused(tmp_path: Path, mode: int) -> N
     (tmp_path / "key.pem").chmod(mode)
     with pytest.raises(ConfigError, match="chmod 600"):
         Identity.load(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["key.pem", "peers.txt"])
+def test_a_file_of_another_user_is_refused(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    Identity.create("robot").save(tmp_path)
+    Peers({}).save(tmp_path)
+    own = Path.stat
+
+    def owned(path: Path, **options: bool) -> os.stat_result:
+        fields = list(own(path, **options))
+        fields[stat.ST_UID] += (path.name == name) * (os.geteuid() + 1001)
+        return os.stat_result(fields)
+
+    monkeypatch.setattr(Path, "stat", owned)
+    with pytest.raises(ConfigError, match="belongs to user"):
+        Identity.load(tmp_path) if name == "key.pem" else Peers.load(tmp_path)
 
 
 def test_missing_broken_and_mismatched_keys_have_different_errors(tmp_path: Path) -> None:
