@@ -129,7 +129,10 @@ def test_loss_hides_no_finger_more_than_another(model: str) -> None:
     steps = journey(model, 3, codec=Codec("opus", channels=6, packet_size=120), lost=lost)
     concealed = [[step.block.start for step in steps if step.finger == k and step.block.concealed] for k in range(3)]
     assert concealed[0] == concealed[1] == concealed[2]
-    assert {step.block.size for step in steps} == {120, 240}  # a packet that leads to nothing waits for the next
+    sizes = {step.block.size for step in steps}
+    # A packet that leads to nothing waits for others, until a window of 512 samples may be due.
+    assert 120 < max(sizes) <= 600
+    assert all(size % 120 == 0 for size in sizes)
 
 
 def test_predictions_of_a_hand_travel_together(model: str) -> None:

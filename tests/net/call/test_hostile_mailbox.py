@@ -90,7 +90,6 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
     loop = asyncio.new_event_loop()
     asyncio.set_event_loop(loop)
     exchange.install(loop)
-    exchange.WELCOME_TIMEOUT = TIMEOUT
 
     async def answer(request: web.Request) -> web.WebSocketResponse:
         socket = web.WebSocketResponse()
@@ -117,7 +116,9 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
         port = runner.addresses[0][1]
         # Those that answer one by one, so that none waits for another's bytes; the silent ones at once.
         answering = [mode for mode, wanted in MODES.items() if wanted != NOTHING]
+        exchange.WELCOME_TIMEOUT = 20 * TIMEOUT  # they answer at once, but this machine may not
         found = {mode: await asyncio.wait_for(call(mode, port), 20 * TIMEOUT) for mode in answering}
+        exchange.WELCOME_TIMEOUT = TIMEOUT
         silent = [mode for mode in MODES if mode not in found]
         calls = (asyncio.wait_for(call(mode, port), 20 * TIMEOUT) for mode in silent)
         return found | dict(zip(silent, await asyncio.gather(*calls), strict=True))
