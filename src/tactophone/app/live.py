@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Self
 
-from tactophone.app.sources import open_source
+from tactophone.app.sources import UNATTENDED, open_source
 from tactophone.core.settings import Settings, change
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import PipelineStep, Source
@@ -116,7 +116,7 @@ def open_live(
     pipeline = open_pipeline(
         model, sample_rate=opened.sample_rate, channels=opened.channels, profile=profile, events=events, tip=tip
     )
-    return Live(opened, pipeline, at_pace=isinstance(source, str) and source.partition(":")[0] in ("finger", "file"))
+    return Live(opened, pipeline, at_pace=isinstance(source, str) and source.partition(":")[0] in UNATTENDED)
 
 
 def _open(text: str, tip: str) -> Source:

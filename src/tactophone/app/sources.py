@@ -26,6 +26,9 @@ SETTLING = 0.5
 ONE_MICROPHONE_MODEL = "stylus"
 """The shipped model for one air microphone, and the tip it is for; `paper-mono` was trained on a contact microphone."""
 
+UNATTENDED = ("finger", "file")
+"""Sources in which no real person takes part."""
+
 
 def open_source(settings: Settings) -> "Source":
     """Open the source of ``settings.capture``; it delivers sound at the live sample rate.
@@ -167,7 +170,7 @@ class AudioInput:
     @property
     def simulated(self) -> bool:
         """Whether no real person takes part."""
-        return self.name in ("finger", "file")
+        return self.name in UNATTENDED
 
     def __enter__(self) -> Self:
         self._resources.enter_context(self.source)

@@ -1,8 +1,4 @@
-"""``tactophone demo``: the whole telephone with no hardware, in one command.
-
-Only the finger is simulated, or replaced by a recording. The rest is the live system: one process encodes, encrypts and
-sends the sound, a simulated network loses some of it, another process predicts and renders.
-"""
+"""``tactophone demo``: the whole telephone with no hardware, in one command."""
 
 import argparse
 import math

@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from tactophone.app.record import record_object
+from tactophone.app.sources import UNATTENDED
 from tactophone.cli import console, options, output
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     settings = options.settings_of(args)
     with console.single_keys() as has_keyboard, output.live_display() as live:
-        attended = has_keyboard and not args.yes and settings.capture.source not in ("finger", "file")
+        attended = has_keyboard and not args.yes and settings.capture.source not in UNATTENDED
         screen = _Screen(plan, live, attended=attended)
         key = (lambda: RECORD_KEYS.get(console.read_key(0))) if attended else None
         takes = record_object(settings, target, plan, key=key, follow=screen.push, report=output.log().print)

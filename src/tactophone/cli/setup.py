@@ -20,7 +20,7 @@ from tactophone.app.setup import (
     fit_finger,
     record_set_up,
 )
-from tactophone.app.sources import AudioInput
+from tactophone.app.sources import UNATTENDED, AudioInput
 from tactophone.cli import console, options, output
 from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
@@ -179,12 +179,11 @@ def run(args: argparse.Namespace) -> int:
 def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, tip: str, screen: GuideScreen) -> int:
     check_kind(args.model or default_model(tip))
     findings = sounds.findings()
+    refused = any(finding.fatal for finding in findings)
+    words = "nothing was written: correct what is refused above, and run setup again"
     if screen.page is not None:
-        screen.page.show(findings=[str(finding) for finding in findings])
-    if any(finding.fatal for finding in findings):
-        words = "nothing was written: correct what is refused above, and run setup again"
-        if screen.page is not None:
-            screen.page.show(instruction=words[0].upper() + words[1:])
+        screen.page.show(findings=[str(each) for each in findings], **({"instruction": words} if refused else {}))
+    if refused:
         messages = [finding.message for finding in findings]
         output.show({"passed": False, "findings": messages}, [*findings_in_words(findings), words], as_json=args.json)
         return 1
@@ -240,7 +239,7 @@ def _check_set_up(args: argparse.Namespace) -> int:
         if page is not None:
             page.show(title="Check the microphones", about="Silence, strokes and taps, and a robot's motion")
         screen = GuideScreen(None, has_keyboard, page, steps=("robot", "silence", "stroke", "taps", "motion"))
-        moving = not args.yes and screen.answers and settings.capture.source not in ("finger", "file")
+        moving = not args.yes and screen.answers and settings.capture.source not in UNATTENDED
         if moving:
             words = f"{ROBOT_QUESTION}  press y, or any other key for no"
             moving = _ask(screen, ROBOT_QUESTION, {"y": "Yes", "n": "No, a hand does"}, words) == "y"
@@ -252,7 +251,7 @@ def _check_set_up(args: argparse.Namespace) -> int:
             )  # fmt: skip
         if page is not None:
             words = f"written: {path}" if found.passed else "nothing was written: correct this, and check again"
-            page.show(findings=[str(each) for each in found.findings], instruction=words[0].upper() + words[1:])
+            page.show(findings=[str(each) for each in found.findings], instruction=words)
     values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
     values |= {"motion_db": found.motion_db}
     output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)

@@ -148,10 +148,8 @@ class Hand:
             self._ear: Ear | None = self._gates[0].ear.for_fingers(self.fingers)
             for finger, gate in enumerate(self._gates):
                 gate.share(self._ear, finger)
-            microphones = [
-                min(gate.microphone, count - 1) for gate, count in zip(self._gates, self._channels, strict=True)
-            ]
-            self._heard = [len(MICROPHONES) * finger + channel for finger, channel in enumerate(microphones)]
+            of_finger = enumerate(map(ContactGate.channel_of, self._gates, self._channels))
+            self._heard = [len(MICROPHONES) * finger + channel for finger, channel in of_finger]
         else:
             self._ear, self._patient = None, self._patient and self.fingers == 1
 

@@ -168,9 +168,12 @@ class ContactGate:
         return self._take(steps)
 
     def heard(self, block: AudioBlock) -> FloatArray:
-        """Return the channel that the gate hears, ``(1, samples)``: its microphone's, or the only one."""
-        first = self.microphone if block.channels > self.microphone else CONTACT
-        return block.samples.T[first : first + 1]
+        """Return the channel that the gate hears, ``(1, samples)``."""
+        return block.samples.T[self.channel_of(block.channels) :][:1]
+
+    def channel_of(self, channels: int) -> int:
+        """Return which of so many channels it hears: its microphone's, or the only one."""
+        return min(self.microphone, channels - 1)
 
     def share(self, ear: Ear, finger: int) -> None:
         """Take levels of one of the fingers from an ear that hears all, and that others reset and let hear."""

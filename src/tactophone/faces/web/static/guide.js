@@ -94,7 +94,7 @@ function show(update) {
     document.title = `Tactophone: ${update.title.toLowerCase()}`;
   }
   if (update.steps || "step" in update) showSteps(update);
-  if ("instruction" in update) put($("instruction"), update.instruction);
+  if ("instruction" in update) put($("instruction"), capital(update.instruction));
   if (update.buttons) showButtons(update.buttons);
   if ("state" in update) put($("state"), update.state);
   if (update.countdown) showCountdown(update.countdown);
