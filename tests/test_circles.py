@@ -26,6 +26,7 @@ def imports() -> dict[str, set[str]]:
     return found
 
 
+@pytest.mark.slow
 def test_no_module_imports_itself_through_others() -> None:
     graph = imports()
     assert len(graph) > 150

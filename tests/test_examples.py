@@ -57,6 +57,7 @@ def test_a_recording_is_classified(recording: Path) -> None:
     assert len(lines) >= 2
 
 
+@pytest.mark.slow
 def test_a_network_on_pictures_of_the_sound_is_scored_on_surfaces_that_it_never_met(tmp_path: Path) -> None:
     lines = ["file_name,surface,label"]
     rng = np.random.default_rng(0)
@@ -95,6 +96,7 @@ def test_a_custom_profile_makes_commands(recording: Path) -> None:
     assert lines[0].endswith("0.00")
 
 
+@pytest.mark.slow
 def test_a_detector_of_scikit_learn_tells_what_it_was_taught(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
     rng = np.random.default_rng(0)
@@ -107,16 +109,19 @@ def test_a_detector_of_scikit_learn_tells_what_it_was_taught(tmp_path: Path) -> 
     assert run("own_detector.py", *paths, paths[1]).count("smooth") > 45
 
 
+@pytest.mark.slow
 def test_an_actuator_of_your_own_gets_the_vibration() -> None:
     assert "###############" in run("own_actuator.py")
 
 
+@pytest.mark.slow
 def test_live_sound_calls_back(recording: Path) -> None:
     printed = run("live_callback.py", f"file:{recording}", "2")
     assert "none" in printed
     assert len(printed.splitlines()) > 20
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_data_frame(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pandas")
     monkeypatch.chdir(tmp_path)
@@ -157,6 +162,7 @@ def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
     assert "rough from 0.5" in run("read_log.py", log)
 
 
+@pytest.mark.slow
 def test_osc_messages_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("pythonosc")
     from tactophone.faces.bridges.osc import OscBridge

@@ -11,6 +11,7 @@ CLOSE = 2e-5 if b"1.3" in get_version_string() else 5e-4
 """The run was made with libopus 1.3, and 1.6 conceals lost packets otherwise: by 1e-4 in a probability."""
 
 
+@pytest.mark.slow
 def test_the_golden_run_gives_the_same_predictions_and_commands() -> None:
     found, expected = golden.play(), golden.read()
     assert len(found) == len(expected) > 400

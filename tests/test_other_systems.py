@@ -81,6 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_modules_and_the_api_load_without_a_warning(folder: Path) -> None:
     done = without_unix(IMPORTS, "stroke.wav", cwd=folder, warnings="error")
     assert done.returncode == 0, done.stderr[-2000:]

@@ -107,6 +107,7 @@ def test_the_readmes_install_line_fits_the_wheel(program: Path) -> None:
     assert set(line[1].split(",")) <= set(re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE))
 
 
+@pytest.mark.slow
 def test_every_optional_module_has_its_extra() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     declared = {

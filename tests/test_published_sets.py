@@ -49,6 +49,7 @@ def archive(path: Path, *, name: str = "share/opus/stereo/00_long_light.wav") ->
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+@pytest.mark.slow
 def test_the_authors_share_is_fetched_checked_and_read(
     server: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +64,7 @@ def test_the_authors_share_is_fetched_checked_and_read(
     assert ARCHIVE.startswith("https://cloud.vi.cs.uni-bonn.de/")
 
 
+@pytest.mark.slow
 def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_told(
     server: tuple[Path, str], tmp_path: Path
 ) -> None:

@@ -70,6 +70,7 @@ def test_it_is_short_and_imports_three_libraries() -> None:
     assert imported - set(sys.stdlib_module_names) == {"numpy", "onnxruntime", "soundfile"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", shipped_models())
 def test_simulated_sound_at_48_khz(model: str, simulated: Path) -> None:
     compare(model, simulated)

@@ -50,6 +50,7 @@ def columns(table: "pandas.DataFrame") -> dict[str, "np.ndarray"]:
     return {name: values[..., place] for place, name in enumerate(VALUES)}
 
 
+@pytest.mark.slow
 def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dataset: Path, tmp_path: Path) -> None:
     original = (dataset / "data/chunk-000/file-000.parquet").read_bytes()
     film = dataset / "videos/observation.images.front/chunk-000/file-000.mp4"
@@ -196,6 +197,7 @@ def test_a_frame_of_endless_values_is_refused_by_its_header(
         path.unlink()
 
 
+@pytest.mark.slow
 def test_frames_with_long_words_are_read_a_few_at_a_time(
     log: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def opened(root: Path) -> Any:
     return datasets.LeRobotDataset("local/felt", root=root, video_backend="pyav")
 
 
+@pytest.mark.slow
 def test_lerobot_reads_every_frame_and_makes_policy_features_of_it(felt: Path) -> None:
     dataset = opened(felt)
     from lerobot.datasets.utils import dataset_to_policy_features

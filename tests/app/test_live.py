@@ -130,6 +130,7 @@ def without(names: tuple[str, ...], code: str) -> str:
 LINK = ("pylibsrtp", "OpenSSL", "opuslib_next", "samplerate")
 
 
+@pytest.mark.slow
 def test_live_sound_needs_no_library_of_the_link(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.wav", np.zeros((RATE // 4, 2)), RATE)
     code = f"""
@@ -140,6 +141,7 @@ print(next(iter(tactophone.open_live("finger"))).block.size)
     assert int(files) > 0 < int(size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "names", "extra"),
     [
@@ -171,6 +173,7 @@ except tactophone.ConfigError as error:
     assert "pip install 'tactophone[plot]'" in without(("matplotlib",), code)
 
 
+@pytest.mark.slow
 def test_the_public_face_loads_nothing_of_the_command_line(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.wav", np.zeros((RATE // 4, 2)), RATE)
     code = f"""

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tactophone.app.record import record_object
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Touch
@@ -12,6 +14,7 @@ from tactophone.signal.perception.health import Reference
 FINGER = change(Settings(), ["capture.source=finger"])
 
 
+@pytest.mark.slow
 def test_a_simulated_finger_records_the_takes_that_the_folder_lacks(tmp_path: Path) -> None:
     target = RecordedObject("honed slate", Touch.ROUGH, session="monday")
     plan = SessionPlan(tmp_path, Reference(), tuple(TAKES)[:2], duration=1.0)

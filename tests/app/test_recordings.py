@@ -57,6 +57,7 @@ def decide_alike(path: Path, folder: Path, model: str, *, tip: str = "pad") -> N
     assert take.time.tobytes() == table.times.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begins_in_contact", [False, True])
 @pytest.mark.parametrize("fault", ["none", "offset", "hum", "quiet", "one channel", "mono"])
 def test_feel_classify_and_evaluate_decide_alike(fault: str, begins_in_contact: bool, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from tactophone.signal.perception.model_file import read_model
 QUICK = ["capture.source=finger", "simulation.gain_db=-20"]
 
 
+@pytest.mark.slow
 def test_python_fits_the_model_that_setup_fits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     done: list[int] = []
     sounds = record_set_up(change(Settings(), QUICK), ["whiteboard"], ["brick"], seconds=2.0)
@@ -27,6 +28,7 @@ def test_python_fits_the_model_that_setup_fits(tmp_path: Path, capsys: pytest.Ca
     assert cards[0].decision == cards[1].decision
 
 
+@pytest.mark.slow
 def test_python_checks_microphones_as_setup_check_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = check_microphones(change(Settings(), QUICK), tmp_path / "python.toml")
     command = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-20", "--yes", "--json"]

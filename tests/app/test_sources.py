@@ -30,6 +30,7 @@ def test_a_recording_is_resampled_to_the_live_rate_and_looped(tmp_path: Path) ->
     assert len(sound) > 9600
 
 
+@pytest.mark.slow
 def test_the_finger_visits_stones_without_end_with_the_truth() -> None:
     with source("capture.source=finger", "capture.block_size=4096") as finger:
         truths = [finger.truth_of() for _ in itertools.islice(finger, 90)]

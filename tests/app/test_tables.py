@@ -82,6 +82,7 @@ def test_a_recording_becomes_arrays_and_a_csv_file_as_feel_writes_it(recording: 
     assert header.strip().split(",") == list(rows[0])
 
 
+@pytest.mark.slow
 def test_a_table_is_drawn_and_becomes_a_data_frame(recording: Path) -> None:
     pytest.importorskip("matplotlib")
     pandas = pytest.importorskip("pandas")
@@ -94,6 +95,7 @@ def test_a_table_is_drawn_and_becomes_a_data_frame(recording: Path) -> None:
     assert len(table.events) >= 1
 
 
+@pytest.mark.slow
 def test_live_sound_is_iterated_or_calls_back(recording: Path) -> None:
     steps = list(tactophone.open_live(f"file:{recording}"))
     assert sum(len(step.predictions) for step in steps) > 50

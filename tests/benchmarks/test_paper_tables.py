@@ -67,6 +67,7 @@ def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segment
     assert before.end <= touch.start
 
 
+@pytest.mark.slow
 def test_table_one_stands_beside_the_papers_own(predictions: dict[str, list[TakePredictions]]) -> None:
     lines = {line.name: line.values for line in table_one(predictions)}
     assert list(lines) == ["paper's own, competition", "texture, competition", "paper's own, test", "texture, test"]
@@ -134,6 +135,7 @@ def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
         predict_held_out(surfaces(tmp_path), ["texture"], Cache(tmp_path / "cache"))
 
 
+@pytest.mark.slow
 def test_a_recipe_file_is_a_row_and_its_training_is_cached(dataset: Dataset, tmp_path: Path) -> None:
     recipes = Path(__file__).parents[2] / "examples" / "recipes" / "tables"
     assert len(list(recipes.glob("*.toml"))) == 9

@@ -12,6 +12,7 @@ def test_invented_stones_keep_their_kind_and_differ(label: Touch) -> None:
     assert len({stone.surface.seed for stone in stones}) == 6
 
 
+@pytest.mark.slow
 def test_rough_is_rougher_than_smooth() -> None:
     def ra(label: Touch) -> list[float]:
         return [synthetic_object(label, np.random.default_rng(seed)).roughness.ra for seed in range(6)]

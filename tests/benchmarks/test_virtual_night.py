@@ -10,6 +10,7 @@ pytest.importorskip("mcap")
 HOURS, SOUND = 1 / 6, 0.5
 
 
+@pytest.mark.slow
 def test_ten_short_nights_keep_every_promise() -> None:
     nights = [live_through(seed, hours=HOURS, sound=SOUND) for seed in range(1, 11)]
     assert sum(night.felt for night in nights) > 200

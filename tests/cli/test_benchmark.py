@@ -43,6 +43,7 @@ def test_impossible_options_end_in_one_line(data: str, capsys: pytest.CaptureFix
     assert "1 or more" in errors
 
 
+@pytest.mark.slow
 def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = [
         "evaluate", "--data", data, "--vary", "recipe=level,logistic", "--vary", "channels=1,2", "--split", "2-fold",

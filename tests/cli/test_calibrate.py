@@ -14,6 +14,7 @@ from tactophone.signal.perception.calibration import Calibration, CalibrationRes
 FINGER = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-12"]
 
 
+@pytest.mark.slow
 def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "finger.toml"
     assert main([*FINGER, "--out", str(file)]) == 0
@@ -22,6 +23,7 @@ def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFix
     assert Calibration.read(file).source == "finger"
 
 
+@pytest.mark.slow
 def test_a_bad_one_is_refused_with_what_to_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "finger.toml"
     assert main([*FINGER, "--set", "simulation.faults=swapped", "--out", str(file)]) == 1
@@ -53,6 +55,7 @@ def test_a_rate_that_is_none_is_named(rate: str, capsys: pytest.CaptureFixture[s
     assert "1/min" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("faults", "code"), [([], 0), (["--set", "simulation.faults=air-covered"], 1)])
 def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
     faults: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -62,6 +65,7 @@ def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
     assert ("covered" in capsys.readouterr().out) is bool(faults)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("key", "steps"), [("y", 4), ("n", 3)])
 def test_a_robot_is_asked_for_and_then_to_move(
     key: str, steps: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -28,6 +28,7 @@ def test_a_missing_server_says_how_to_start_one(capsys: pytest.CaptureFixture[st
     assert "jackd -R -d alsa" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("felt_from", "code", "advice"),
     [

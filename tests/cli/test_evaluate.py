@@ -37,6 +37,7 @@ def test_scores_a_model_and_writes_them_into_its_card(
     assert read_model(model).card.scores["stones"]["surfaces"] == 4
 
 
+@pytest.mark.slow
 def test_cross_validates_a_recipe_beside_its_baselines(sound: str, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["evaluate", "--data", sound, "--split", "2-fold", "--baselines", "1", *QUICK]
     assert main(command) == 0

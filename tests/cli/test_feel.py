@@ -26,6 +26,7 @@ def record(path: Path, *, frequency: float = 400.0, sample_rate: int = 48_000) -
     return str(path)
 
 
+@pytest.mark.slow
 def test_everything_lies_beside_each_other(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "new" / "out"
@@ -179,6 +180,7 @@ def test_sound_for_an_imported_model_stays_as_it_was_recorded(
         assert len(changed) == notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sound", "words"),
     [

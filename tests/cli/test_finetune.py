@@ -35,6 +35,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return ["finetune", str(tmp_path / "old.onnx"), str(new), *options]
 
 
+@pytest.mark.slow
 def test_a_model_with_more_false_positives_elsewhere_is_refused_unless_anyway(
     command: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -98,6 +98,7 @@ def old(disk: Path) -> dict[Path, bytes]:
     return {path: path.read_bytes() for path in disk.rglob("*") if path.is_file() and path.name != "filler"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "named"), VERBS.values(), ids=VERBS)
 def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
     disk: Path,
@@ -123,6 +124,7 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
     assert not any("key" in path.name or path.suffix == ".flac" for path in set(after) - set(before))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["feel", "replay", "demo", "export", "simulate hand"])
 def test_a_disk_that_fills_on_the_way_holds_the_old_results_and_no_half_ones(
     disk: Path, tmp_path: Path, places: dict[str, Path], monkeypatch: pytest.MonkeyPatch, verb: str

@@ -35,6 +35,7 @@ def test_the_help_begins_with_what_it_is_in_one_sentence(capsys: pytest.CaptureF
     assert whole == "A telephone for touch: microphones on a robot's fingertip, vibration on an operator's."
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [">/dev/full", ">&-"])
 def test_output_that_cannot_be_written_is_reported_in_one_line(closed: str) -> None:
     command = f"{shlex.quote(sys.executable)} -m tactophone settings {closed}"

@@ -59,6 +59,7 @@ def test_the_examples_of_a_verb_are_understood(verb: str, capsys: pytest.Capture
     assert examples_of(verb)[0] in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", QUICK)
 def test_quick_examples_run(example: str) -> None:
     words = shlex.split(example.partition(">")[0])[1:]

@@ -27,6 +27,7 @@ FINGER = [
 ]
 
 
+@pytest.mark.slow
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calibration = dataclasses.replace(CALIBRATION, window_dbfs=-38.0, floor_dbfs=(-40.0, -58.0))
     calibration.write(tmp_path / "finger.toml")

@@ -32,6 +32,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -46,6 +47,7 @@ def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
     assert read_model(model).card.decision.rough_on == 0.5
 
 
+@pytest.mark.slow
 def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -62,6 +64,7 @@ def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     assert out.exists()
 
 
+@pytest.mark.slow
 def test_one_object_of_a_class_has_no_intervals_and_says_so(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -78,6 +81,7 @@ def test_one_object_of_a_class_has_no_intervals_and_says_so(
     assert len(read_model(model).card.scores["two stones"]["auc, two-class rule"]) == 1
 
 
+@pytest.mark.slow
 def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:
     model = write_tiny_model(tmp_path / "tiny.onnx")
     before = model.read_bytes()
@@ -94,6 +98,7 @@ def test_an_invalid_goal_is_an_error(goal: list[str], words: str, capsys: pytest
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_shipped_model_is_copied_not_changed(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = model_path("texture").read_bytes()

@@ -17,6 +17,7 @@ from tactophone.signal.perception.models import model_path
 QUICK = ["setup", "--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "3", "--yes"]
 
 
+@pytest.mark.slow
 def test_a_simulated_finger_gets_a_model_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "own.onnx"
     assert main([*QUICK, "--out", str(path), "--json"]) == 0
@@ -26,6 +27,7 @@ def test_a_simulated_finger_gets_a_model_of_its_own(tmp_path: Path, capsys: pyte
     assert read_model(path).card.gate.threshold_dbfs == pytest.approx(result["threshold_dbfs"], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_faulty_microphone_is_named_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -36,6 +38,7 @@ def test_a_faulty_microphone_is_named_and_nothing_is_written(
     assert not path.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tip", "model"), [("plastic", "plastic"), ("stylus", "stylus"), ("rubber", "rubber")])
 def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
     tip: str, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -48,6 +51,7 @@ def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
     assert read_model(path).card.tip == tip
 
 
+@pytest.mark.slow
 def test_a_tip_unlike_the_one_stated_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     objects = ["--smooth", "whiteboard", "--rough", "brick", "--model", "plastic"]
     assert main([*QUICK, *objects, "--out", str(tmp_path / "own.onnx"), "--json"]) == 0
@@ -63,6 +67,7 @@ def test_a_wrong_option_is_one_line(arguments: list[str], words: str, capsys: py
     assert words in line
 
 
+@pytest.mark.slow
 def test_a_model_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     objects = ["--smooth", "whiteboard", "--rough", "brick", "--seconds", "2"]
     arguments = [*QUICK, *objects, "--model", str(model_path("paper")), "--out", str(tmp_path / "own.onnx")]
@@ -97,6 +102,7 @@ def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: 
     assert words.endswith("a.onnx; use it as --tip rubber --model of `feel` and `receive`")
 
 
+@pytest.mark.slow
 def test_a_hand_needs_the_name_of_the_finger_to_set_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*QUICK, "--fingers", "2", "--out", str(tmp_path / "own.onnx")]) == 1
     assert capsys.readouterr().err == (

@@ -31,6 +31,7 @@ def test_runs_are_rendered_with_their_truth(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"day_1_run_1.flac", "day_2_run_1.flac", "metadata.csv"}
 
 
+@pytest.mark.slow
 def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "objects", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)

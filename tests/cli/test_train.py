@@ -19,6 +19,7 @@ def recipe(folder: Path, line: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "stones.onnx"
     assert main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(out), *QUICK]) == 0

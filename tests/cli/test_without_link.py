@@ -31,6 +31,7 @@ def run_without_link(folder: Path, *words: str) -> subprocess.CompletedProcess[s
     )
 
 
+@pytest.mark.slow
 def test_training_needs_no_codec(tmp_path: Path) -> None:
     done = run_without_link(tmp_path, "train", str(audiofolder(tmp_path / "sound")), "--out", "a.onnx", *QUICK)
     assert done.returncode == 0, done.stderr

@@ -50,6 +50,7 @@ def of_finger(steps: list[PipelineStep], finger: int) -> list[object]:
     return [pair for step in mine for pair in zip(step.predictions, step.commands, strict=True)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fingers", "size"), [(1, 240), (2, ODD_SIZES[0]), (5, 240), (10, 128)])
 @pytest.mark.parametrize("name", ["tiny", "texture"])
 def test_each_finger_computes_what_it_computes_alone(model: str, name: str, fingers: int, size: int) -> None:
@@ -112,6 +113,7 @@ def journey(
     return steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fingers", [2, 5, 10])
 def test_the_link_carries_all_fingers_as_it_carries_one(model: str, fingers: int) -> None:
     codec = Codec("pcm16", channels=2 * fingers, packet_size=24)
@@ -155,6 +157,7 @@ def test_predictions_of_a_hand_of_one_finger_arrive(model: str) -> None:
     assert any(step.predictions for step in journey(model, 1, codec=Codec(channels=2), send_predictions=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot_has", "operator_has"), [(5, 1), (1, 5), (2, 5)])
 @pytest.mark.parametrize("send_predictions", [False, True])
 def test_an_operator_with_another_number_of_fingers_refuses_in_words(

@@ -31,6 +31,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
@@ -54,6 +55,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_no_process_runs_the_modules_of_the_current_folder(tmp_path: Path) -> None:
     script, folder = tmp_path / "script.py", tmp_path / "downloaded"
     script.write_text(HOSTILE)
@@ -81,6 +83,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_child_that_heeds_nothing_ends_with_its_killed_parent(tmp_path: Path) -> None:
     script, path = tmp_path / "script.py", tmp_path / "pid"
     script.write_text(DEAF)

@@ -31,6 +31,7 @@ def test_a_finger_as_it_is_drawn_passes(seed: int) -> None:
     assert found.stiffness == pytest.approx(STIFFNESS, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("code", FAULTS)
 def test_each_fault_is_named_and_no_other_fatal_one(code: str, seed: int) -> None:
@@ -54,6 +55,7 @@ def test_the_expected_bed_is_the_drawn_one() -> None:
     assert pytest.approx(1.8e-3, abs=0.5e-3) == PAD  # 0.8 + 0.5 g of plastic, and a disc of 0.5 g
 
 
+@pytest.mark.slow
 def test_it_passes_a_simulated_finger_and_refuses_a_recording_of_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

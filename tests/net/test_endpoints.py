@@ -177,6 +177,7 @@ def test_the_operator_has_no_loop_of_its_own() -> None:
         assert not [call for call in calls(ast.parse(path.read_text())) if call.endswith(".command_for")], path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
 def test_a_robot_that_starts_to_move_is_felt_150_ms_later_at_the_other_end(model: str, send_predictions: bool) -> None:
     def begins(start: float) -> float:

@@ -51,6 +51,7 @@ def processed(
     return steps + list(zip(step.predictions, step.commands, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", ["bands", "level", "window"])
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_bits(model: str, size: int, contact: ContactRule) -> None:
@@ -223,6 +224,7 @@ def test_a_detector_of_a_users_own_needs_no_more_than_its_contract_lists() -> No
     assert fingers[0].flush(loud).predictions == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["texture", "stylus"])
 @pytest.mark.parametrize("fingers", [1, 3])
 def test_a_hand_whose_sound_waits_predicts_what_each_finger_does_alone(name: str, fingers: int) -> None:

@@ -157,6 +157,7 @@ def test_an_address_in_use_is_one_line(bridge: FoxgloveBridge, telemetry: Teleme
         FoxgloveBridge(telemetry.name, f"127.0.0.1:{bridge.port}")
 
 
+@pytest.mark.slow
 def test_half_a_header_is_cut_off_and_keeps_no_viewer_away(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
     with ExitStack() as stack:
         for _ in range(300):

@@ -28,6 +28,7 @@ class Idle:
             raise SystemExit(self._answer)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("answer", "how"), [(0, "signal SIGKILL"), (3, "exit code 3")])
 def test_a_bridge_that_was_killed_or_failed_is_reported(answer: int, how: str) -> None:
     lines: list[str] = []
@@ -45,6 +46,7 @@ def test_a_bridge_that_was_killed_or_failed_is_reported(answer: int, how: str) -
     assert lines[0].startswith(f"Idle ended ({how}): the run goes on")
 
 
+@pytest.mark.slow
 def test_a_bridge_that_ends_with_the_run_is_not_reported() -> None:
     lines: list[str] = []
     with BridgeProcess(Idle, report=lines.append):

@@ -1,10 +1,13 @@
 from pathlib import Path
 
+import pytest
+
 from tactophone.lab.dataset.plots import draw_dataset, load_pyplot, save_figure
 from tactophone.lab.dataset.read import open_dataset
 from tests.lab.dataset.folders import audiofolder
 
 
+@pytest.mark.slow
 def test_a_data_set_is_drawn_even_where_a_file_is_missing(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     dataset.recordings[0].path.unlink()

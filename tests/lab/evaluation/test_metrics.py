@@ -43,6 +43,7 @@ def test_one_in_a_hundred_smooth_windows_may_be_exceeded() -> None:
     assert measure(made)["recall_at_1"] == 0.75
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 4), st.booleans()), min_size=2, max_size=40))
 def test_auc_agrees_with_scikit_learn_ties_and_all(windows: list[tuple[int, bool]]) -> None:
     score, rough = (np.array(column) for column in zip(*windows, strict=True))

@@ -35,6 +35,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return open_dataset(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PINNED)
 def test_scores_on_simulated_objects(name: str, simulated: Dataset) -> None:
     predictions = cross_validate(recipe_method(name, channels=2), split(simulated, "4-fold"))

@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import pytest
 import soundfile
 
 from tactophone import Touch
@@ -37,6 +38,7 @@ def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: 
     return recorder
 
 
+@pytest.mark.slow
 def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> None:
     recorder = session(tmp_path, takes=3)
     dataset = open_dataset(tmp_path)
@@ -50,6 +52,7 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
     assert (first.known("material"), first.known("pressure"), first.known("stroke")) == ("enamel", "light", "long")
 
 
+@pytest.mark.slow
 def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
     session(tmp_path, takes=1)
     again = session(tmp_path, takes=2, known=open_dataset(tmp_path))
@@ -57,6 +60,7 @@ def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
     assert len(open_dataset(tmp_path).recordings) == 2
 
 
+@pytest.mark.slow
 def test_a_fault_in_a_take_is_in_its_quality(tmp_path: Path) -> None:
     recorder = session(tmp_path, takes=1, fault="air-dead")
     assert "air microphone dead" in recorder.quality

@@ -75,6 +75,7 @@ def test_a_take_becomes_a_lossless_file_and_a_line(tmp_path: Path) -> None:
     assert [path.name for path in recording.path.parent.iterdir()] == ["long_light.flac"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed_after", [1, 7, 38])
 def test_a_kill_loses_less_than_a_second(tmp_path: Path, killed_after: int) -> None:
     process = writer(tmp_path, 200)
@@ -87,6 +88,7 @@ def test_a_kill_loses_less_than_a_second(tmp_path: Path, killed_after: int) -> N
     assert "cut off after" in open_dataset(tmp_path).recordings[0].known("quality")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.002, 0.01, 0.03, 0.08])
 def test_a_kill_while_the_take_is_finished_loses_nothing(tmp_path: Path, delay: float) -> None:
     process = writer(tmp_path, 60)
@@ -100,6 +102,7 @@ def test_a_kill_while_the_take_is_finished_loses_nothing(tmp_path: Path, delay: 
     assert recovered(tmp_path) == 60 * BLOCK
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_what_was_written_and_says_so(tmp_path: Path) -> None:
     process = writer(tmp_path, 100, most_bytes=1_000_000)
     printed, errors = process.communicate()

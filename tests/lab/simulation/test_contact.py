@@ -69,6 +69,7 @@ def test_hovering_there_is_no_force() -> None:
     assert not source.truth.force.any()
 
 
+@pytest.mark.slow
 def test_a_body_that_was_left_comes_to_rest() -> None:
     """Else it rings on in numbers below 1e-308, which made a visit to five stones eight times slower to compute."""
     source = SimulatedFinger(five_stones(shuffled(1)), place=PLACE)

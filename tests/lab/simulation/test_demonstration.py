@@ -1,10 +1,12 @@
 import numpy as np
+import pytest
 
 from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.lab.simulation.render import touch_segments
 from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 
+@pytest.mark.slow
 def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
     finger = demonstration()
     indices = []
@@ -17,6 +19,7 @@ def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
     assert 8 < segments[-1].end < 16
 
 
+@pytest.mark.slow
 def test_no_half_second_of_the_demonstration_is_clipped() -> None:
     finger = demonstration(3)  # the loudest of the first seeds
     half = finger.sample_rate // 2

@@ -98,6 +98,7 @@ def test_clicks_fall_with_the_patch_over_the_spacing_of_strong_strikes(tip: str,
     assert rank_correlation(ratios, measured) <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 @pytest.mark.parametrize("name", ["7", "11"])
 def test_the_level_grows_with_the_logarithm_of_speed(tip: str, name: str) -> None:
@@ -108,6 +109,7 @@ def test_the_level_grows_with_the_logarithm_of_speed(tip: str, name: str) -> Non
     assert np.corrcoef(np.log10(speeds), levels)[0, 1] > 0.97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_under_its_own_weight_a_tip_grows_louder_with_speed_as_measured(tip: str) -> None:
     """14 to 19 dB per tenfold under light pressure (Ben Abdelounis et al. 2010): it hops."""
@@ -123,6 +125,7 @@ def test_under_its_own_weight_a_tip_grows_louder_with_speed_as_measured(tip: str
     assert 14 < np.median(slopes) < 22
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_the_level_grows_with_the_logarithm_of_roughness(tip: str) -> None:
     """Linear in log roughness, by 8 to 24 dB per tenfold: to the power 0.4 to 1.2 (Akay 2002; Ben Abdelounis)."""

@@ -25,6 +25,7 @@ def test_a_take_fills_its_time_in_order(take: Take) -> None:
     assert min(move.force for move in moves) < 0 < max(move.force for move in moves)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pressure", STROKE_PRESSURES)
 def test_pressure_is_the_contact_force(pressure: str) -> None:
     scene = single(STONE)

@@ -26,6 +26,7 @@ def render(finger: SimulatedFinger, sizes: list[int]) -> np.ndarray:
     return np.concatenate([finger.render(size).samples for size in sizes])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
 def test_blocks_of_any_size_give_the_same_bits(size: int) -> None:
     whole = take("lava stone").render(20_000).samples

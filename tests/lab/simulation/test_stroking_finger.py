@@ -2,9 +2,12 @@
 
 import itertools
 
+import pytest
+
 from tactophone.lab.simulation.demonstration import StrokingFinger
 
 
+@pytest.mark.slow
 def test_moves_do_not_pile_up() -> None:
     """The script kept every move: a robot with this source grew by 100 MB an hour."""
     finger, kept = StrokingFinger(4_800), []

@@ -20,6 +20,7 @@ from tactophone.signal.perception.model_file import read_model
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "channels"), [("general", 2), ("fine_tuned", 2), ("piezo_only", 1)])
 def test_each_published_variant_predicts_as_before(tmp_path: Path, name: str, channels: int) -> None:
     network = PaperNetwork(channels=channels)
@@ -88,6 +89,7 @@ def published(path: Path, *, channels: int = 2, traced: bool = False) -> dict[st
     return weights_of(network)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [1, 2])
 @pytest.mark.parametrize("traced", [False, True])
 def test_every_parameter_is_read(tmp_path: Path, channels: int, traced: bool) -> None:

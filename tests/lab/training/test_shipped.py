@@ -57,6 +57,7 @@ def test_each_card_has_scores_on_held_out_sound(name: str) -> None:
     assert "simulated, held out" in card.scores
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ON_FEATURES)
 def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: str) -> None:
     card = read_model(model_path(name)).card

@@ -39,6 +39,7 @@ def predict(model: Path, samples: np.ndarray, size: int = 480, *, sample_rate: i
     return predictions + detector.flush()
 
 
+@pytest.mark.slow
 def test_it_classifies_surfaces_it_was_not_trained_on(model: Path) -> None:
     for rough in (False, True):
         predictions = [
@@ -55,6 +56,7 @@ def test_contact_is_detected_within_a_window(model: Path) -> None:
     assert first < TOUCHED[0] + 0.032
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_bits(model: Path, size: int) -> None:
     samples = np.repeat(scrape(rough=True, seed=7)[:8000], 3, axis=0)
@@ -78,6 +80,7 @@ def test_unknown_sound_is_none_and_rendered_as_plain_contact(model: Path) -> Non
     assert {(each.touch, each.roughness) for each in predictions} == {(Touch.SMOOTH, 0.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, tmp_path: Path, tip: str) -> None:
     job = feature_recipe(RECIPES["texture"], TrainingOptions(channels=2, tip=tip))

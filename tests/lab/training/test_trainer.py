@@ -44,6 +44,7 @@ def same(first: dict[str, FloatArray], second: dict[str, FloatArray]) -> bool:
     return all(np.array_equal(first[name], second[name]) for name in first)
 
 
+@pytest.mark.slow
 def test_training_separates_two_sounds() -> None:
     windows, reports = make_windows(), list[Progress]()
     weights = Run(windows, quick(epochs=6)).complete(reports.append)
@@ -54,6 +55,7 @@ def test_training_separates_two_sounds() -> None:
     assert (predicted == windows.labels[which]).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     windows = make_windows()
     first, second, other = (Run(windows, quick(), seed=seed).complete() for seed in (1, 1, 2))
@@ -67,6 +69,7 @@ def test_training_starts_from_initial_weights() -> None:
     assert same(Run(windows, quick(epochs=1, learning_rate=0.0), initial=start).complete(), start)
 
 
+@pytest.mark.slow
 def test_bfloat16_learns_too() -> None:
     reports: list[Progress] = []
     Run(make_windows(), quick(precision="bfloat16", epochs=6)).complete(reports.append)

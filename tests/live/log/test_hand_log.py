@@ -64,6 +64,7 @@ def recorded(folder: Path, codec: Codec, hand: Path, *, remote: bool = False) ->
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_each_finger_is_replayed_to_the_bit(log: Path) -> None:
     replay = Replay(read_log(log))
     steps = list(replay.steps())
@@ -74,6 +75,7 @@ def test_each_finger_is_replayed_to_the_bit(log: Path) -> None:
         assert len(vibrating) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("codec", "remote"), [(PCM, False), (OPUS, True)])
 def test_pcm_and_predictions_of_a_hand_are_replayed_to_the_bit(
     tmp_path: Path, hand: Path, codec: Codec, remote: bool
@@ -84,6 +86,7 @@ def test_pcm_and_predictions_of_a_hand_are_replayed_to_the_bit(
     assert replay.comparison.different == 0
 
 
+@pytest.mark.slow
 def test_what_is_chosen_for_a_replay_holds_for_every_finger(log: Path) -> None:
     assert main(["replay", str(log), "--profile", "paper", "--json"]) == 0
     replay = Replay(read_log(log), lambda settings: change(settings, ["rendering.ceiling=0.1"]))
@@ -92,6 +95,7 @@ def test_what_is_chosen_for_a_replay_holds_for_every_finger(log: Path) -> None:
     assert replay.comparison.different > 20
 
 
+@pytest.mark.slow
 def test_a_replay_writes_files_and_a_figure_for_each_finger(log: Path, tmp_path: Path) -> None:
     rendered = write_replay(Replay(read_log(log)), tmp_path, "run", plot=True)
     assert [finger.name for finger in rendered] == ["thumb", "index"]
@@ -109,6 +113,7 @@ def test_a_replay_writes_files_and_a_figure_for_each_finger(log: Path, tmp_path:
     assert profiles[0] != profiles[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", [OPUS, PCM])
 def test_the_sound_of_each_finger_can_be_played_and_is_that_which_was_decoded(
     tmp_path: Path, hand: Path, codec: Codec
@@ -137,6 +142,7 @@ def test_the_sound_of_each_finger_can_be_played_and_is_that_which_was_decoded(
         write_sound(path, tmp_path, finger="ring")
 
 
+@pytest.mark.slow
 def test_feel_takes_one_finger_and_the_data_set_takes_of_each(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -141,6 +141,7 @@ def test_a_log_names_no_file_of_this_machine_for_its_hash(tmp_path: Path) -> Non
     assert not any("/" in note for note in replay.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 @pytest.mark.parametrize("claimed", [100, 1 << 30])
 def test_a_chunk_that_grows_is_refused_before_it_fills_the_memory(
@@ -174,6 +175,7 @@ def _bomb(compression: str) -> bytes:
     return b"".join([lz4.begin(), *(lz4.compress(bytes(1 << 22)) for _ in range(256)), lz4.flush()])
 
 
+@pytest.mark.slow
 def test_a_log_cannot_raise_this_machines_ceiling_and_the_user_can(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,12 +61,14 @@ def replayed(path: Path) -> Replay:
     return replay
 
 
+@pytest.mark.slow
 def test_a_replay_is_equal_to_the_bit(log: Path) -> None:
     comparison = replayed(log).comparison
     assert comparison.equal > 150
     assert (comparison.different, comparison.uncertain) == (0, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "codec", [Codec("opus", channels=2), Codec("opus", channels=1), Codec("pcm16", packet_size=240)]
 )
@@ -84,6 +86,7 @@ def test_predictions_made_on_the_robot_are_replayed_to_the_bit(tmp_path: Path, m
     assert comparison.different == 0
 
 
+@pytest.mark.slow
 def test_mutes_ceilings_profiles_and_thresholds_set_meanwhile_are_replayed_to_the_bit(
     tmp_path: Path, model: Path
 ) -> None:
@@ -293,6 +296,7 @@ def test_a_part_that_was_not_read_in_time_is_reported_and_the_rest_is_read(
     assert end.missed > 0
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0, 1), flipped=st.floats(0, 1), value=st.integers(0, 255), cut=st.booleans())
 def test_a_cut_or_changed_log_is_read_as_far_as_it_goes_or_refused_in_one_line(

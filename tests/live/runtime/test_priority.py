@@ -8,6 +8,7 @@ import pytest
 from tactophone.live.runtime.priority import COLLECTION_INTERVAL, collect_garbage, prioritize_thread, settle
 
 
+@pytest.mark.slow
 def test_settling_hides_everything_from_the_collector() -> None:
     before = sys.getswitchinterval()
     settle()
@@ -18,6 +19,7 @@ def test_settling_hides_everything_from_the_collector() -> None:
         sys.setswitchinterval(before)
 
 
+@pytest.mark.slow
 def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
     before = gc.get_stats()[2]["collections"]
     assert collect_garbage(0.0, 0.9 * COLLECTION_INTERVAL) == 0.0
@@ -47,6 +49,7 @@ def test_priority_zero_requests_nothing() -> None:
     assert prioritize_thread(0) == ""
 
 
+@pytest.mark.slow
 def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> None:
     before = sys.getswitchinterval()
     settle()

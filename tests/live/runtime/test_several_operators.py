@@ -81,6 +81,7 @@ def test_the_sound_waits_for_eight_datagrams_of_an_operator_at_most(monkeypatch:
     assert taken == [8, 8, 4]
 
 
+@pytest.mark.slow
 def test_trainer_and_trainee_feel_the_same_robot_each_below_its_own_ceiling(tmp_path: Path) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
     name = f"second-{uuid4().hex[:8]}"

@@ -122,6 +122,7 @@ def stale_after(world: World, end: float) -> list[float]:
     return [now - end for now, audio in world.decoded if audio.stale and now > end]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", [0.02, 0.05, 0.08, 0.12, 0.2, 0.5, 0.95, 1.4, 2.0])
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -> None:
@@ -135,6 +136,7 @@ def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -
     assert np.diff(late).max() < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [1.2, 2.0, 3.5])
 def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: str, duration: float) -> None:
@@ -147,6 +149,7 @@ def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: 
     assert starts[-1] / LIVE_SAMPLE_RATE == pytest.approx(3.0 + duration, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "operator"])
 @pytest.mark.parametrize("duration", [0.3, 3.0, 10.0])
 def test_sound_is_fresh_again_soon_after_a_machine_slept(part: str, duration: float) -> None:
@@ -174,6 +177,7 @@ def test_times_go_on_after_a_stall_that_ended_the_session() -> None:
     assert sent / LIVE_SAMPLE_RATE == pytest.approx(10.5, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 def test_stalls_one_after_another_do_not_add_up(part: str) -> None:
     stalls = tuple((1.5 + 0.6 * k, 1.5 + 0.6 * k + 0.15) for k in range(8))
@@ -185,6 +189,7 @@ def test_stalls_one_after_another_do_not_add_up(part: str) -> None:
     assert max(stale_after(world, stalls[-1][1]), default=0.0) < RECOVERY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_sound_is_fresh_soon_after_any_sequence_of_stalls_of_all_parts(seed: int) -> None:
     dice, stalls = random.Random(seed), dict[str, tuple[tuple[float, float], ...]]()
@@ -202,6 +207,7 @@ def test_sound_is_fresh_soon_after_any_sequence_of_stalls_of_all_parts(seed: int
         assert min(max(0.0, now - end) for start, end in pairs if start <= now) < RECOVERY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [0.1, 0.7])
 def test_no_fresh_sound_has_waited_longer_than_what_counts_as_stale(part: str, duration: float) -> None:
@@ -270,6 +276,7 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Pat
             assert last_stale(watcher, seconds=1.2) < RECOVERY + 0.1, duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [0.02, 0.05, 0.08, 0.2, 0.5, 2.0])
 def test_the_clocked_playout_holds_no_old_sound_after_a_stall(part: str, duration: float) -> None:

@@ -46,6 +46,7 @@ def test_a_ring_is_read_at_once_however_long_the_run(count: int) -> None:
     assert newest.tolist() == [(count + k) % 1_000 for k in range(-min(7, count), 0)]
 
 
+@pytest.mark.slow
 def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
     name = f"test-{uuid.uuid4().hex[:8]}"
     writer = subprocess.Popen([sys.executable, "-c", WRITER, name, "1.5"], stdout=subprocess.PIPE)

@@ -75,6 +75,7 @@ def lying_calls(results: "multiprocessing.Queue[dict[str, list[str]]]") -> None:
     exchange.uninstall()
 
 
+@pytest.mark.slow
 def test_a_mailbox_that_changes_a_message_ends_the_call_at_both_ends() -> None:
     found = results_of(lying_calls)
     assert found.pop("") == 2 * ["Refused(reason='nothing more')"]

@@ -163,6 +163,7 @@ def test_sound_goes_on_over_a_new_way_and_the_session_sees_the_same_peer(ends: E
         assert ends.own.receive(0.2) == [(SRTP, PEER)]
 
 
+@pytest.mark.slow
 def test_a_way_that_falls_silent_is_reported_each_second_until_something_comes(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:

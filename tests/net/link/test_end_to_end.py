@@ -80,6 +80,7 @@ def test_redundancy_is_dropped_on_a_clean_link() -> None:
     assert call.operator.gauges["bitrate_bps"] == pytest.approx(8 * 400 * (480 + 12 + 16 + 28), rel=0.03)
 
 
+@pytest.mark.slow
 def test_fixed_redundancy_stays() -> None:
     call = Call(codec=Codec("opus", packet_size=120), rule=RedundancyRule(least=2, most=2))
     call.run(11, sound=noise(11))

@@ -74,6 +74,7 @@ OPENSSL_TIMER = 0.9
 """Seconds of the wall clock after which OpenSSL repeats a flight by itself; its timer does not follow virtual time."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("round_trip", [0.002, 0.02, 0.1])
 def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(round_trip: float) -> None:
     for _ in range(5):

@@ -54,6 +54,7 @@ def played(
     return np.concatenate(blocks), playout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skew_ppm", [200, -200])
 @pytest.mark.parametrize("codec", [PCM, Codec("opus", packet_size=120)], ids=["pcm16", "opus"])
 def test_two_clocks_and_jitter_make_no_click(codec: Codec, skew_ppm: float) -> None:
@@ -79,6 +80,7 @@ def test_loss_and_a_stall_make_no_step(codec: Codec) -> None:
     assert after.std() == pytest.approx(AMPLITUDE / np.sqrt(2), rel=0.1)
 
 
+@pytest.mark.slow
 def test_redundancy_recovers_nearly_all() -> None:
     _, bare = played(8, loss=0.05)
     _, mended = played(8, loss=0.05, depth=1)

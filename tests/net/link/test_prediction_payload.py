@@ -13,6 +13,7 @@ from tactophone.net.link.packet import read_prediction, write_prediction
 shares = st.floats(0, 1)
 
 
+@pytest.mark.slow
 @given(shares, shares, shares, st.sampled_from(Touch), st.floats(-120, 0), st.floats(0, 1), st.booleans())
 def test_a_prediction_survives_the_wire(
     smooth: float, rough: float, roughness: float, touch: Touch, level: float, length: float, faulty: bool

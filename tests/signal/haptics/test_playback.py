@@ -17,6 +17,7 @@ def played(size: int) -> FloatArray:
     return np.concatenate(waves)[:24_000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_portions_give_the_same_bits(size: int) -> None:
     np.testing.assert_array_equal(played(size), played(24_000))

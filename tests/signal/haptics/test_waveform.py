@@ -88,6 +88,7 @@ def periods(renderer: Renderer, profile: Profile, count: int, touch: Touch, roug
         yield out
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(st.data(), st.sampled_from(NAMES), limits(), st.sampled_from(KINDS), st.floats(20, 2000), st.floats(0, 1))
 def test_no_control_no_sound_and_no_setting_clicks_pushes_or_passes_the_ceiling(
@@ -141,6 +142,7 @@ def test_a_sound_of_one_sign_is_no_constant_force(name: str, kind: str) -> None:
         assert worst_mean(wave) <= bound
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(sorted(PASSTHROUGH)), limits(), st.sampled_from(KINDS), st.floats(20, 2000), st.floats(0, 1))
 def test_no_sound_pushes_longer_than_half_a_period_of_the_lowest_sine(

@@ -33,6 +33,7 @@ def together(detectors: list[WindowDetector], samples: list[FloatArray], size: i
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["texture", "stylus", "paper"])
 @pytest.mark.parametrize("count", [1, 2, 5, 10])
 def test_detectors_together_predict_what_each_does_alone(name: str, count: int) -> None:

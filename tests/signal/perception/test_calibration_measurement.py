@@ -51,6 +51,7 @@ def calibrated(name: str, fault: str = "", gain_db: float = -9.0) -> Calibration
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["smooth competition stone", "whiteboard"])
 def test_a_good_set_up_passes(name: str) -> None:
     result = calibrated(name)
@@ -59,6 +60,7 @@ def test_a_good_set_up_passes(name: str) -> None:
     assert result.calibration.window_dbfs > result.calibration.floor_dbfs[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", CODES)
 def test_each_fault_is_named_and_the_set_up_refused(fault: str) -> None:
     result = calibrated("lava stone", fault, gain_db=-18.0)
@@ -116,6 +118,7 @@ def test_silence_hardly_ever_opens_the_contact_gate_at_the_threshold_found() -> 
     assert openings <= 18
 
 
+@pytest.mark.slow
 def test_a_faint_signal_comes_with_the_gain_that_mends_it() -> None:
     result = calibrated("whiteboard", gain_db=-40.0)
     assert result.gain_db[0] > 10
@@ -139,6 +142,7 @@ def moving(motion_db: float, *, jerks: int = 6, seconds: float = 6.0) -> Calibra
     return CalibrationSounds(RATE, rest, stroke.samples, tap.samples, motion.astype(np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motion_db", "margin_db"), [(0.0, 4.0), (3.0, 5.0), (5.0, 7.0)])
 def test_a_louder_robot_gets_a_larger_margin(motion_db: float, margin_db: float) -> None:
     result = measure_calibration(moving(motion_db), made="", source="")
@@ -147,6 +151,7 @@ def test_a_louder_robot_gets_a_larger_margin(motion_db: float, margin_db: float)
     assert abs(result.motion_db - motion_db / 2) < 3
 
 
+@pytest.mark.slow
 def test_starts_and_stops_do_not_raise_the_margin_but_more_bangs_do() -> None:
     six, many = (measure_calibration(moving(0.0, jerks=jerks), made="", source="") for jerks in (6, 12))
     assert six.calibration.margin_db == 4.0

@@ -46,6 +46,7 @@ def restless(rate: int) -> np.ndarray:
     return samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bands", [False, True])
 @pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])
 @pytest.mark.parametrize("rate", [2_000, 16_000, 44_100, 48_000])

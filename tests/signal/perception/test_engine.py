@@ -25,6 +25,7 @@ def test_each_run_uses_new_sound(tmp_path: Path) -> None:
         assert found == pytest.approx(np.exp(expected))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["paper", "paper-mono"])
 def test_eight_bits_at_run_time_hardly_change_the_papers_network(name: str) -> None:
     path = model_path(name)
@@ -61,6 +62,7 @@ def in_float(path: str, features: np.ndarray) -> np.ndarray:
     return exponentials / exponentials.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "within"), [("texture", 1e-5), ("stylus", 1e-5), ("paper", 0)])
 def test_fingers_together_are_what_each_is_alone(name: str, within: float) -> None:
     engine = Engine(read_model(model_path(name)).session)

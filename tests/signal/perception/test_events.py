@@ -29,6 +29,7 @@ def times(events: list[TouchEvent], kind: str) -> np.ndarray:
     return np.array([event.time for event in events if event.kind == kind])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("window", "goal"), [(0.05, 0.98), (0.01, 0.95)])
 def test_touch_downs_of_unheard_simulated_objects(scenes: list[TouchScene], window: float, goal: float) -> None:
     scored = []
@@ -43,6 +44,7 @@ def test_touch_downs_of_unheard_simulated_objects(scenes: list[TouchScene], wind
         assert score == pytest.approx(mir_eval.onset.f_measure(truth, found, window=window)[0])
 
 
+@pytest.mark.slow
 def test_a_touch_is_known_within_5_ms_and_a_knock_in_the_air_is_no_tap(scenes: list[TouchScene]) -> None:
     for scene in scenes:
         merged = EventDetector(sample_rate=RATE, channels=2).push_timed(AudioBlock(scene.sound, RATE))
@@ -53,6 +55,7 @@ def test_a_touch_is_known_within_5_ms_and_a_knock_in_the_air_is_no_tap(scenes: l
         assert not any(np.abs(taps - knock).min() < 0.03 for knock in scene.times("knock"))
 
 
+@pytest.mark.slow
 def test_sliding_brings_strokes_and_no_taps() -> None:
     scene = touch_scene("17", seed=3, duration=10.0, taps=False, knocks=False)
     found = events_of(scene.sound)
@@ -110,6 +113,7 @@ def test_a_tap_that_bounces_is_one_tap_and_quick_taps_are_as_many() -> None:
     assert times(events_of(impacts([1.0, 1.15, 1.3], [0.2] * 3)), "tap") == pytest.approx([1.0, 1.15, 1.3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_predictions_and_events(scenes: list[TouchScene], size: int) -> None:
     sound = scenes[0].sound[: 2 * RATE]

@@ -43,6 +43,7 @@ def predictions(code: str, size: int = 4800) -> Sequence[Prediction]:
     return [prediction for part in parts for prediction in detector.push(part)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", CODES)
 def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(code: str) -> None:
     during = [p for p in predictions(code) if BEGIN + 1 < p.end < END]
@@ -72,6 +73,7 @@ def test_without_the_air_microphone_the_one_channel_model_goes_on() -> None:
     assert np.mean(agree) > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
 def test_blocks_of_any_size_give_the_same_predictions(size: int) -> None:
     samples = sound("air-hum").samples[RATE * 5 // 2 :]

@@ -48,6 +48,7 @@ def test_each_fault_alone_is_named_within_a_second_and_heals(code: str, referenc
     assert 5.0 < ended <= (8.0 if code == "air-covered" else 7.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lava stone", "polished marble", "whiteboard"])
 def test_a_good_set_up_has_no_faults(name: str) -> None:
     assert named("", stroked(name), None) == named("", stroked(name), CALIBRATED) == []

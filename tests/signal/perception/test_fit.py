@@ -49,11 +49,13 @@ def test_a_touch_that_stays_unknown_is_noticed() -> None:
     assert check.misfit.code == "undecided"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_the_right_sound_fits(tip: str) -> None:
     assert misfit(stroked(tip), tip) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tip", "highest"), [("pad", 1.2), ("stylus", 1.7)])
 def test_a_missing_band_is_named(tip: str, highest: float) -> None:
     found = misfit(limited(stroked(tip), 1200), tip)
@@ -86,6 +88,7 @@ def test_a_pad_is_noticed_under_a_model_for_rubber() -> None:
     assert found.text.endswith("--tip pad")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_a_motor_is_no_other_tip(tip: str) -> None:
     random, time = np.random.default_rng(1), np.arange(SECONDS * RATE) / RATE
@@ -95,6 +98,7 @@ def test_a_motor_is_no_other_tip(tip: str) -> None:
     assert found is None or found.code != "other-tip"
 
 
+@pytest.mark.slow
 def test_one_microphone_is_right_where_the_model_uses_one() -> None:
     air = stroked("stylus")[:, 1:]
     assert misfit(np.repeat(air, 2, axis=1), "stylus") is None
@@ -112,6 +116,7 @@ def test_noise_that_hides_the_touch_is_named() -> None:
     assert codes == {None, "noisy"}
 
 
+@pytest.mark.slow
 def test_a_notice_ends_when_the_sound_fits_again_and_changes_no_prediction() -> None:
     sound = np.concatenate((limited(stroked("pad"), 1200), stroked("pad"), stroked("pad")))
     checked, plain = (open_detector("texture", sample_rate=RATE, follow_floor=True) for _ in range(2))
@@ -125,6 +130,7 @@ def test_a_notice_ends_when_the_sound_fits_again_and_changes_no_prediction() -> 
     assert codes[-1] is None
 
 
+@pytest.mark.slow
 def test_a_notice_reaches_a_live_run_without_muting_it() -> None:
     pipeline = open_pipeline_for(change(Settings(), ["capture.tip=pad"]), channels=2)
     sound = limited(stroked("pad"), 1200)

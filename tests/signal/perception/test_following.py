@@ -28,6 +28,7 @@ def predictions(samples: FloatArray, size: int = 4800, model: str = "texture") -
     return [prediction for block in blocks(samples, size) for prediction in detector.push(block)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [37, 480, 509])
 @pytest.mark.parametrize("model", ["texture", "paper"])
 def test_blocks_of_any_size_give_the_same_predictions(model: str, size: int) -> None:
@@ -62,6 +63,7 @@ def with_a_loose_microphone() -> FloatArray:
     return silence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [240, 701])
 def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(size: int) -> None:
     def found(size: int) -> list[Prediction]:

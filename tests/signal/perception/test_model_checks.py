@@ -309,6 +309,7 @@ def slow_when_touched(path: Path, cap: float) -> Path:
     return with_nodes(path, nodes, [*weights, SHARES, numpy_helper.from_array(np.array([0]), "axis")])
 
 
+@pytest.mark.slow
 def test_a_model_that_is_slow_only_when_touched_is_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"too slow|over 5 s"):
         read_model(slow_when_touched(tmp_path / "slow.onnx", 3e8))

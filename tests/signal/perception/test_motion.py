@@ -80,6 +80,7 @@ def test_whoever_claims_starts_and_stops_without_end_delays_contact_by_150_ms_an
     assert all(each.touching for each in found if begins(found) < each.time < 4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fingers", [1, 2])
 def test_packets_that_wait_for_the_next_keep_what_the_robot_says(fingers: int) -> None:
     touch = np.repeat(sound((2.06, 3.0)), 2 * fingers, axis=1)

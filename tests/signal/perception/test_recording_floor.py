@@ -49,6 +49,7 @@ def test_hum_and_offset_are_no_noise() -> None:
     assert floor_of(hum.astype(np.float32)).floor_dbfs == pytest.approx(floor_of(plain).floor_dbfs, abs=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_blocks_of_any_size_give_the_same_floor(size: int) -> None:
     assert floor_of(touched()[: 2 * RATE], size) == floor_of(touched()[: 2 * RATE], 2 * RATE)

@@ -22,6 +22,7 @@ def moved() -> tuple[StoneBoxSource, Connection]:
     return StoneBoxSource(inbox, block_size=BLOCK), outbox
 
 
+@pytest.mark.slow
 def test_it_is_a_source_whose_blocks_follow_one_another(moved: tuple[StoneBoxSource, Connection]) -> None:
     with moved[0] as box:
         blocks = list(itertools.islice(box, 5))
@@ -29,6 +30,7 @@ def test_it_is_a_source_whose_blocks_follow_one_another(moved: tuple[StoneBoxSou
     assert [block.start for block in blocks] == [BLOCK * k for k in range(5)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_a_press_becomes_a_touch_while_the_finger_comes_down(tip: str) -> None:
     inbox, outbox = Pipe(duplex=False)
@@ -48,6 +50,7 @@ def test_a_lift_ends_the_touch_and_the_noise(moved: tuple[StoneBoxSource, Connec
         assert box.truth_of() == truth
 
 
+@pytest.mark.slow
 def test_replaced_stones_are_touched_and_the_sound_goes_on(moved: tuple[StoneBoxSource, Connection]) -> None:
     box, outbox = moved
     blocks = iter(box)
