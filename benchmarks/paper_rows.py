@@ -9,7 +9,7 @@
 0.4 s of it. It is an *edge*, as the paper's operator took it, if rough began no earlier than 0.1 s before the finger
 was over the edge and ends with the touch or within 0.4 s: place and time then say what it was.
 
-*pressure*: share of the time in contact that a model's gate calls none, by pressing force.
+*pressure*: share of the time in contact that is *non-valid*, by pressing force: under the gate, or rated none by the model.
 
 *irregularities*: strokes over glass with one scratch or one grain. A *hit* is rough, or more than twice the roughness
 of plain glass at its 99th percentile, while the finger passes and for 0.4 s more; its *place* is where the finger was.
@@ -112,15 +112,16 @@ def pressure(models: Sequence[str]) -> None:
     for model in models or SHIPPED:
         shares = []
         for force in (0.25, 0.5, 1.0, 2.0, 4.0):
-            gated = touched = 0
+            invalid = touched = 0
             for seed, obj in enumerate(objects):
                 sound, truth = strokes(obj, force, 0.1, seed=seed)
                 found = heard(sound, model)
                 ends = np.array([each.end for each in found])
                 inside = at(truth.touch, ends) != Touch.NONE
                 touched += int(inside.sum())
-                gated += int((inside & np.array([each.touch is Touch.NONE for each in found])).sum())
-            shares.append(gated / touched)
+                likeliest = np.array([each.probabilities for each in found]).argmax(axis=1)
+                invalid += int((inside & (likeliest == Touch.NONE)).sum())
+            shares.append(invalid / touched)
         print(f"| {model} | " + " | ".join(f"{share:.2f}" for share in shares) + " |", flush=True)
 
 
