@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from tactophone.lab.training.paper_models import import_published
+    from tactophone.lab.training.published_models import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
     import_published(args.source, out)

@@ -13,7 +13,7 @@ from tactophone import AudioBlock
 from tactophone.core.errors import ModelError
 from tactophone.lab.training.export import read_weights
 from tactophone.lab.training.network import PaperNetwork, magnitudes, weights_of
-from tactophone.lab.training.paper_models import import_published
+from tactophone.lab.training.published_models import import_published
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
 
