@@ -1,11 +1,11 @@
 import ast
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
 import pytest
 from benchmarks.virtual_link import VirtualLink, paired_sessions
+from msgspec.structs import replace
 
 import tactophone
 from tactophone.core.errors import ModelError

@@ -1,11 +1,11 @@
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import (

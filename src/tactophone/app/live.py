@@ -2,8 +2,9 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Self
+
+from msgspec.structs import replace
 
 from tactophone.app.sources import UNATTENDED, open_source
 from tactophone.core.settings import Settings, change

@@ -6,6 +6,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from msgspec import structs
+
 from tactophone.lab.dataset.values import Segment, touch_at
 from tactophone.live.audio.files import FileSource
 from tactophone.live.telemetry.layout import FingerState, State
@@ -54,7 +56,7 @@ def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | Non
             now = time.monotonic()
             begin += now - paused  # a pause moves all that follows
             for finger, (block, pipeline, playback) in enumerate(zip(blocks, take.pipelines, playbacks, strict=True)):
-                step = replace(pipeline.push(block), finger=finger)
+                step = structs.replace(pipeline.push(block), finger=finger)
                 telemetry.rendered(playback.push(step.commands, until=end), finger=finger)
                 telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
             telemetry.update(state, now=now)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from msgspec import structs
 
 from tactophone.app.hum import Hum, HumMeter
 from tactophone.core.tips import TIPS
@@ -74,7 +75,9 @@ class Preparation:
                 railed += health.clipped_samples(samples.T).sum(axis=1)
                 count += block.size
                 meter.push(samples)
-                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(replace(block, samples=samples)):
+                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(
+                    structs.replace(block, samples=samples)
+                ):
                     faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
         live = tuple(np.flatnonzero(~(peak < SILENT_CHANNEL)).tolist())
         channels = live or tuple(range(source.channels))
@@ -150,4 +153,4 @@ class PreparedSource(ChangedSource):
             samples = samples - self._offset
         if self._gain != 1:
             samples = samples * self._gain
-        return block if samples is block.samples else replace(block, samples=np.ascontiguousarray(samples))
+        return block if samples is block.samples else structs.replace(block, samples=np.ascontiguousarray(samples))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
@@ -183,7 +184,7 @@ def recording_predictor(model: str | Model) -> Predictor:
 
 def _measured(source: Source, preparation: Preparation, card: ModelCard) -> RecordingFloor:
     with PreparedSource(source, preparation) as sound:
-        heard = (replace(block, samples=card.heard(block.samples)) for block in sound)
+        heard = (structs.replace(block, samples=card.heard(block.samples)) for block in sound)
         return measure_floor(heard, sample_rate=sound.sample_rate, rule=card.gate.rule)
 
 
@@ -192,7 +193,7 @@ class _Exchanged(ChangedSource):
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._source:
-            yield replace(block, samples=np.ascontiguousarray(block.samples[:, ::-1]))
+            yield structs.replace(block, samples=np.ascontiguousarray(block.samples[:, ::-1]))
 
 
 def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:

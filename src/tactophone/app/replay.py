@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from tactophone.app.logged_run import LONGEST_GAP, Change, LoggedEndpoint, WakeUp, add_sound, wake_ups, write_sound
 from tactophone.app.playback import Take
@@ -193,20 +194,21 @@ def _complete(step: PipelineStep) -> PipelineStep:
     """Give each prediction a command, silence where there was none, and each block two channels."""
     samples = step.block.samples
     if samples.shape[1] == 1:
-        step = replace(step, block=replace(step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1)))
+        block = structs.replace(step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1))
+        step = structs.replace(step, block=block)
     if len(step.commands) == len(step.predictions):
         return step
     silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)
-    return replace(step, commands=silence)
+    return structs.replace(step, commands=silence)
 
 
 def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
     """Return a step ``offset`` samples later: the processes of a run follow one another, each begins at 0."""
     shift = offset / step.block.sample_rate
     return PipelineStep(
-        replace(step.block, start=step.block.start + offset),
-        tuple(replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
-        tuple(replace(each, time=each.time + shift) for each in step.commands),
+        structs.replace(step.block, start=step.block.start + offset),
+        tuple(structs.replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
+        tuple(structs.replace(each, time=each.time + shift) for each in step.commands),
         step.finger,
     )
 

@@ -8,12 +8,13 @@ import itertools
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import soundfile
+from msgspec import structs
 from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError
@@ -193,7 +194,7 @@ class OfflineRenderer:
         if self._last:
             tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
             self._write(
-                replace(tail, block=replace(self._last, samples=self._last.samples[:0])),
+                structs.replace(tail, block=structs.replace(self._last, samples=self._last.samples[:0])),
                 until=duration + VIBRATION_TAIL,
             )
         updates = sum(self._counts.values())

@@ -48,7 +48,7 @@ PREDICTION_FIELDS = (
 """Every field of a prediction and its command, in order; shared memory, CSV, JSON and pages derive their layout from
 this table. Times are in s since the stream began. Without a command, frequency and amplitude are NaN."""
 
-_PLAIN_FIELDS = tuple({field.name for field in PREDICTION_FIELDS} & set(Prediction.__dataclass_fields__) - {"touch"})
+_PLAIN_FIELDS = tuple({field.name for field in PREDICTION_FIELDS} & set(Prediction.__struct_fields__) - {"touch"})
 
 
 def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:

@@ -1,17 +1,19 @@
 """The values that cross the doors between rooms (sound, prediction, command), and the contracts of the stages.
 
-Values are frozen. Arrays inside them are shared, never copied: a receiver does not write to them.
+Values are frozen structs, whose creation costs a quarter of a frozen dataclass's: each packet makes a dozen. Arrays
+inside them are shared, never copied: a receiver does not write to them.
 """
 
 import enum
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float32]
@@ -39,8 +41,7 @@ SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
 """Touches that a surface can be labelled as, smoothest first. A further class begins here."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AudioBlock:
+class AudioBlock(msgspec.Struct, frozen=True, eq=False):
     """Consecutive samples of sound as they arrived.
 
     Parameters
@@ -131,8 +132,7 @@ EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 """Kinds of touch events; telemetry counts them from 1."""
 
 
-@dataclass(frozen=True, slots=True)
-class TouchEvent:
+class TouchEvent(msgspec.Struct, frozen=True):
     """A moment of touch.
 
     Parameters
@@ -160,8 +160,7 @@ def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
     return (none >= 0.5) | ((smooth < 2 * rough) & (rough < 2 * smooth))
 
 
-@dataclass(frozen=True, slots=True)
-class Prediction:
+class Prediction(msgspec.Struct, frozen=True):
     """What the detector computed from one window.
 
     Parameters
@@ -199,8 +198,7 @@ class Prediction:
         return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
 
 
-@dataclass(frozen=True, slots=True)
-class HapticCommand:
+class HapticCommand(msgspec.Struct, frozen=True):
     """A sine vibration for the actuator, after every limit.
 
     Parameters
@@ -218,8 +216,7 @@ class HapticCommand:
     time: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PipelineStep:
+class PipelineStep(msgspec.Struct, frozen=True, eq=False):
     """What a block of sound led to: its predictions, and the commands made from them.
 
     There is one command for each prediction, or none at all when they came too late to be rendered. Of a hand, each

@@ -9,10 +9,10 @@
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from tactophone.core.microphones import MICROPHONES, check_channels
 from tactophone.core.tips import DEFAULT_TIP

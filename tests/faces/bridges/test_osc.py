@@ -5,11 +5,11 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tactophone.cli import live, options
 from tactophone.core.errors import ConfigError

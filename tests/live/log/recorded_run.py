@@ -3,13 +3,13 @@
 import itertools
 import uuid
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from benchmarks.virtual_link import VirtualLink, paired_sessions
+from msgspec.structs import replace
 
 from tactophone.app.logged_run import _without_gaps, decoded_blocks
 from tactophone.core.hand import channels_of, each_finger, with_fingers

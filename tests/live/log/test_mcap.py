@@ -2,7 +2,6 @@ import io
 import json
 import subprocess
 from collections import Counter
-from dataclasses import astuple, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pytest
 import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import astuple, replace
 
 from tactophone.app.logged_run import add_sound, write_sound
 from tactophone.app.replay import Comparison, Replay, write_replay

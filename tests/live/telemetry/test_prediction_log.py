@@ -7,12 +7,12 @@ import subprocess
 import sys
 import time
 import uuid
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
+from msgspec.structs import replace
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import prediction_of

@@ -1,11 +1,11 @@
 """Golden packets, one for each shape and each fault, and round trips that hypothesis searches."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from tactophone.core.errors import PacketError
 from tactophone.net.link.packet import (

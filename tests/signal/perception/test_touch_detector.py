@@ -2,12 +2,12 @@
 
 from collections import Counter
 from collections.abc import Generator
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
+from msgspec import structs
 
 from tactophone.core.prediction_fields import entries_of, prediction_of
 from tactophone.core.types import HapticCommand, Prediction, Touch
@@ -223,7 +224,7 @@ class Passed:
     def ended(self, now: float) -> "Passed":
         """Return the same without contact and vibration: what holds once predictions no longer come."""
         command = HapticCommand(0.0, self.command.frequency, self.command.time)
-        return replace(self, prediction=replace(self.prediction, touch=Touch.NONE), command=command, made=now)
+        return replace(self, prediction=structs.replace(self.prediction, touch=Touch.NONE), command=command, made=now)
 
 
 class PredictionReader:

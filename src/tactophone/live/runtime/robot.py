@@ -10,9 +10,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Self
+
+from msgspec.structs import replace
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.hand import channels_of, each_finger, names_of

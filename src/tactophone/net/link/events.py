@@ -5,15 +5,15 @@ to run it again, without keys: `LoggedSession` stands in for `Session`, and its 
 """
 
 import json
-from dataclasses import dataclass
 from typing import TypeAlias
+
+import msgspec
 
 from tactophone.core.errors import PacketError
 from tactophone.net.link.packet import Address
 
 
-@dataclass(frozen=True, slots=True)
-class Connected:
+class Connected(msgspec.Struct, frozen=True):
     """Both ends have authenticated themselves; keys and SSRCs are fresh."""
 
     peer: str
@@ -21,23 +21,20 @@ class Connected:
     remote_ssrc: int
 
 
-@dataclass(frozen=True, slots=True)
-class Renewed:
+class Renewed(msgspec.Struct, frozen=True):
     """The session continues under fresh keys and SSRCs; sequence numbers and timestamps run on."""
 
     local_ssrc: int
     remote_ssrc: int
 
 
-@dataclass(frozen=True, slots=True)
-class Disconnected:
+class Disconnected(msgspec.Struct, frozen=True):
     """The session has ended."""
 
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class PacketReceived:
+class PacketReceived(msgspec.Struct, frozen=True):
     """An authentic packet, decrypted: RTP, or RTCP where ``report`` is true."""
 
     packet: bytes

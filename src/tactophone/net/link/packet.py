@@ -31,8 +31,10 @@ import enum
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import TypeAlias
+
+import msgspec
+from msgspec.structs import replace
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import MOST_FINGERS, Prediction, Touch
@@ -162,8 +164,7 @@ def stream_of(packet: bytes, *, report: bool) -> int:
     return int.from_bytes(field) if len(field) == 4 else -1
 
 
-@dataclass(frozen=True, slots=True)
-class Payload:
+class Payload(msgspec.Struct, frozen=True):
     """Encoded sound or a prediction: ``content`` of type ``kind``, which begins at ``timestamp``."""
 
     kind: PayloadType
@@ -171,8 +172,7 @@ class Payload:
     content: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(msgspec.Struct, frozen=True):
     """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of :func:`parse_packet`.
 
     >>> packet = Packet(7, ssrc=1, payload=Payload(PayloadType.OPUS, 960, b"sound"))

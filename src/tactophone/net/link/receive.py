@@ -2,8 +2,9 @@
 
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TypeAlias
+
+import msgspec
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import FloatArray, Prediction
@@ -35,8 +36,7 @@ _STREAM_COUNTERS = (
 _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 
 
-@dataclass(frozen=True, slots=True)
-class PredictionReceived:
+class PredictionReceived(msgspec.Struct, frozen=True):
     """A prediction made on the robot, whether it is too old to be rendered, and of which finger of how many."""
 
     prediction: Prediction

@@ -14,6 +14,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from tactophone.core.errors import PacketError
@@ -33,8 +34,7 @@ from tactophone.net.link.rtcp import SenderReport
 from tactophone.net.link.stats import MinDelayFilter, Reception, Skew
 
 
-@dataclass(frozen=True, slots=True)
-class EncodedSound:
+class EncodedSound(msgspec.Struct, frozen=True):
     """Sound of one packet: ``content`` of type ``kind`` at ``start`` samples; ``after_gap`` if sound before is lost."""
 
     kind: PayloadType
@@ -236,8 +236,7 @@ PACKET_HISTORY = 0.256 + SOUND_STALE_AFTER
 What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DecodedAudio:
+class DecodedAudio(msgspec.Struct, frozen=True, eq=False):
     """A block of sound."""
 
     block: AudioBlock
@@ -247,8 +246,7 @@ class DecodedAudio:
     """Seconds that its packet waited for an earlier one."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Waiting:
+class _Waiting(msgspec.Struct, frozen=True):
     payload: Payload
     primary: bool
     """Whether it is its packet's own payload, not a redundant copy in a later packet."""

@@ -17,9 +17,9 @@ one that has left: lift-off means that the sliding ended.
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from tactophone.core.microphones import AIR, CONTACT

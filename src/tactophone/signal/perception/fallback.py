@@ -9,8 +9,9 @@ import copy
 import enum
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from types import MappingProxyType
+
+from msgspec.structs import replace
 
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ContactRule, Prediction, Touch
