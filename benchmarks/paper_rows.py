@@ -9,7 +9,8 @@
 0.4 s of it. It is an *edge*, as the paper's operator took it, if rough began no earlier than 0.1 s before the finger
 was over the edge and ends with the touch or within 0.4 s: place and time then say what it was.
 
-*pressure*: share of the time in contact that is *non-valid*, by pressing force: under the gate, or rated none by the model.
+*pressure*: share of the time in contact that is *non-valid*, by pressing force: under the gate, or rated none by the
+model.
 
 *irregularities*: strokes over glass with one scratch or one grain. A *hit* is rough, or more than twice the roughness
 of plain glass at its 99th percentile, while the finger passes and for 0.4 s more; its *place* is where the finger was.

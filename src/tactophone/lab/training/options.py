@@ -123,9 +123,8 @@ class NetworkSettings:
     """Everything that decides a training run of the paper's network but the recordings and the seed.
 
     The defaults are the paper's. ``hop`` is in samples at 2 kHz: a window for every sound buffer, 10.7 ms; the authors'
-    code takes every window (1), which neither trains better nor finishes (docs/guide/training.md). ``noise`` is the
-    standard deviation of the Gaussian noise added to each window. Epochs repeat until there were ``least_steps``
-    batches, see :data:`FAST_CHANGES`.
+    code takes every window (1). ``noise`` is the standard deviation of the Gaussian noise added to each window. Epochs
+    repeat until there were ``least_steps`` batches, see :data:`FAST_CHANGES`.
     """
 
     variant: Variant
