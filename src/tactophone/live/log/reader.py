@@ -97,7 +97,7 @@ class RunReader:
                 events = self._partial + record.events
                 self._partial = events if record.more else ()
                 if not record.more:
-                    arrivals.append(replace(record, events=events))
+                    arrivals.append(structs.replace(record, events=events))
                 continue
             # Packets and controls keep their order in the file, as their order decides about the replay.
             yield from self._packets(arrivals)

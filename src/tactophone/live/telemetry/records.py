@@ -62,8 +62,7 @@ class RunStart:
     fingers: Annotated[list[FingerStart], msgspec.Meta(max_length=MOST_FINGERS)] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class EventBatch:
+class EventBatch(msgspec.Struct, frozen=True):
     """Events that the end processed together, encoded as the link encodes them."""
 
     time: Seconds

@@ -63,7 +63,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         # As bytes, those of all fingers or marks after one another.
         rings = {name: self._memory[name].reshape(-1).view(np.uint8) for name in ("steps", "predictions", "marks")}
         self._rows = {name: _view(ring) for name, ring in rings.items()}
-        self._state_count = 0
+        self._log_ring, self._logged, self._state_count = _view(self._memory["log"]), 0, 0
         self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
         self._gauges = _view(self._memory["gauges"])
         self._beat = self._memory["beat"]
@@ -122,13 +122,12 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
         if len(record) > layout.LARGEST_RECORD:
             raise ValueError(f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it")
-        ring, count = self._memory["log"], self._memory["log_count"]
-        data, at = np.frombuffer(record, np.uint8), int(count) % layout.LOG_CAPACITY
-        head = min(len(data), layout.LOG_CAPACITY - at)
-        ring[at : at + head] = data[:head]
-        ring[: len(data) - head] = data[head:]
+        ring, at = self._log_ring, self._logged % layout.LOG_CAPACITY
+        head = min(len(record), layout.LOG_CAPACITY - at)
+        ring[at : at + head], ring[: len(record) - head] = record[:head], record[head:]
         # Counted once it is whole, so that a reader never sees part of a record.
-        count += np.uint64(len(data))
+        self._logged += len(record)
+        self._memory["log_count"][...] = self._logged
 
     def mark(self, *reached: tuple[int, int, float]) -> None:
         """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp of its end, and when (s)."""

@@ -367,8 +367,10 @@ class Session:
         events: list[Event] = [connection.renewed] if self._keys.confirm(connection, now) else []
         if current := self._keys.current:
             current.last_received = now  # also under the keys before: it is the same peer, and it lives
-        with suppress(PacketError):  # a report that cannot be read is counted where the others are
-            match parse_report(packet) if report else None:
+        if not report:
+            return [*events, PacketReceived(packet, report)]
+        with suppress(PacketError):  # one that cannot be read is counted where the others are
+            match parse_report(packet):
                 case Goodbye(reason=""):
                     self.hung_up = self.peer or ""
                     return [*events, *self._end(f"{self.peer} hung up")]

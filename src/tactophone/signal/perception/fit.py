@@ -81,8 +81,10 @@ def _tips() -> dict[str, Floats]:
 
 
 @functools.cache
-def _taper_and_bounds(size: int, sample_rate: int) -> tuple[Floats, NDArray[np.intp]]:
-    return np.hanning(size + 1)[:-1], np.searchsorted(np.fft.rfftfreq(size, 1 / sample_rate), EDGES)
+def _taper_power_and_bounds(size: int, sample_rate: int) -> tuple[Floats, float, NDArray[np.intp]]:
+    taper = np.hanning(size + 1)[:-1]
+    bounds = np.searchsorted(np.fft.rfftfreq(size, 1 / sample_rate), EDGES)
+    return taper, np.square(taper).sum() * size / 2, bounds
 
 
 def _decibels(powers: Floats) -> Floats:
@@ -127,7 +129,7 @@ class FitCheck:
         if not self._since:
             self._touched += 1
             weight = max(1 / self._touched, 1 / TOUCH_MEMORY)
-            new = level, np.square(level), _impulses(np.diff(sound))
+            new = level, np.square(level), _impulses(sound[:, 1:] - sound[:, :-1])
             self._touch = tuple(old + weight * (each - old) for old, each in zip(self._touch, new, strict=True))
             if self._touched >= LEAST and self._touched % EVERY == 0:
                 self.misfit = self._judge()
@@ -155,9 +157,8 @@ class FitCheck:
 
     def _band_levels(self, sound: FloatArray) -> Floats:
         """Return the level of each channel in each band, ``(channels, bands)``."""
-        size = sound.shape[1]
-        taper, bounds = _taper_and_bounds(size, self._sample_rate)
-        powers = np.square(np.abs(np.fft.rfft(sound * taper))) / (np.square(taper).sum() * size / 2)
+        taper, power, bounds = _taper_power_and_bounds(sound.shape[1], self._sample_rate)
+        powers = np.square(np.abs(np.fft.rfft(sound * taper))) / power
         return _decibels(np.add.reduceat(powers, bounds, axis=1)[:, :-1])
 
     def _heard(self) -> NDArray[np.bool_]:
@@ -239,7 +240,9 @@ class FitCheck:
 
 def _impulses(slopes: FloatArray) -> Floats:
     """Return crest, kurtosis and mean absolute value of each channel, all by its RMS: ``(channels, 3)``, in dB."""
-    squares, sizes = np.square(slopes), np.abs(slopes)
-    power = squares.mean(axis=1) + 1e-18
-    crest, mean = np.square(sizes.max(axis=1)) / power, np.square(sizes.mean(axis=1)) / power
-    return _decibels(np.stack((crest, mean, np.square(squares).mean(axis=1) / power**2), axis=1))
+    sizes, squares = np.abs(slopes), np.square(slopes)
+    # The means of all in one call, and not by `mean`, which takes five times as long for so few.
+    mean, power, fourth = np.add.reduce((sizes, squares, np.square(squares)), axis=2) / slopes.shape[1]
+    power += 1e-18
+    measures = np.square(np.maximum.reduce(sizes, axis=1)) / power, np.square(mean) / power, fourth / np.square(power)
+    return _decibels(np.array(measures).T)

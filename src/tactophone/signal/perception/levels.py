@@ -319,7 +319,8 @@ class Ear:
 
     def hear(self, contacts: FloatArray) -> None:
         """Take samples, shape ``(count, samples)``; the steps of the first `ahead` of them were heard already."""
-        self._measure(contacts[:, self.ahead :])
+        if contacts.shape[1] > self.ahead:
+            self._measure(contacts[:, self.ahead :])
         self.ahead = max(0, self.ahead - contacts.shape[1])
         for rows in self._bands.push(contacts) if self._bands else ():
             # In the precision of the floors, or NumPy would convert them in each sum.
