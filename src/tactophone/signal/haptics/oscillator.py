@@ -215,7 +215,8 @@ class Oscillator(Renderer):
         np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
         envelope += self._amplitude
         # Commands are bounded already, and a ceiling that was lowered is followed like a command: cut, it would click.
-        np.minimum(envelope, self._seen[1].machine, out=envelope)
+        if max(self._amplitude, self._amplitude + self._amplitude_gap) > (machine := self._seen[1].machine):
+            np.minimum(envelope, machine, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
         self._age += size
 

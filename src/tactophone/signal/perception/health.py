@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,12 +101,12 @@ FULL_SCALE = 0.999
 FAULT_CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
 
-_LOUD = 0.1
-"""Neighbours that are equal over this level are against a rail; in quiet sound of few bits they are not."""
+_LOUD, _LARGEST = 0.1, 4
+"""Neighbours that are equal over the first are against a rail; in quiet sound of few bits they are not. Over the second
+samples are cut."""
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelStatistics:
+class ChannelStatistics(msgspec.Struct, frozen=True):
     """Half a second of sound in numbers; one entry a channel where there are several."""
 
     end: float
@@ -174,13 +175,12 @@ class SignalStatistics:
         # Channels first from here on: a sum over rows of two numbers takes ten times as long as one along a row.
         cell = np.ascontiguousarray(np.concatenate(self._parts).T)
         self._parts, self._filled = [], 0
-        if np.abs(cell).max() <= _LOUD:  # nearly always: nothing to clip, and nothing clipped; false for NaN
-            self._clipped.append(np.zeros(len(cell)))
-            finite = cell.astype(np.float64)
-        else:
-            with np.errstate(invalid="ignore", over="ignore"):
-                self._clipped.append(clipped_samples(cell).mean(axis=1))
-                finite = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-4, 4).astype(np.float64)
+        peak = np.abs(cell).max()
+        with np.errstate(invalid="ignore", over="ignore"):
+            self._clipped.append(clipped_samples(cell).mean(axis=1) if not peak <= _LOUD else np.zeros(len(cell)))
+            if not peak <= _LARGEST:  # also where it is NaN
+                cell = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-_LARGEST, _LARGEST)
+        finite = cell.astype(np.float64)
         self._decimated.append(_mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:
             return []
@@ -274,8 +274,7 @@ class FaultKind(enum.StrEnum):
     ALIKE = "alike"
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class SensorFault:
+class SensorFault(msgspec.Struct, frozen=True, order=True):
     """A fault and the channel that has it; ``SWAPPED`` and ``ALIKE`` concern both.
 
     >>> print(SensorFault(FaultKind.DEAD, AIR))
@@ -370,16 +369,17 @@ _STRONG_DB = 6.0
 class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
-    - ``faults``: present now. Read at every block, found at every eighth of a second.
+        - ``faults``: present now. Read at every block, found at every eighth of a second.
 
-    >>> import numpy as np
-    >>> detector = FaultDetector(48_000, Reference())
-    >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
-    >>> sound[:, AIR] = 0
-    >>> detector.push(AudioBlock(sound, 48_000))
-    True
-    >>> [fault.code for fault in detector.faults]
-    ['air-dead']
+        >>> import msgspec
+    import numpy as np
+        >>> detector = FaultDetector(48_000, Reference())
+        >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
+        >>> sound[:, AIR] = 0
+        >>> detector.push(AudioBlock(sound, 48_000))
+        True
+        >>> [fault.code for fault in detector.faults]
+        ['air-dead']
     """
 
     def __init__(self, sample_rate: int, reference: Reference | None = None) -> None:
