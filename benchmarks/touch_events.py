@@ -4,8 +4,9 @@
 
 Simulated: scenes of taps, strokes, slips and knocks in the air, on objects of the catalogue on which no constant of
 the detector was chosen (``--train``: on those on which they were), in a quiet room and in the competition's noise.
-Real, where TACTOPHONE_RECORDINGS or ``--recordings`` names them: finger taps (``tapsense``), presses of a robot's
-finger (``phac``) and a sliding stylus (``lmt``); the rows say on which of them constants were chosen.
+Real, where TACTOPHONE_RECORDINGS or ``--recordings`` names them: finger taps (``tapsense``), double taps (``taps``),
+presses of a robot's finger (``phac``) and a sliding stylus (``lmt``); the rows say on which of them constants were
+chosen. One step of a tap was chosen on the even windows of ``taps``, so odd ones are scored apart.
 """
 
 import argparse
@@ -49,8 +50,11 @@ PHAC_TRAIN = ("bouncy_foam", "cork")
 PHAC_WINDOW = 0.25
 """Seconds: `phac` labels a tap by a gap of 0.2 s."""
 
-TAPS_WINDOW = 24_000
-"""Samples of a window of `taps`."""
+TAPS_WINDOW, TAPS_STEP = 24_000, 120
+"""Samples of a window of `taps`, and of the 2.5 ms by which its onsets are found."""
+
+APART, WHOLE = 60, 88
+"""Steps, 150 ms, between two taps; steps that have to follow a tap that completes others."""
 
 PRESS_DB = 35.0
 """A press of a BioTac exceeds the median level of its recording by so many dB over 32 ms: those chosen on by 58 under
@@ -196,23 +200,86 @@ def lmt(folder: Path) -> Iterator[str]:
 
 
 def double_taps(folder: Path) -> Iterator[str]:
-    """How many of `taps`' windows of 0.5 s have one tap and two, each between 0.8 s and 0.4 s of its own noise."""
+    """How many windows of `taps` have a tap, each between 0.8 s and 0.4 s of its own noise, and how many a second one.
+
+    Most windows end within 2.5 ms of the onset of their second tap. So that is *completed*: from its onset on, by the
+    whole first tap of the next window that has one.
+    """
     for file, title in (
         ("double_left_palm", "double taps, left"),
         ("double_right_palm", "right"),
         ("noise_and_typing", "typing and noise"),
     ):
-        sound, rate = soundfile.read(folder / f"{file}.flac", dtype="float32", always_2d=True)
-        windows, counts = sound.reshape(-1, TAPS_WINDOW, 1), np.zeros(3, int)
-        for window in windows:
-            powers = np.square(window[:, 0]).reshape(-1, rate // 200).mean(axis=1)
-            quietest = int(np.convolve(powers, np.ones(10), "valid").argmin()) * (rate // 200)
-            noise = window[quietest : quietest + rate // 20]
-            longer = np.tile(np.concatenate((noise, noise[::-1])), (8, 1))
-            heard = np.concatenate((longer, window, longer[: len(longer) // 2]))  # a tap is known 80 ms after it
-            counts[min(2, len(moments(detected(heard, rate), "tap")))] += 1
-        shares = " / ".join(f"{share:.1%}" for share in (counts[1:].sum() / len(windows), counts[2] / len(windows)))
-        yield f"| `taps`, a laptop's palm rest, {title}: a tap / two or more | {shares} of {len(windows)} |"
+        sound, rate = soundfile.read(folder / f"{file}.flac", dtype="float32")
+        windows = sound.reshape(-1, TAPS_WINDOW)
+        heard = [found_among_noise(window, window) for window in windows]
+        share = np.mean([bool(taps) for taps in heard])
+        yield f"| `taps`, a laptop's palm rest, {title}: a tap | {share:.1%} of {len(windows)} |"
+        if file.startswith("double"):
+            yield from second_taps(windows, heard, rate, title)
+
+
+def second_taps(windows: NDArray[np.float32], heard: list[list[float]], rate: int, title: str) -> Iterator[str]:
+    """Of the windows with two onsets 150 ms apart or more, how many second taps are found."""
+    onsets = [onsets_of(window, rate) for window in windows]
+    whole = [number for number, (steps, level) in enumerate(onsets) if is_whole(steps, level)]
+    found: dict[int, list[tuple[bool, bool]]] = {0: [], 1: []}
+    for number, (steps, _) in enumerate(onsets):
+        if len(steps) < 2 or steps[-1] - steps[0] < APART:
+            continue
+        window = windows[number]
+        second, completed = first_sample(window, steps[-1], rate), heard[number]
+        if steps[-1] > len(window) // TAPS_STEP - 32:
+            other = next((each for each in whole if each > number), whole[0])
+            begin = first_sample(windows[other], onsets[other][0][0], rate)
+            tap = windows[other][begin - 24 : begin + WHOLE * TAPS_STEP]
+            completed = found_among_noise(np.concatenate((window[: second - 24], tap)), window)
+        near = [any(abs(tap - second / rate) < 0.05 for tap in taps) for taps in (heard[number], completed)]
+        found[number % 2].append((near[0], near[1]))
+    for odd, pairs in found.items():
+        words = f"{title}, {len(pairs)} {('even', 'odd')[odd]} windows of two onsets: second as recorded / completed"
+        yield "| {} | {:.1%} / {:.1%} |".format(words, *np.mean(pairs, axis=0))
+
+
+def found_among_noise(sound: NDArray[np.float32], window: NDArray[np.float32]) -> list[float]:
+    """Return when taps are found in sound between 0.8 s and 0.4 s of a window's noise, its quietest 50 ms."""
+    powers = np.square(window).reshape(-1, 2 * TAPS_STEP).mean(axis=1)
+    powers = np.where(powers < 1e-11, 1, powers)  # no noise is digital silence
+    quietest = int(np.convolve(powers, np.ones(10), "valid").argmin()) * 2 * TAPS_STEP
+    noise = window[quietest : quietest + 20 * TAPS_STEP]
+    before = np.tile(np.concatenate((noise, noise[::-1])), 8)
+    heard = np.concatenate((before, sound, before[: len(before) // 2]))  # a tap is known 80 ms after it
+    return [tap - len(before) / 48_000 for tap in moments(detected(heard[:, None], 48_000), "tap")]
+
+
+def over_200_hz(window: NDArray[np.float32], rate: int) -> NDArray[np.float64]:
+    sound = sosfilt(butter(2, 200, "high", fs=rate, output="sos"), np.concatenate((window[::-1], window)))
+    return np.asarray(sound[len(window) :])
+
+
+def onsets_of(window: NDArray[np.float32], rate: int) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the steps of a window that are 12 dB over its median and over the 25 ms before; and the levels of all."""
+    level = 10 * np.log10(np.square(over_200_hz(window, rate)).reshape(-1, TAPS_STEP).mean(axis=1) + 1e-12)
+    steps: list[int] = []
+    for step in range(4, len(level)):
+        before = np.median(level[max(0, step - 12) : step - 2 + (step < 6)])
+        if level[step] > 12 + max(before, np.median(level)) and (not steps or step - steps[-1] > 24):
+            steps.append(step)
+    return steps, level
+
+
+def is_whole(steps: list[int], level: NDArray[np.float64]) -> bool:
+    """Whether the first tap of a window is loud, and long before its end."""
+    loud = level[steps[0] : steps[0] + 3].max() > np.median(level) + 20 if steps else False
+    return bool(loud) and steps[0] < len(level) - WHOLE - 2
+
+
+def first_sample(window: NDArray[np.float32], step: int, rate: int) -> int:
+    """Return the first sample of a step's onset: six times the level of the 20 ms before, or a fifth of its peak."""
+    sound, begin = np.abs(over_200_hz(window, rate)), max(0, step - 2) * TAPS_STEP
+    noise = np.sqrt(np.mean(np.square(sound[max(0, begin - 960) : begin + 1])))
+    loud = max(6 * noise, 0.2 * sound[step * TAPS_STEP : (step + 1) * TAPS_STEP].max())
+    return begin + int(np.argmax(sound[begin : (step + 1) * TAPS_STEP] > loud))
 
 
 def labelled(folder: Path, label: str) -> dict[str, list[tuple[float, float]]]:

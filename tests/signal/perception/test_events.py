@@ -82,6 +82,14 @@ def impacts(moments: list[float], sizes: list[float]) -> np.ndarray:
     return sound
 
 
+def test_a_tap_may_swell_for_10_ms() -> None:
+    """So does a soft fingertip's on a laptop; it rises by 10 dB at once nevertheless."""
+    sound = impacts([], [])
+    swell = np.concatenate((np.geomspace(0.02, 0.2, 432), 0.2 * np.exp(-np.arange(960) / 144)))
+    sound[RATE : RATE + len(swell), 0] += swell * np.random.default_rng(1).normal(0, 1, len(swell))
+    assert times(events_of(sound), "tap") == pytest.approx([1.0], abs=0.005)
+
+
 def test_impacts_in_a_train_are_sliding_over_a_mesh_not_taps() -> None:
     moments = [1.0 + 0.03 * number for number in range(12)]
     assert not times(events_of(impacts(moments, [0.2] * 12)), "tap").size

@@ -68,10 +68,10 @@ REST_DB, LEAST_PEAK_DB = 4.0, 10.0
 """Mean excess that steady noise stays under in nine steps of ten, simulated and in a real room: all shares are taken
 over it. The least peak of a tap: simulated ones have 13.7 dB and more, real ones 26, creeping up to 9.7."""
 
-SHARP, IMPACT_DB, ATTACK = 0.83, 10.0, 2
-"""Least share of a tap's peak that rises within two steps, or as many dB in them, and most steps to its peak. A codec
-spreads an impact over the 20 ms before it, so of a loud tap less than the share is one rise: in real ones 17 dB or
-more."""
+SHARP, IMPACT_DB, ATTACK, LATEST_PEAK = 0.83, 10.0, 2, 4
+"""Least share of a tap's peak that rises within an attack of two steps, or as many dB in them; most steps to the peak:
+a soft fingertip's comes within 10 ms. A codec spreads an impact over the 20 ms before it, so of a loud tap less than
+the share is one rise: in real ones 17 dB or more."""
 
 RINGING, DECAYED = 0.6, 3
 """Greatest share of a tap's peak that is left in the last steps of the 25 ms: a slip that begins at once goes on. In a
@@ -202,7 +202,7 @@ class EventDetector:
             return []
         means, later = np.split(np.array(self._since), [DECAYED_AFTER + 1])
         peak, decayed = means.max(axis=0), np.median(means[-DECAYED:, CONTACT])
-        early = int(means[:, CONTACT].argmax()) <= ATTACK
+        early = int(means[:, CONTACT].argmax()) <= LATEST_PEAK
         rings = decayed - REST_DB > RINGING * (peak[CONTACT] - REST_DB)
         if not early or rings or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT]):
             return []
