@@ -214,8 +214,7 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
         raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
     # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
     parts = (np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count]) for at, count in enumerate(channels))
-    rate, start, concealed, moving = block.sample_rate, block.start, block.concealed, block.moving
-    return [AudioBlock(part, rate, start, concealed, moving) for part in parts]
+    return [replace(block, samples=part) for part in parts]
 
 
 def open_pipeline(

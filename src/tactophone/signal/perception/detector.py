@@ -493,7 +493,7 @@ class TouchDetector:
             self._against = self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
         if self._against >= min(EVIDENCE, EVIDENCE_RATE * (window.end - self._rough_since)):
             return window
-        return _overruled(window, Touch.ROUGH, self._roughness)
+        return replace(window, touch=Touch.ROUGH, roughness=self._roughness)
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
         changed = (contact.touching, contact.held) != (self._touching, self._held)
@@ -519,7 +519,7 @@ class TouchDetector:
             return prediction
         if not self._touching or prediction.faulty:
             self.state = TouchState.ABSENT if not self._touching else TouchState.FAULTY
-            return _overruled(prediction, Touch.NONE)
+            return replace(prediction, touch=Touch.NONE, roughness=0.0)
         now = prediction.end + self.latency
         paused = self._held and now - self._held_since < self._pause
         usable = prediction.level_dbfs >= self._threshold_dbfs or now - self._since >= FULL_OF_CONTACT * self._window
@@ -527,17 +527,17 @@ class TouchDetector:
         # contact. So is a window that still holds more of what was before the touch.
         if not paused and (self._held or not usable):
             self.state = TouchState.HELD if self._held else TouchState.LANDING
-            return _overruled(prediction, Touch.SMOOTH)
+            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
         # The level of a touch falls between two strokes, and where one turns: the last decision stands.
         decided = TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
         if paused or prediction.touch is Touch.NONE:
             self.state = TouchState.PAUSED if paused else decided
-            return _overruled(prediction, self._decided, self._roughness)
+            return replace(prediction, touch=self._decided, roughness=self._roughness)
         if prediction.touch is Touch.ROUGH and now - self._since < LANDED:
             self.state = TouchState.LANDING
-            return _overruled(prediction, Touch.SMOOTH)
+            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
         if self.detector.no_touch and self.detector.no_touch.noticed:
-            prediction = _overruled(prediction, Touch.SMOOTH)
+            prediction = replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
         if prediction.touch is not self._decided:
             self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness
@@ -553,7 +553,3 @@ class TouchDetector:
 def _logit(share: float) -> float:
     share = min(max(share, 1e-6), 1 - 1e-6)
     return math.log(share / (1 - share))
-
-
-def _overruled(prediction: Prediction, touch: Touch, roughness: float = 0.0) -> Prediction:
-    return replace(prediction, touch=touch, roughness=roughness)

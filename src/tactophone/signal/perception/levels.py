@@ -247,9 +247,8 @@ class BandLevels:
 
         While a window holds an invalid sample they are NaN.
         """
-        sound, rows = contacts, list[FloatArray]()
-        if self._rest.shape[1]:
-            sound = np.concatenate((self._rest, contacts), axis=1)
+        rows = list[FloatArray]()
+        sound = np.concatenate((self._rest, contacts), axis=1) if self._rest.shape[1] else contacts
         whole = sound.shape[1] // self._hop * self._hop
         self._rest = sound[:, whole:]
         for start in range(0, whole, MOST_HOPS * self._hop):
