@@ -5,6 +5,8 @@ from tactophone.core.types import AudioBlock, Touch
 from tactophone.signal.perception.models import open_detector
 from tactophone.signal.perception.no_touch import NoTouchCheck
 
+SMOOTH, ROUGH = (0.0, 0.8, 0.2), (0.0, 0.2, 0.8)
+
 
 def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rough() -> None:
     sound = draw_no_touch("voice", 6.0, 500)
@@ -22,12 +24,17 @@ def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rou
 
 def test_one_window_is_no_notice_and_touch_ends_it() -> None:
     check = NoTouchCheck(np.ones(1, np.float32), 0.0)
-    assert check.push(np.array([9.0], np.float32), loud=True)
+    assert check.push(np.array([9.0], np.float32), ROUGH, loud=True)
     assert not check.noticed
     for _ in range(100):
-        check.push(np.array([9.0], np.float32), loud=True)
+        check.push(np.array([9.0], np.float32), ROUGH, loud=True)
     assert check.noticed
-    assert check.push(np.array([-9.0], np.float32), loud=True)
+    assert check.push(np.array([-9.0], np.float32), ROUGH, loud=True)
     for _ in range(1000):
-        check.push(np.array([-9.0], np.float32), loud=True)
+        check.push(np.array([-9.0], np.float32), SMOOTH, loud=True)
     assert not check.noticed
+
+
+def test_a_smooth_touch_is_never_taken_for_speech() -> None:
+    check = NoTouchCheck(np.ones(1, np.float32), 0.0)
+    assert not any(check.push(np.array([9.0], np.float32), SMOOTH, loud=True) for _ in range(1000))

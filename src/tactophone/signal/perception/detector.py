@@ -247,7 +247,7 @@ class WindowDetector:
     ) -> Prediction:
         """Return the prediction of the next window, from its level and what the graph returned."""
         faulty = self._is_faulty(end, probabilities)
-        if faulty or (self.no_touch and self.no_touch.push(features, loud=loud)):
+        if faulty or (self.no_touch and self.no_touch.push(features, probabilities, loud=loud)):
             probabilities = CERTAINLY_NONE
         if self.fit and loud:
             self.fit.hear(probabilities)

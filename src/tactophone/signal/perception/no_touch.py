@@ -1,8 +1,8 @@
 """Whether an air microphone hears something that is no touch: speech, rain, typing, claps.
 
-A hard tip's model takes their clicks for strikes. A logistic regression on the features that the model computes anyway
-tells them from touch; ``benchmarks/no_touch.py --fit`` writes its weights. A window that sounds like no touch counts as
-unknown; once they prevail, touch is rendered as smooth until the sound is a touch again.
+A hard tip's model takes their clicks for strikes. Where it says rough, a logistic regression on its features tells them
+from touch (weights: ``benchmarks/no_touch.py --fit``). Such a window counts as unknown; once they prevail, touch is
+smooth until the sound is a touch again.
 """
 
 from pathlib import Path
@@ -17,8 +17,8 @@ SCORE_LIMIT = 4.0
 NOTICE_MEMORY, END_MEMORY = 40, 200
 """Windows of sound after which the weight of one has fallen to 1/e, before a notice (0.4 s) and during one (2 s)."""
 
-NOTICE_FROM, END_UNDER = -1.0, -3.0
-"""Mean scores from which it is noticed, and under which that ends; the mean of touch is nearly -4."""
+NOTICE_FROM, END_UNDER = -1.5, -3.0
+"""Mean scores of rough windows from which it is noticed, and of all under which that ends; touch is near -4."""
 
 NO_TOUCH_TEXT = (
     "this sounds like speech, rain or typing, not like touch, so rough is not rendered: move the air microphone to the "
@@ -37,9 +37,9 @@ class NoTouchCheck:
         """Return to the initial state: whatever sounds is touch."""
         self.noticed, self._mean = False, END_UNDER
 
-    def push(self, features: FloatArray, *, loud: bool) -> bool:
-        """Take the features of the next window; return whether it, or the sound of late, is no touch."""
-        if not loud or not np.isfinite(features).all():
+    def push(self, features: FloatArray, probabilities: tuple[float, float, float], *, loud: bool) -> bool:
+        """Take a window and what the model makes of it; return whether it, or the sound of late, is no touch."""
+        if not (loud and (probabilities[2] > probabilities[1] or self.noticed) and np.isfinite(features).all()):
             return self.noticed
         score = min(max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT)
         self._mean += (score - self._mean) / (END_MEMORY if self.noticed else NOTICE_MEMORY)
