@@ -44,7 +44,7 @@ SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
 class AudioBlock(msgspec.Struct, frozen=True, eq=False):
     """Consecutive samples of sound as they arrived.
 
-    Parameters
+    Attributes
     ----------
     samples
         float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is *contact*, channel 1 is *air*.
@@ -135,7 +135,7 @@ EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 class TouchEvent(msgspec.Struct, frozen=True):
     """A moment of touch.
 
-    Parameters
+    Attributes
     ----------
     kind
         One of `EVENT_KINDS`: ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down),
@@ -163,7 +163,7 @@ def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
 class Prediction(msgspec.Struct, frozen=True):
     """What the detector computed from one window.
 
-    Parameters
+    Attributes
     ----------
     probabilities
         Of ``Touch.NONE, Touch.SMOOTH, Touch.ROUGH``; they sum to 1.
@@ -201,7 +201,7 @@ class Prediction(msgspec.Struct, frozen=True):
 class HapticCommand(msgspec.Struct, frozen=True):
     """A sine vibration for the actuator, after every limit.
 
-    Parameters
+    Attributes
     ----------
     amplitude
         From 0 to 1 of full drive.

@@ -5,6 +5,8 @@ import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 
+import msgspec
+
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 from tactophone.lab.simulation.microphones import SessionVariation
@@ -54,7 +56,7 @@ class StoneBoxSource(AlwaysOpen):
             if self._next is not None:
                 self._finger, self._next = self._next, None
             # Each finger counts its samples from 0; the stream goes on counting.
-            block = dataclasses.replace(self._finger.render(self._block_size), start=self._position)
+            block = msgspec.structs.replace(self._finger.render(self._block_size), start=self._position)
             yield block
             self._position += block.size
 

@@ -1,8 +1,9 @@
 """The time of recorded or simulated sound: each block is delivered when a microphone would deliver it."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Iterator
+
+from msgspec.structs import replace
 
 from tactophone.core.types import AudioBlock, Source
 
@@ -51,5 +52,5 @@ def paced(
             moved, due = moved + round(late * block.sample_rate), due + late
         elif late < 0:
             sleep(-late)
-        yield dataclasses.replace(block, start=block.start + moved) if moved else block
+        yield replace(block, start=block.start + moved) if moved else block
         asked, skipping_until = clock(), None  # the time that the caller took is no part of a read
