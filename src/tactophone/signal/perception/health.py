@@ -369,17 +369,16 @@ _STRONG_DB = 6.0
 class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
-        - ``faults``: present now. Read at every block, found at every eighth of a second.
+    - ``faults``: present now. Read at every block, found at every eighth of a second.
 
-        >>> import msgspec
-    import numpy as np
-        >>> detector = FaultDetector(48_000, Reference())
-        >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
-        >>> sound[:, AIR] = 0
-        >>> detector.push(AudioBlock(sound, 48_000))
-        True
-        >>> [fault.code for fault in detector.faults]
-        ['air-dead']
+    >>> import numpy as np
+    >>> detector = FaultDetector(48_000, Reference())
+    >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
+    >>> sound[:, AIR] = 0
+    >>> detector.push(AudioBlock(sound, 48_000))
+    True
+    >>> [fault.code for fault in detector.faults]
+    ['air-dead']
     """
 
     def __init__(self, sample_rate: int, reference: Reference | None = None) -> None:
