@@ -40,13 +40,15 @@ def misfit(sound: FloatArray, tip: str, model: str = "") -> Misfit | None:
     return detector.misfit
 
 
-def test_a_touch_that_stays_unknown_is_noticed() -> None:
+def test_a_touch_that_stays_unknown_is_noticed_in_one_sentence() -> None:
     check, rng = FitCheck("texture", 16_000, tip="", air=False), np.random.default_rng(0)
-    for _ in range(400):
+    said = set()
+    for _ in range(2000):
         check.push(0.1 * rng.standard_normal((1, 512)).astype(np.float32), touching=True)
-        check.hear((0.0, 0.5, 0.5))
-    assert check.misfit is not None
-    assert check.misfit.code == "undecided"
+        check.hear((0.0, 0.5, 0.5) if rng.random() < 0.8 else (0.0, 0.0, 1.0))
+        said |= {check.misfit} if check.misfit else set()
+    (misfit,) = said  # one sentence, as each new one is printed
+    assert misfit.code == "undecided"
 
 
 @pytest.mark.slow

@@ -185,7 +185,7 @@ class FitCheck:
             if (over > AUDIBLE_DB).mean() < AUDIBLE_SHARE:
                 return Misfit(
                     "noisy",
-                    f"touch is only {over.mean():.0f} dB over the noise, too little to tell smooth from rough; press "
+                    f"touch is hardly {AUDIBLE_DB:g} dB over the noise, too little to tell smooth from rough; press "
                     "harder, turn the gain up, or keep motors and fans away",
                 )
         if self._tip and (known or long) and (other := self._other_tip()):
@@ -194,7 +194,7 @@ class FitCheck:
             return None
         return Misfit(
             "undecided",
-            f"the model {self._name} cannot tell smooth from rough in {self._unknown:.0%} of this touch; let "
+            f"the model {self._name} cannot tell smooth from rough in over {UNKNOWN_SHARE:.0%} of this touch; let "
             "`tactophone setup` measure your finger on a smooth and a rough object",
         )
 
