@@ -152,10 +152,6 @@ class SignalStatistics:
     def push(self, block: AudioBlock) -> list[ChannelStatistics]:
         """Take sound; return the measures that it completes, oldest first."""
         measured, rest = [], block.samples
-        if self._filled + len(rest) < self.cell_size:  # nearly always
-            self._parts.append(rest)
-            self._filled += len(rest)
-            return []
         while len(rest):
             taken = min(self.cell_size - self._filled, len(rest))
             self._parts.append(rest[:taken])
