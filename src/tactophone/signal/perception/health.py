@@ -102,8 +102,7 @@ FAULT_CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
 
 _LOUD, _LARGEST = 0.1, 4
-"""Neighbours that are equal over the first are against a rail; in quiet sound of few bits they are not. Over the second
-samples are cut."""
+"""Neighbours equal over the first are against a rail, but not in quiet sound of few bits; the second is a limit."""
 
 
 class ChannelStatistics(msgspec.Struct, frozen=True):
