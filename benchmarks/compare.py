@@ -12,8 +12,8 @@ apart. Beside it stands the same for the mean logit, which need only be the high
 
 **The rule for the default profile**, written before the kept channels were scored: `graded` is the default if the whole
 90 % interval of its gain over `paper`, in the mean of the channels on core, lies over 0; surfaces are drawn anew. Its
-lower end is 0 exactly: the rule does not decide. `graded` stays: no core pair loses, and on all 17 the interval lies
-over 0.
+lower end is 0 exactly, so the rule is not met. `graded` stays the default all the same: no core pair loses, and on all
+17 the interval lies over 0.
 """
 
 import argparse

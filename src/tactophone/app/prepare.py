@@ -75,9 +75,8 @@ class Preparation:
                 railed += health.clipped_samples(samples.T).sum(axis=1)
                 count += block.size
                 meter.push(samples)
-                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(
-                    structs.replace(block, samples=samples)
-                ):
+                heard = structs.replace(block, samples=samples)
+                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(heard):
                     faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
         live = tuple(np.flatnonzero(~(peak < SILENT_CHANNEL)).tolist())
         channels = live or tuple(range(source.channels))

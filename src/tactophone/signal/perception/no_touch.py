@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.core.types import FloatArray
+from tactophone.core.types import FloatArray, Touch
 
 SCORE_LIMIT = 4.0
 """Greatest score of a window for or against: no single one decides."""
@@ -39,7 +39,8 @@ class NoTouchCheck:
 
     def push(self, features: FloatArray, probabilities: tuple[float, float, float], *, loud: bool) -> bool:
         """Take a window and what the model makes of it; return whether it, or the sound of late, is no touch."""
-        if not (loud and (probabilities[2] > probabilities[1] or self.noticed) and np.isfinite(features).all()):
+        rough = probabilities[Touch.ROUGH] > probabilities[Touch.SMOOTH]
+        if not (loud and (rough or self.noticed) and np.isfinite(features).all()):
             return self.noticed
         score = min(max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT)
         self._mean += (score - self._mean) / (END_MEMORY if self.noticed else NOTICE_MEMORY)
