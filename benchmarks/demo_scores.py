@@ -1,16 +1,17 @@
 """How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, dips, gaps; simulated sound.
 
-python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
+python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME] [--contact level]
 
 The strokes and the competition's noise are those of `tactophone demo`, through the pipeline without the network.
 """
 
 import argparse
+from typing import get_args
 
 import numpy as np
 
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
-from tactophone.core.types import Touch
+from tactophone.core.types import ContactRule, Touch
 from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.signal.perception.decision import count_dips
 from tactophone.signal.pipeline import open_pipeline
@@ -19,11 +20,11 @@ BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""
 
 
-def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, float, float]:
+def score(seed: int, *, tip: str, model: str, contact: ContactRule) -> tuple[float, float, float, float, float]:
     """Return shares of contact (rough as rough, smooth as rough, silent), false bumps in 10 s, dips in a minute."""
     finger = demonstration(seed, tip=tip)
     labels = [each.label for each in finger.scene.objects]
-    pipeline = open_pipeline(model, sample_rate=finger.sample_rate, channels=finger.channels, tip=tip)
+    pipeline = open_pipeline(model, sample_rate=finger.sample_rate, channels=finger.channels, tip=tip, contact=contact)
     predictions, truth = [], []
     with finger:
         for block in finger:
@@ -53,9 +54,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed; choices were made on 100 to 300")
     parser.add_argument("--tip", choices=TIP_NAMES, default=DEFAULT_TIP)
     parser.add_argument("--model", default="")
+    parser.add_argument("--contact", choices=get_args(ContactRule), default="bands")
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
-    scores = np.array([score(seed, tip=args.tip, model=args.model) for seed in seeds])
+    scores = np.array([score(seed, tip=args.tip, model=args.model, contact=args.contact) for seed in seeds])
     worst = [scores[:, 0].min(), *scores[:, 1:].max(axis=0)]
     names = (
         "rough rendered rough",

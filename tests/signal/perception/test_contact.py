@@ -91,6 +91,18 @@ def test_a_touch_is_known_at_once_though_the_bands_take_longer() -> None:
     assert all(each.touching and not each.held for each in found if each.time > first)
 
 
+def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> None:
+    samples = noise(level_dbfs=-60, duration=3.0, channels=1)
+    for start, end in ((1.0, 1.5), (1.59, 2.1)):
+        part = slice(int(start * 48_000), int(end * 48_000))
+        samples[part] += noise(level_dbfs=-54, duration=end - start, channels=1, seed=1)[: part.stop - part.start]
+    found = [each for each in following(samples) if 1.4 < each.time < 2.1]
+    assert all(each.touching for each in found)
+    held = [each.time for each in found if each.held]
+    assert 1.5 < held[0] < 1.56
+    assert 1.58 < held[-1] < 1.605
+
+
 def test_an_assigned_threshold_turns_the_bands_off() -> None:
     samples = noise(level_dbfs=-60, duration=2.0, channels=1)
     samples[48_000:] += noise(level_dbfs=-58, duration=1.0, channels=1, seed=1)

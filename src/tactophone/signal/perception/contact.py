@@ -275,7 +275,7 @@ class ContactGate:
             return self._open, self._held
         early = self._open and self._believed
         touching = not self._invalid and (early or self._silent_for <= self._hold)
-        return touching, touching and (self._held or not self._open or not (early or self._heard))
+        return touching, touching and (self._held or not self._open)
 
     def _report(self, *, due: bool = False) -> list[Contact]:
         """Return the state if it changed or a heartbeat is due."""
