@@ -171,7 +171,7 @@ def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_whe
             wait(browser, lambda: text(browser, "life") == "ready")
             assert can_press(browser, "begin")
             assert can_press(browser, "stop")
-    browser.get_log("browser")  # it seeks the server that has ended
+            browser.get("about:blank")  # or it would seek the server that has ended
     box = GameSettings(run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
     with serve_game(box) as page:
         browser.get(page.url)
@@ -183,6 +183,7 @@ def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_whe
         browser.find_element(By.ID, "begin").click()
         wait(browser, lambda: browser.find_element(By.ID, "done").is_displayed())
         assert not run.state.armed
+        browser.get("about:blank")
 
 
 def test_a_replay_says_so(browser: webdriver.Chrome, page: Page, run: Run) -> None:
