@@ -16,10 +16,10 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.types import SURFACE_LABELS, FloatArray, Prediction, Touch
 from tactophone.lab.dataset.values import Intervals, Recording, stretches
 from tactophone.lab.evaluation.metrics import Rule, Scores, rough_score, sort_scores
-from tactophone.signal.perception.contact import ContactGate
+from tactophone.signal.perception.contact import TOUCH_HOLD, ContactGate
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
-from tactophone.signal.perception.noise_floor import TOUCH_HOLD, measure_floor
+from tactophone.signal.perception.noise_floor import measure_floor
 
 LEAST_CONTACT = 0.1
 """Share of a recording under which what seemed its noise floor is an even slide: a finger touches its surface."""

@@ -23,7 +23,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.contact import CLEAR_DB, Contact, ContactGate
+from tactophone.signal.perception.contact import CLEAR_DB, TOUCH_HOLD, Contact, ContactGate
 from tactophone.signal.perception.health import (
     HARMLESS_HUM_DBFS,
     ChannelStatistics,
@@ -34,7 +34,7 @@ from tactophone.signal.perception.health import (
     SignalStatistics,
 )
 from tactophone.signal.perception.levels import BANDS_HOP, FAST, SLOW, BandLevels, LoudnessRule
-from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, TOUCH_HOLD, NoiseFloor, measure_floor
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor, measure_floor
 from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
 
 CLIPPED = 0.05

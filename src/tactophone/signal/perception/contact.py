@@ -39,6 +39,9 @@ that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a tou
 SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
 
+TOUCH_HOLD = 0.1
+"""Seconds that a touch is held over silence within it."""
+
 BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 """Mean over the bands of what exceeds floor and margin that begins contact, and that ends it."""
 
@@ -273,8 +276,7 @@ class ContactGate:
         """Return whether there is contact, and whether it is only held."""
         if not self._by_bands:
             return self._open, self._held
-        early = self._open and self._believed
-        touching = not self._invalid and (early or self._silent_for <= self._hold)
+        touching = not self._invalid and ((self._open and self._believed) or self._silent_for <= self._hold)
         return touching, touching and (self._held or not self._open)
 
     def _report(self, *, due: bool = False) -> list[Contact]:

@@ -42,8 +42,8 @@ CELL_HOPS = 40
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
-TOUCH_HOLD = 0.1
-"""Seconds that a touch is held over silence within it, and that a false alarm therefore lasts at least."""
+SHORTEST_ALARM = 0.132
+"""Seconds that a false alarm lasts at least: what the gate measures, and its hold (`TOUCH_HOLD`)."""
 
 RELEASE_SHARE = 0.2
 """Of the margin: a touch ends where the level is so far under the threshold, still over most of the noise."""
@@ -237,8 +237,7 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     """Return how far over its mean, in dB, noise is contact for a share of the time.
 
     The power of noise is gamma distributed, with a shape that follows from the standard deviation of its level; its
-    quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts
-    at least `TOUCH_HOLD`.
+    quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts `SHORTEST_ALARM`.
 
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
     (2.12, 4.78)
@@ -251,8 +250,7 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
 
 @functools.cache
 def _quantile(false_alarms: float) -> float:
-    chance = false_alarms * FLOOR_WINDOW / (FLOOR_WINDOW + TOUCH_HOLD) / HEAVY_TAIL
-    return statistics.NormalDist().inv_cdf(1 - chance)
+    return statistics.NormalDist().inv_cdf(1 - false_alarms * FLOOR_WINDOW / SHORTEST_ALARM / HEAVY_TAIL)
 
 
 def _bounded(variance: float) -> float:
