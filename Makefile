@@ -77,7 +77,7 @@ package: $(READY)
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 TIMED  = tests/live/runtime/test_safety.py tests/live/runtime/test_stalls.py tests/app/measurement/test_latency.py tests/cli/test_try.py \
-  tests/faces/bridges/test_osc.py tests/faces/bridges/test_ros.py
+  tests/faces/bridges/test_osc.py tests/faces/bridges/test_ros.py tests/faces/web/test_strangers.py
 REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' $(filter tests%,$(TESTS)))))
 realtime: $(READY)
 	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)

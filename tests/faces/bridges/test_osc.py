@@ -139,7 +139,7 @@ def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration
 
 
 @pytest.mark.realtime
-def test_every_prediction_arrives_within_10_ms_in_the_median(telemetry: Telemetry) -> None:
+def test_every_prediction_arrives_within_10_ms_of_its_making(telemetry: Telemetry) -> None:
     made: dict[float, float] = {}
     arrived: dict[float, float] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
@@ -164,7 +164,7 @@ def test_every_prediction_arrives_within_10_ms_in_the_median(telemetry: Telemetr
             thread.join()
     assert set(arrived) == set(made)
     delays = [arrived[number] - made[number] for number in made]
-    assert np.median(delays) < 0.010
+    assert np.percentile(delays, 95) < 0.010
 
 
 def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> None:

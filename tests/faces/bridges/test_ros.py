@@ -100,9 +100,7 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
 
 
 @pytest.mark.realtime
-def test_every_prediction_reaches_a_glove_within_10_ms_in_the_median(
-    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.idl import IdlStruct, types
     from cyclonedds.sub import DataReader
@@ -139,7 +137,7 @@ def test_every_prediction_reaches_a_glove_within_10_ms_in_the_median(
     assert set(made) <= set(arrived)
     # Beside other work the bridge waits, as its priority is lower than the sound's.
     within = 0.010 if os.getloadavg()[0] < 2 else 0.050
-    assert np.median([arrived[each] - made[each] for each in made]) < within
+    assert np.percentile([arrived[each] - made[each] for each in made], 95) < within
 
 
 def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None:
