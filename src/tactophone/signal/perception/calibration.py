@@ -34,8 +34,7 @@ from tactophone.signal.perception.health import (
     SignalStatistics,
 )
 from tactophone.signal.perception.levels import BANDS_HOP, FAST, SLOW, BandLevels, LoudnessRule
-from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor, measure_floor
-from tactophone.signal.perception.noise_floor import FLOOR_WINDOW as LEVEL_WINDOW
+from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, SHORTEST_ALARM, NoiseFloor, measure_floor
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
@@ -256,7 +255,7 @@ def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per
 
 def _banded_threshold(quiet: FloatArray, rate: int, false_alarms_per_minute: float) -> float:
     """Return the gate's threshold by the rule ``banded``; infinite where silence, or motion, was not steady."""
-    share = min(1.0, false_alarms_per_minute * (LEVEL_WINDOW + TOUCH_HOLD) / 60)
+    share = min(1.0, false_alarms_per_minute * SHORTEST_ALARM / 60)
     floor = measure_floor([AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share)
     return round(floor.threshold_dbfs, 2) if floor.known else math.inf
 

@@ -273,7 +273,7 @@ class ContactGate:
         return known and self._has_bands and self._following
 
     def _decide(self) -> tuple[bool, bool]:
-        """Return whether there is contact, and whether it is only held."""
+        """Return whether there is contact, and whether it is only held: by the level, as the bands lag by a window."""
         if not self._by_bands:
             return self._open, self._held
         touching = not self._invalid and ((self._open and self._believed) or self._silent_for <= self._hold)
