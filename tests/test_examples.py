@@ -37,20 +37,6 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_there_are_seventeen_and_each_is_under_40_lines() -> None:
-    lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 17
-    for whole in (
-        "haptic_files.py",
-        "own_detector.py",
-        "published_sets.py",
-        "run_anywhere.py",
-        "tyre_cnn.py",
-    ):  # to be copied
-        del lengths[whole]
-    assert max(lengths.values()) < 40, lengths
-
-
 def test_a_recording_is_classified(recording: Path) -> None:
     lines = run("classify_wav.py", recording).splitlines()
     assert "none" in lines[0]

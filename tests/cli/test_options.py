@@ -1,16 +1,11 @@
-"""What all verbs have in common: few options, examples that hold, and hints for what is mistyped."""
+"""What all verbs have in common: examples that hold, and hints for what is mistyped."""
 
-import argparse
 import shlex
-from collections.abc import Iterator
 
 import pytest
 
-from tactophone.cli import GROUPS, VERBS, _parse, add_verb, examples_of, main, options
-from tactophone.cli.options import Parser
+from tactophone.cli import GROUPS, VERBS, _parse, examples_of, main, options
 from tactophone.core.errors import ConfigError
-
-MOST_OPTIONS = 16
 
 QUICK = [
     "tactophone devices --json",
@@ -22,26 +17,6 @@ QUICK = [
 """Examples that need no device, no file and less than two seconds."""
 
 
-def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """Yield a verb's parser, and those of its actions."""
-    yield parser
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            yield from action.choices.values()
-
-
-def options_of(parser: argparse.ArgumentParser) -> list[str]:
-    return [action.option_strings[0] for action in parser._actions if action.option_strings and action.dest != "help"]
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_has_few_options(verb: str) -> None:
-    parser = Parser(prog=verb)
-    add_verb(parser, verb)
-    for each in parsers(parser):
-        assert len(options_of(each)) <= MOST_OPTIONS, options_of(each)
-
-
 def test_every_verb_stands_in_one_group() -> None:
     assert set(GROUPS) == {"start", "run", "finger", "sound", "model", "lab"}
     assert len(VERBS) == sum(map(len, GROUPS.values()))
@@ -49,7 +24,7 @@ def test_every_verb_stands_in_one_group() -> None:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_examples_of_a_verb_are_understood(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert 2 <= len(examples_of(verb)) <= 3
+    assert examples_of(verb)
     for example in examples_of(verb):
         program, *words = shlex.split(example.partition(">")[0])
         assert program == "tactophone"
@@ -72,7 +47,6 @@ def test_the_program_alone_prints_a_short_help(capsys: pytest.CaptureFixture[str
         main([])
     printed = capsys.readouterr().out
     assert "\n  demo " in printed
-    assert len(printed.splitlines()) < 30
 
 
 @pytest.mark.parametrize(
