@@ -34,7 +34,11 @@ from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import kin_of
 from tactophone.lab.dataset.values import Recording
 from tactophone.signal.haptics.profiles import open_profile
-from tactophone.signal.haptics.psychophysics import LEVEL_JND_DB, PITCH_JND, sensation_db
+from tactophone.signal.haptics.psychophysics import (
+    LEVEL_JND_DB,
+    PITCH_JND,
+    sensation_db,
+)
 from tactophone.signal.perception.model_file import Model
 
 FIRST, SPACING, DURATION = 0.6, 1.0, 1.2
@@ -50,23 +54,41 @@ Touches = dict[str, list[tuple[float, float]]]
 
 def predictions_of(model: Model, recording: Recording) -> list[Prediction]:
     """Return the predictions of `feel`."""
-    return [prediction for step in open_recording(recording.path, model).steps() for prediction in step.predictions]
+    return [
+        prediction
+        for step in open_recording(recording.path, model).steps()
+        for prediction in step.predictions
+    ]
 
 
 def touches_of(predictions: Sequence[Prediction], profiles: Iterable[str]) -> Touches:
     """Cut a recording into touches, each drawn by itself: the finger lifts between two objects."""
     found: Touches = defaultdict(list)
     for first in np.arange(FIRST, predictions[-1].end - DURATION, SPACING):
-        part = [each for each in predictions if first <= each.end < first + DURATION and each.touch is not Touch.NONE]
+        part = [
+            each
+            for each in predictions
+            if first <= each.end < first + DURATION and each.touch is not Touch.NONE
+        ]
         if not part:
             continue
-        logits = [math.log((each.probabilities[2] + 1e-7) / (each.probabilities[1] + 1e-7)) for each in part]
+        logits = [
+            math.log((each.probabilities[2] + 1e-7) / (each.probabilities[1] + 1e-7))
+            for each in part
+        ]
         found[LOGIT].append((float(np.mean(logits)), 0.0))
         for name in profiles:
             profile = open_profile(name)
             commands = [profile.command(each) for each in part]
-            level = np.mean([sensation_db(each.amplitude, each.frequency) for each in commands]) / LEVEL_JND_DB
-            pitch = np.mean([math.log(each.frequency) for each in commands]) / math.log1p(PITCH_JND)
+            level = (
+                np.mean(
+                    [sensation_db(each.amplitude, each.frequency) for each in commands]
+                )
+                / LEVEL_JND_DB
+            )
+            pitch = np.mean(
+                [math.log(each.frequency) for each in commands]
+            ) / math.log1p(PITCH_JND)
             found[name].append((float(level), float(pitch)))
     return found
 
@@ -74,14 +96,22 @@ def touches_of(predictions: Sequence[Prediction], profiles: Iterable[str]) -> To
 def right(rough: Floats, smooth: Floats, least: float) -> float:
     """Return the share of pairs in which the rough touch is the stronger by ``least`` differences."""
     apart = rough[:, None] - smooth[None]
-    return float(((apart[..., 0] > 0) & (np.hypot(*np.moveaxis(apart, -1, 0)) >= least)).mean())
+    return float(
+        ((apart[..., 0] > 0) & (np.hypot(*np.moveaxis(apart, -1, 0)) >= least)).mean()
+    )
 
 
-def pairs_right(found: dict[str, Touches], profile: str, rough: list[str], smooth: list[str]) -> Floats:
+def pairs_right(
+    found: dict[str, Touches], profile: str, rough: list[str], smooth: list[str]
+) -> Floats:
     """Return the share that is right for each pair of a rough and a smooth surface."""
     least = 0.0 if profile == LOGIT else 1.0
-    touches = [[np.array(found[name][profile]) for name in names] for names in (rough, smooth)]
-    return np.array([[right(one, other, least) for other in touches[1]] for one in touches[0]])
+    touches = [
+        [np.array(found[name][profile]) for name in names] for names in (rough, smooth)
+    ]
+    return np.array(
+        [[right(one, other, least) for other in touches[1]] for one in touches[0]]
+    )
 
 
 def mean_of(shares: Floats, others: NDArray[np.bool_]) -> float:
@@ -89,7 +119,9 @@ def mean_of(shares: Floats, others: NDArray[np.bool_]) -> float:
     return float(shares[others].mean())
 
 
-def interval(shares: Floats, others: NDArray[np.bool_], draws: int = 10_000) -> tuple[float, float]:
+def interval(
+    shares: Floats, others: NDArray[np.bool_], draws: int = 10_000
+) -> tuple[float, float]:
     """Return the 90 % interval of the mean, over rough and smooth surfaces drawn anew."""
     rng, means = np.random.default_rng(0), []
     for _ in range(draws):
@@ -99,56 +131,106 @@ def interval(shares: Floats, others: NDArray[np.bool_], draws: int = 10_000) -> 
     return float(low), float(high)
 
 
-def print_pairs(channels: dict[str, dict[str, Touches]], first: dict[str, Recording], profiles: Sequence[str]) -> None:
+def print_pairs(
+    channels: dict[str, dict[str, Touches]],
+    first: dict[str, Recording],
+    profiles: Sequence[str],
+) -> None:
     """Print each channel, the mean of all that distort and the worst; then what `graded` gains over `paper`."""
     for tiers in (("core",), ("core", "extended")):
         names = sorted(name for name in channels[AS_IT_IS] if first[name].tier in tiers)
-        rough, smooth = ([name for name in names if first[name].rough == is_rough] for is_rough in (True, False))
-        others = np.array([[kin_of(first[one]) != kin_of(first[other]) for other in smooth] for one in rough])
+        rough, smooth = (
+            [name for name in names if first[name].rough == is_rough]
+            for is_rough in (True, False)
+        )
+        others = np.array(
+            [
+                [kin_of(first[one]) != kin_of(first[other]) for other in smooth]
+                for one in rough
+            ]
+        )
         columns = [LOGIT, *profiles]
         table = {
             channel: [pairs_right(found, column, rough, smooth) for column in columns]
             for channel, found in channels.items()
         }
-        rows = {channel: [mean_of(shares, others) for shares in row] for channel, row in table.items()}
+        rows = {
+            channel: [mean_of(shares, others) for shares in row]
+            for channel, row in table.items()
+        }
         distorting = [channel for channel in channels if channel != AS_IT_IS]
         if distorting:
-            rows["worst"] = list(np.min([rows[channel] for channel in distorting], axis=0))
-        print(f"\n| {' and '.join(tiers)} | {' | '.join(columns)} |\n|---|" + "--:|" * len(columns))
+            rows["worst"] = list(
+                np.min([rows[channel] for channel in distorting], axis=0)
+            )
+        print(
+            f"\n| {' and '.join(tiers)} | {' | '.join(columns)} |\n|---|"
+            + "--:|" * len(columns)
+        )
         for channel, row in rows.items():
-            print(f"| {channel} | " + " | ".join(f"{share:.3f}" for share in row) + " |")
+            print(
+                f"| {channel} | " + " | ".join(f"{share:.3f}" for share in row) + " |"
+            )
         if distorting:
             means = list(np.mean([table[channel] for channel in distorting], axis=0))
-            cells = ["{:.3f} ({:.2f}-{:.2f})".format(mean_of(each, others), *interval(each, others)) for each in means]
-            print(f"| mean of the {len(distorting)} (90 % over surfaces) | " + " | ".join(cells) + " |")
+            cells = [
+                "{:.3f} ({:.2f}-{:.2f})".format(
+                    mean_of(each, others), *interval(each, others)
+                )
+                for each in means
+            ]
+            print(
+                f"| mean of the {len(distorting)} (90 % over surfaces) | "
+                + " | ".join(cells)
+                + " |"
+            )
             if {"paper", "graded"} <= set(columns):
                 gain = means[columns.index("graded")] - means[columns.index("paper")]
                 low, high = interval(gain, others)
-                print(f"graded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to {high:+.4f})")
+                print(
+                    f"graded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to {high:+.4f})"
+                )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("simulated", type=Path, nargs="*")
     parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
     parser.add_argument("--takes", type=int, default=1000)
-    parser.add_argument("--profile", nargs="*", default=["paper", "graded", "erm", "lra", "piezo"])
+    parser.add_argument(
+        "--profile", nargs="*", default=["paper", "graded", "erm", "lra", "piezo"]
+    )
     args = parser.parse_args()
     real = read_real()
-    simulated = [take for folder in args.simulated for take in open_dataset(folder).recordings]
+    simulated = [
+        take for folder in args.simulated for take in open_dataset(folder).recordings
+    ]
     groups = ["ten"] if args.distorted == [] else args.distorted or []
     channels: dict[str, dict[str, Touches]] = {
-        name: {} for name in (AS_IT_IS, *(name for group in groups for name in GROUPS[group]))
+        name: {}
+        for name in (AS_IT_IS, *(name for group in groups for name in GROUPS[group]))
     }
     with tempfile.TemporaryDirectory() as folder:
         for model, takes in left_out(real, simulated, kin_of, Path(folder)):
             for take in (take for take in takes if int(take.take or 0) <= args.takes):
                 for name, found in channels.items():
-                    heard = take if name == AS_IT_IS else distorted(take, name, Path(folder))
+                    heard = (
+                        take
+                        if name == AS_IT_IS
+                        else distorted(take, name, Path(folder))
+                    )
                     touches = found.setdefault(take.surface, defaultdict(list))
-                    for profile, each in touches_of(predictions_of(model, heard), args.profile).items():
+                    for profile, each in touches_of(
+                        predictions_of(model, heard), args.profile
+                    ).items():
                         touches[profile] += each
-    print_pairs(channels, {take.surface: take for take in reversed(real.recordings)}, args.profile)
+    print_pairs(
+        channels,
+        {take.surface: take for take in reversed(real.recordings)},
+        args.profile,
+    )
 
 
 if __name__ == "__main__":

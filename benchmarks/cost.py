@@ -55,23 +55,46 @@ class Stage(NamedTuple):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--fingers", default="1,10")
-    parser.add_argument("--check", action="store_true", help=f"fail if a stage differs by over {TOLERANCE:.0%}%")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help=f"fail if a stage differs by over {TOLERANCE:.0%}%",
+    )
     parser.add_argument("--write", action="store_true", help=f"write {COUNTS.name}")
-    parser.add_argument("--counts", type=Path, default=COUNTS, help="another file than benchmarks/cost.json")
-    parser.add_argument("--only", default="", help="names of stages, which are then not taken from each other")
+    parser.add_argument(
+        "--counts",
+        type=Path,
+        default=COUNTS,
+        help="another file than benchmarks/cost.json",
+    )
+    parser.add_argument(
+        "--only",
+        default="",
+        help="names of stages, which are then not taken from each other",
+    )
     parser.add_argument("--child", type=int, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.child:
         count_stages(args.child, args.only)
         return
-    found = {fingers: counted(int(fingers), args.only) for fingers in args.fingers.split(",")}
+    found = {
+        fingers: counted(int(fingers), args.only) for fingers in args.fingers.split(",")
+    }
     for fingers, rows in found.items():
         print(table(int(fingers), rows))
-    totals = {fingers: {name: row["total"] for name, row in rows.items()} for fingers, rows in found.items()}
+    totals = {
+        fingers: {name: row["total"] for name, row in rows.items()}
+        for fingers, rows in found.items()
+    }
     if args.write:
-        args.counts.write_text(json.dumps({"environment": environment(), "counts": totals}, indent=1) + "\n")
+        args.counts.write_text(
+            json.dumps({"environment": environment(), "counts": totals}, indent=1)
+            + "\n"
+        )
     if args.check:
         check(totals, args.counts)
 
@@ -83,41 +106,71 @@ def environment() -> dict[str, str]:
 
     opus = next((path.name for path in Path("/usr/lib").rglob("libopus.so.0.*")), "")
     return {
-        "machine": platform.machine(), "python": platform.python_version(), "numpy": numpy.__version__,
-        "onnxruntime": onnxruntime.__version__, "opus": opus, "libc": "-".join(platform.libc_ver()),
-    }  # fmt: skip
+        "machine": platform.machine(),
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "onnxruntime": onnxruntime.__version__,
+        "opus": opus,
+        "libc": "-".join(platform.libc_ver()),
+    }
 
 
 def check(totals: dict[str, dict[str, int]], path: Path) -> None:
     """End with the stages that cost another number of instructions than the file says."""
     kept = json.loads(path.read_text())
     if (here := environment()) != kept["environment"]:
-        other = ", ".join(f"{name} {value}" for name, value in kept["environment"].items() if here[name] != value)
+        other = ", ".join(
+            f"{name} {value}"
+            for name, value in kept["environment"].items()
+            if here[name] != value
+        )
         print(f"not compared: {path.name} was counted with {other}")
         return
     worse = [
         f"{fingers} fingers, {name}: {now} instructions, {before} in {path.name} ({now / before - 1:+.1%})"
         for fingers, rows in totals.items()
         for name, now in rows.items()
-        if abs(now - (before := kept["counts"].get(fingers, {}).get(name, now))) > max(LEAST, TOLERANCE * before)
+        if abs(now - (before := kept["counts"].get(fingers, {}).get(name, now)))
+        > max(LEAST, TOLERANCE * before)
     ]
-    sys.exit("\n".join([*worse, "say why in the commit, and run: python benchmarks/cost.py --write"]) if worse else 0)
+    sys.exit(
+        "\n".join(
+            [
+                *worse,
+                "say why in the commit, and run: python benchmarks/cost.py --write",
+            ]
+        )
+        if worse
+        else 0
+    )
 
 
 def table(fingers: int, rows: dict[str, dict[str, Any]]) -> str:
-    each = {name: row["total"] * row["rate"] for name, row in rows.items() if row["side"]}
+    each = {
+        name: row["total"] * row["rate"] for name, row in rows.items() if row["side"]
+    }
     lines = [
         f"\nFingers: {fingers}. Thousand instructions a unit; share of all that both ends execute in a second.\n",
         "| end | stage | unit | all | share | bound | Python | NumPy | C library |",
         "|---|---|---|--:|--:|--:|--:|--:|--:|",
     ]
     for name, row in rows.items():
-        cells = [row["total"], *(row["of"].get(part, 0) for part in (row["bound"], "python", "numpy", "other"))]
+        cells = [
+            row["total"],
+            *(
+                row["of"].get(part, 0)
+                for part in (row["bound"], "python", "numpy", "other")
+            ),
+        ]
         thousand = [f"{value / 1000:.1f}" for value in cells]
         share = f"{each[name] / sum(each.values()):.1%}" if row["side"] else ""
         rest = " | ".join([share, *thousand[1:]])
-        lines.append(f"| {row['side']} | {name} | {row['unit']} | {thousand[0]} | {rest} |")
-    lines.append(f"| both | all | second | {sum(each.values()) / 1000:.0f} | 100 % | | | | |")
+        lines.append(
+            f"| {row['side']} | {name} | {row['unit']} | {thousand[0]} | {rest} |"
+        )
+    lines.append(
+        f"| both | all | second | {sum(each.values()) / 1000:.0f} | 100 % | | | | |"
+    )
     return "\n".join(lines)
 
 
@@ -125,10 +178,28 @@ def counted(fingers: int, only: str) -> dict[str, dict[str, Any]]:
     """Run the stages under callgrind; return instructions of each, all and by library."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
-        command = ["valgrind", "--tool=callgrind", "--instr-atstart=no", f"--callgrind-out-file={out}", "--quiet"]
-        env = os.environ | {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        command = [
+            "valgrind",
+            "--tool=callgrind",
+            "--instr-atstart=no",
+            f"--callgrind-out-file={out}",
+            "--quiet",
+        ]
+        env = os.environ | {
+            "PYTHONHASHSEED": "0",
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+        }
         done = subprocess.run(
-            [*command, sys.executable, __file__, "--child", str(fingers), "--only", only],
+            [
+                *command,
+                sys.executable,
+                __file__,
+                "--child",
+                str(fingers),
+                "--only",
+                only,
+            ],
             env=env,
             stdout=subprocess.PIPE,
             check=True,
@@ -142,8 +213,18 @@ def counted(fingers: int, only: str) -> dict[str, dict[str, Any]]:
     for number, (side, name, unit, count, rate, bound) in enumerate(stages):
         if f"stage {number}" not in dumps:
             continue
-        of = {library: max(0, round(found / count)) for library, found in dumps[f"stage {number}"].items()}
-        rows[name] = {"side": side, "unit": unit, "rate": rate, "bound": bound, "of": of, "total": sum(of.values())}
+        of = {
+            library: max(0, round(found / count))
+            for library, found in dumps[f"stage {number}"].items()
+        }
+        rows[name] = {
+            "side": side,
+            "unit": unit,
+            "rate": rate,
+            "bound": bound,
+            "of": of,
+            "total": sum(of.values()),
+        }
     return rows if only else subtracted(rows)
 
 
@@ -154,7 +235,9 @@ def subtracted(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
         for part in parts:
             scale = rows[part]["rate"] / row["rate"]
             for library, value in rows[part]["of"].items():
-                row["of"][library] = max(0, row["of"].get(library, 0) - round(scale * value))
+                row["of"][library] = max(
+                    0, row["of"].get(library, 0) - round(scale * value)
+                )
         row["total"] = sum(row["of"].values())
     return rows
 
@@ -171,7 +254,10 @@ def by_library(dump: str) -> Counter[str]:
             number, _, name = line[3:].partition(" ")
             names[number] = names.get(number) or name
             name = names[number].rpartition("/")[2]
-            library = ([each for each, files in LIBRARIES.items() if re.search(files, name)] or ["other"])[-1]
+            library = (
+                [each for each, files in LIBRARIES.items() if re.search(files, name)]
+                or ["other"]
+            )[-1]
         elif line.startswith("cob="):  # of a call, whose cost is that of the callee
             number, _, name = line[4:].partition(" ")
             names[number] = names.get(number) or name
@@ -196,7 +282,16 @@ def count_stages(fingers: int, only: str) -> None:
             if not only or stage.name in only:
                 request(DUMP, f"stage {number}")
                 request(STOP)
-            stages.append((stage.side, stage.name, stage.unit, stage.count, rates[stage.unit], stage.bound))
+            stages.append(
+                (
+                    stage.side,
+                    stage.name,
+                    stage.unit,
+                    stage.count,
+                    rates[stage.unit],
+                    stage.bound,
+                )
+            )
     print(json.dumps(stages))
 
 
@@ -208,7 +303,9 @@ def requester() -> Callable[..., int]:
     """Return a function that asks valgrind for something, by instructions that do nothing else (``valgrind.h``)."""
     # rax: the address of the request; rdi is turned by 3, 13, 61 and 51 bits, and rbx exchanged with itself.
     code = "4889f8 31d2 48c1c703 48c1c70d 48c1c73d 48c1c733 4887db 4889d0 c3"
-    memory = mmap.mmap(-1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC)
+    memory = mmap.mmap(
+        -1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC
+    )
     memory.write(bytes.fromhex(code))
     place = ctypes.c_char.from_buffer(memory)
     call = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)(ctypes.addressof(place))
@@ -216,7 +313,9 @@ def requester() -> Callable[..., int]:
 
     def request(number: int, text: str = "") -> int:
         name = ctypes.create_string_buffer(text.encode())
-        words = (ctypes.c_uint64 * 6)((ord("C") << 24 | ord("T") << 16) + number, ctypes.addressof(name))
+        words = (ctypes.c_uint64 * 6)(
+            (ord("C") << 24 | ord("T") << 16) + number, ctypes.addressof(name)
+        )
         return call(ctypes.addressof(words))
 
     return request
@@ -228,11 +327,23 @@ def stages_of(fingers: int, stack: ExitStack) -> Iterator[Stage]:
     from tactophone.net.link.codec import Codec
     from tactophone.signal.perception import model_file
 
-    model_file.SLOWEST = model_file.MODEL_PROBE_TIMEOUT = 1000  # the counter slows everything down
-    sound, codec = strokes(2 * fingers), Codec("opus", channels=2 * fingers, packet_size=PACKET)
-    blocks = [AudioBlock(sound[at : at + PACKET], RATE, at) for at in range(0, (WARM_UP + MEASURED) * PACKET, PACKET)]
+    model_file.SLOWEST = model_file.MODEL_PROBE_TIMEOUT = (
+        1000  # the counter slows everything down
+    )
+    sound, codec = (
+        strokes(2 * fingers),
+        Codec("opus", channels=2 * fingers, packet_size=PACKET),
+    )
+    blocks = [
+        AudioBlock(sound[at : at + PACKET], RATE, at)
+        for at in range(0, (WARM_UP + MEASURED) * PACKET, PACKET)
+    ]
     yield capturing(fingers, sound, stack)
-    encoded, wires, sessions = list[Any](), [list[bytes]() for _ in range(3)], list[Any]()
+    encoded, wires, sessions = (
+        list[Any](),
+        [list[bytes]() for _ in range(3)],
+        list[Any](),
+    )
     yield from sending(codec, blocks, stack, encoded, wires, sessions)
     heard = list[AudioBlock]()
     yield from receiving(codec, encoded, wires, sessions, heard)
@@ -249,8 +360,12 @@ def capturing(fingers: int, sound: Any, stack: ExitStack) -> Stage:
     from tactophone.live.audio.sources import LiveSource
 
     device, periods = FakeDevice(), MEASURED * PACKET // PERIOD
-    joined = iter(stack.enter_context(LiveSource(device.take, channels=2 * fingers)).joined())
-    columns = [np.ascontiguousarray(sound[:, channel]) for channel in range(2 * fingers)]
+    joined = iter(
+        stack.enter_context(LiveSource(device.take, channels=2 * fingers)).joined()
+    )
+    columns = [
+        np.ascontiguousarray(sound[:, channel]) for channel in range(2 * fingers)
+    ]
 
     def capture(first: int, count: int) -> None:
         for start in range(first * PERIOD, (first + count) * PERIOD, PERIOD):
@@ -262,10 +377,20 @@ def capturing(fingers: int, sound: Any, stack: ExitStack) -> Stage:
 
 
 def sending(
-    codec: Any, blocks: list[Any], stack: ExitStack, encoded: list[Any], wires: list[list[bytes]], sessions: list[Any]
+    codec: Any,
+    blocks: list[Any],
+    stack: ExitStack,
+    encoded: list[Any],
+    wires: list[list[bytes]],
+    sessions: list[Any],
 ) -> Iterator[Stage]:
     """Yield the robot's stages and the socket's; fill what was encoded, the datagrams to three operators, and these."""
-    from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+    from tactophone.net.link.stream import (
+        BlockEncoder,
+        Packetizer,
+        Redundancy,
+        RedundancyRule,
+    )
     from tactophone.net.link.udp import UdpSocket
 
     encoder, (early, due) = BlockEncoder(codec), halves(blocks)
@@ -280,14 +405,19 @@ def sending(
     group, found = connected(3, codec)
     sessions += found
     rule, packed = Redundancy(RedundancyRule()), [list[bytes]() for _ in range(3)]
-    streams = [Packetizer(encoder, ssrc=member.stream.ssrc, redundancy=rule) for member in group.members]
+    streams = [
+        Packetizer(encoder, ssrc=member.stream.ssrc, redundancy=rule)
+        for member in group.members
+    ]
 
     def pack(number: int, some: list[Any]) -> None:
         for each in some:
             packed[number].append(bytes(streams[number].packet(each)))
 
     pack(0, encoded[:WARM_UP])
-    yield Stage("robot", "packet", "packet", MEASURED, lambda: pack(0, encoded[WARM_UP:]))
+    yield Stage(
+        "robot", "packet", "packet", MEASURED, lambda: pack(0, encoded[WARM_UP:])
+    )
     pack(1, encoded)
     pack(2, encoded)
 
@@ -298,7 +428,14 @@ def sending(
             wires[number] += [datagram for datagram, _ in session.outgoing()]
 
     protect(0, packed[0][:WARM_UP])
-    yield Stage("robot", "protect", "packet", MEASURED, lambda: protect(0, packed[0][WARM_UP:]), "srtp")
+    yield Stage(
+        "robot",
+        "protect",
+        "packet",
+        MEASURED,
+        lambda: protect(0, packed[0][WARM_UP:]),
+        "srtp",
+    )
     protect(1, packed[1])
     protect(2, packed[2])
 
@@ -324,7 +461,11 @@ def sending(
 
 
 def receiving(
-    codec: Any, encoded: list[Any], wires: list[list[bytes]], sessions: list[Any], heard: list[Any]
+    codec: Any,
+    encoded: list[Any],
+    wires: list[list[bytes]],
+    sessions: list[Any],
+    heard: list[Any],
 ) -> Iterator[Stage]:
     """Yield the stages from datagram to sound, and fill that."""
     from tactophone.core.types import AudioBlock
@@ -336,7 +477,9 @@ def receiving(
 
     early, due = halves(wires[0])
     unprotect(early)
-    yield Stage("operator", "unprotect", "packet", MEASURED, lambda: unprotect(due), "srtp")
+    yield Stage(
+        "operator", "unprotect", "packet", MEASURED, lambda: unprotect(due), "srtp"
+    )
 
     decoder, decoded = open_decoder(codec.kind), list[Any]()
 
@@ -347,7 +490,10 @@ def receiving(
     contents, later = halves([each.content for each in encoded])
     decode(contents)
     yield Stage("operator", "decode", "packet", MEASURED, lambda: decode(later), "opus")
-    heard += [AudioBlock(samples, RATE, PACKET * number) for number, samples in enumerate(decoded)]
+    heard += [
+        AudioBlock(samples, RATE, PACKET * number)
+        for number, samples in enumerate(decoded)
+    ]
 
     def order(first: int, some: list[bytes]) -> None:
         for number, datagram in enumerate(some, first):
@@ -355,10 +501,14 @@ def receiving(
 
     early, ordered = halves(wires[1])
     order(0, early)
-    yield Stage("operator", "order", "packet", MEASURED, lambda: order(WARM_UP, ordered))
+    yield Stage(
+        "operator", "order", "packet", MEASURED, lambda: order(WARM_UP, ordered)
+    )
 
 
-def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, stack: ExitStack) -> Iterator[Stage]:
+def deciding(
+    fingers: int, heard: list[Any], wire: list[bytes], session: Any, stack: ExitStack
+) -> Iterator[Stage]:
     """Yield the stages from sound to vibration."""
     import numpy as np
 
@@ -373,16 +523,23 @@ def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, st
 
     settings = settings_of(fingers)
     alone, whole = (wiring.open_endpoint(settings, session).hand for _ in range(2))
-    detector, windows = alone.pipelines[0].detector.active.detector, MEASURED * PACKET // 512
+    detector, windows = (
+        alone.pipelines[0].detector.active.detector,
+        MEASURED * PACKET // 512,
+    )
     shape = detector.card.channels, detector.card.window_size
-    window = [np.random.default_rng(0).normal(0, 0.1, shape).astype(np.float32)] * fingers
+    window = [
+        np.random.default_rng(0).normal(0, 0.1, shape).astype(np.float32)
+    ] * fingers
 
     def graph(count: int) -> None:
         for _ in range(count):
             detector.classify(window, [True] * fingers, [detector.state] * fingers)
 
     graph(3)
-    yield Stage("operator", "graph", "window", windows, lambda: graph(windows), "onnxruntime")
+    yield Stage(
+        "operator", "graph", "window", windows, lambda: graph(windows), "onnxruntime"
+    )
 
     steps = list[list[Any]]()
 
@@ -395,7 +552,10 @@ def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, st
     yield Stage("operator", "decide", "packet", MEASURED, lambda: decide(due))
 
     endpoint, bounded = OperatorEndpoint(session, whole), list[Any]()
-    outputs = [FingerOutput(settings, Oscillator(), endpoint, index=number) for number in range(fingers)]
+    outputs = [
+        FingerOutput(settings, Oscillator(), endpoint, index=number)
+        for number in range(fingers)
+    ]
 
     def submit(some: list[list[Any]]) -> None:
         for each in some:
@@ -403,11 +563,15 @@ def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, st
                 bounded.append(outputs[step.finger].submit(step))
 
     submit(steps[WARM_UP - 40 : WARM_UP])
-    yield Stage("operator", "command", "packet", MEASURED, lambda: submit(steps[WARM_UP:]))
+    yield Stage(
+        "operator", "command", "packet", MEASURED, lambda: submit(steps[WARM_UP:])
+    )
 
     telemetry = stack.enter_context(Telemetry(f"cost-{os.getpid()}", fingers=fingers))
     recorder = SessionRecorder(telemetry, settings, role="operator")
-    logged = [session.session.receive(datagram, source=ROBOT, now=1.0) for datagram in wire]
+    logged = [
+        session.session.receive(datagram, source=ROBOT, now=1.0) for datagram in wire
+    ]
 
     def record(first: int, count: int) -> None:
         for number in range(first, first + count):
@@ -422,15 +586,22 @@ def deciding(fingers: int, heard: list[Any], wire: list[bytes], session: Any, st
                 recorder.write()
 
     record(WARM_UP - 40, 40)
-    yield Stage("operator", "telemetry", "packet", MEASURED, lambda: record(WARM_UP, MEASURED))
+    yield Stage(
+        "operator", "telemetry", "packet", MEASURED, lambda: record(WARM_UP, MEASURED)
+    )
 
-    outs, periods = [np.zeros(PERIOD, np.float32) for _ in range(fingers)], MEASURED * PACKET // PERIOD
+    outs, periods = (
+        [np.zeros(PERIOD, np.float32) for _ in range(fingers)],
+        MEASURED * PACKET // PERIOD,
+    )
 
     def render(count: int) -> None:
         for number in range(count):
             for finger, (output, out) in enumerate(zip(outputs, outs, strict=True)):
                 if number % 4 == 0:
-                    output.renderer.submit(HapticCommand(0.1 + 0.05 * (number % 8), 60.0, number / 375))
+                    output.renderer.submit(
+                        HapticCommand(0.1 + 0.05 * (number % 8), 60.0, number / 375)
+                    )
                 output.renderer.render(out)
                 telemetry.rendered(out, finger=finger)
 
@@ -467,8 +638,14 @@ def strokes(channels: int) -> Any:
 
     size = (WARM_UP + MEASURED) * PACKET + PERIOD
     time, gains = np.arange(size) / RATE, np.tile([1, 0.3], channels // 2)
-    strength = 0.003 + 0.1 * np.maximum(0, np.sin(2 * np.pi * 2 * (time - 0.9))) * (time > 0.9)
-    return (np.random.default_rng(0).standard_normal((size, channels)) * strength[:, None] * gains).astype(np.float32)
+    strength = 0.003 + 0.1 * np.maximum(0, np.sin(2 * np.pi * 2 * (time - 0.9))) * (
+        time > 0.9
+    )
+    return (
+        np.random.default_rng(0).standard_normal((size, channels))
+        * strength[:, None]
+        * gains
+    ).astype(np.float32)
 
 
 def connected(operators: int, codec: Any) -> tuple[Any, list[Any]]:
@@ -478,16 +655,28 @@ def connected(operators: int, codec: Any) -> tuple[Any, list[Any]]:
     from tactophone.net.link.send import SendGroup
     from tactophone.net.link.session import Session
 
-    robot, identities = Identity.create("robot"), [Identity.create(f"operator {n}") for n in range(operators)]
-    trusted, trusting = Peers({each.fingerprint: each.name for each in identities}), Peers({robot.fingerprint: "robot"})
+    robot, identities = (
+        Identity.create("robot"),
+        [Identity.create(f"operator {n}") for n in range(operators)],
+    )
+    trusted, trusting = (
+        Peers({each.fingerprint: each.name for each in identities}),
+        Peers({robot.fingerprint: "robot"}),
+    )
     group = SendGroup([Session(robot, trusted, call=ROBOT) for _ in identities], codec)
     sessions = [ReceiveSession(Session(each, trusting)) for each in identities]
     for step in range(20):
-        for number, (member, answering) in enumerate(zip(group.members, sessions, strict=True)):
+        for number, (member, answering) in enumerate(
+            zip(group.members, sessions, strict=True)
+        ):
             group.poll(step / 100, operator=number)
             for datagram, _ in member.session.outgoing():
                 answering.receive([(datagram, ROBOT)], now=step / 100)
-            group.receive([(d, ROBOT) for d, _ in answering.session.outgoing()], now=step / 100, operator=number)
+            group.receive(
+                [(d, ROBOT) for d, _ in answering.session.outgoing()],
+                now=step / 100,
+                operator=number,
+            )
     assert len(group.connected) == operators
     return group, sessions
 

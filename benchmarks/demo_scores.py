@@ -20,11 +20,19 @@ BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""
 
 
-def score(seed: int, *, tip: str, model: str, contact: ContactRule) -> tuple[float, float, float, float, float]:
+def score(
+    seed: int, *, tip: str, model: str, contact: ContactRule
+) -> tuple[float, float, float, float, float]:
     """Return shares of contact (rough as rough, smooth as rough, silent), false bumps in 10 s, dips in a minute."""
     finger = demonstration(seed, tip=tip)
     labels = [each.label for each in finger.scene.objects]
-    pipeline = open_pipeline(model, sample_rate=finger.sample_rate, channels=finger.channels, tip=tip, contact=contact)
+    pipeline = open_pipeline(
+        model,
+        sample_rate=finger.sample_rate,
+        channels=finger.channels,
+        tip=tip,
+        contact=contact,
+    )
     predictions, truth = [], []
     with finger:
         for block in finger:
@@ -34,7 +42,10 @@ def score(seed: int, *, tip: str, model: str, contact: ContactRule) -> tuple[flo
     times = np.array([each.end for each in predictions])
     touches = np.array([each.touch for each in predictions])
     place = index[np.minimum((times * finger.sample_rate).astype(int), len(index) - 1)]
-    on = {label: np.isin(place, [n for n, each in enumerate(labels) if each is label]) for label in labels}
+    on = {
+        label: np.isin(place, [n for n, each in enumerate(labels) if each is label])
+        for label in labels
+    }
     rough, smooth = on[Touch.ROUGH], on[Touch.SMOOTH]
     bumps = times[(touches == Touch.ROUGH) & smooth]
     count = int(len(bumps) > 0) + int((np.diff(bumps) > BRIDGE).sum())
@@ -51,13 +62,23 @@ def score(seed: int, *, tip: str, model: str, contact: ContactRule) -> tuple[flo
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--first", type=int, default=0, help="first seed; choices were made on 100 to 300")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=0,
+        help="first seed; choices were made on 100 to 300",
+    )
     parser.add_argument("--tip", choices=TIP_NAMES, default=DEFAULT_TIP)
     parser.add_argument("--model", default="")
     parser.add_argument("--contact", choices=get_args(ContactRule), default="bands")
     args = parser.parse_args()
     seeds = range(args.first, args.first + args.seeds)
-    scores = np.array([score(seed, tip=args.tip, model=args.model, contact=args.contact) for seed in seeds])
+    scores = np.array(
+        [
+            score(seed, tip=args.tip, model=args.model, contact=args.contact)
+            for seed in seeds
+        ]
+    )
     worst = [scores[:, 0].min(), *scores[:, 1:].max(axis=0)]
     names = (
         "rough rendered rough",

@@ -45,18 +45,33 @@ class Edge:
     touching: TakePredictions
 
 
-def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOptions, folder: Path) -> list[Edge]:
+def predict_edges(
+    dataset: Dataset, also: list[Recording], options: TrainingOptions, folder: Path
+) -> list[Edge]:
     """Join the edges of each held-out fold, and predict them by a model trained without that fold."""
     edges = []
     for fold in split(dataset, FOLDS):
         path = folder / "fold.onnx"
         recordings = (*fold.train, *also)
-        configure("texture", options).train(path, replace(dataset, recordings=recordings))
+        configure("texture", options).train(
+            path, replace(dataset, recordings=recordings)
+        )
         model = read_model(path)
         for take in join_edges(fold.test, folder):
             if slides_over(take, take.segments[2].start):
-                thresholds = model.card.gate.threshold_dbfs, floor_of(take, model), SILENCE_DBFS
-                edges.append(Edge(*(model_predictor(_with_threshold(model, each))(take) for each in thresholds)))
+                thresholds = (
+                    model.card.gate.threshold_dbfs,
+                    floor_of(take, model),
+                    SILENCE_DBFS,
+                )
+                edges.append(
+                    Edge(
+                        *(
+                            model_predictor(_with_threshold(model, each))(take)
+                            for each in thresholds
+                        )
+                    )
+                )
     return edges
 
 
@@ -72,7 +87,12 @@ def floor_of(edge: Recording, model: Model) -> float:
 
 
 def _with_threshold(model: Model, threshold_dbfs: float) -> Model:
-    return replace(model, card=replace(model.card, gate=replace(model.card.gate, threshold_dbfs=threshold_dbfs)))
+    return replace(
+        model,
+        card=replace(
+            model.card, gate=replace(model.card.gate, threshold_dbfs=threshold_dbfs)
+        ),
+    )
 
 
 def describe(take: TakePredictions) -> str:
@@ -80,12 +100,17 @@ def describe(take: TakePredictions) -> str:
     after = take.recording.segments[2]
     here = take.time > after.start
     share = np.median(rough_score(take.probabilities[here], "two-class"))
-    unknown, quiet = take.probabilities[here, Touch.NONE].mean(), 1 - take.contact[here].mean()
+    unknown, quiet = (
+        take.probabilities[here, Touch.NONE].mean(),
+        1 - take.contact[here].mean(),
+    )
     return f"| {take.recording.surface} | {after.label_name} | {share:.2f} | {unknown:.2f} | {quiet:.2f} |"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--also", type=Path, nargs="*", default=[])
     parser.add_argument("--kin", type=Path)
@@ -93,11 +118,23 @@ def main() -> None:
     args = parser.parse_args()
     dataset = open_dataset(args.dataset).labelled()
     if args.kin:
-        dataset = with_kin(dataset, args.kin).where(lambda take: take.tier in ("core", "extended"))
-    also = [take for folder in args.also for take in open_dataset(folder).labelled().recordings]
+        dataset = with_kin(dataset, args.kin).where(
+            lambda take: take.tier in ("core", "extended")
+        )
+    also = [
+        take
+        for folder in args.also
+        for take in open_dataset(folder).labelled().recordings
+    ]
     channels = min(len(take.channels) for take in dataset.recordings)
-    options = TrainingOptions(channels=channels, microphone="air" if channels == 1 else "contact", tip=args.tip)
-    rule = RECIPES["texture"].response_for(args.tip or tip_of(dataset.recordings)).decision
+    options = TrainingOptions(
+        channels=channels,
+        microphone="air" if channels == 1 else "contact",
+        tip=args.tip,
+    )
+    rule = (
+        RECIPES["texture"].response_for(args.tip or tip_of(dataset.recordings)).decision
+    )
     with tempfile.TemporaryDirectory() as folder:
         edges = predict_edges(dataset, also, options, Path(folder))
         for name in ("model", "floor", "touching"):
@@ -108,7 +145,11 @@ def main() -> None:
                 f"ms, never {delays.missed}; p95 of those reported {1e3 * np.quantile(delays.times, 0.95):.0f} ms\n\n"
                 "| never reported | to | P(rough), p50 | unknown | without contact |\n|---|---|--:|--:|--:|"
             )
-            lost = [take for take in takes if edge_delays([take], rule, latency=FEATURE_LATENCY).missed]
+            lost = [
+                take
+                for take in takes
+                if edge_delays([take], rule, latency=FEATURE_LATENCY).missed
+            ]
             print("\n".join(map(describe, lost)), end="\n\n")
 
 

@@ -73,18 +73,34 @@ def soak(hours: float, *, duty: float, report: Callable[[str], None]) -> list[Ro
     """
     robot, operator = Identity.create("robot"), Identity.create("operator")
     renew_after = min(RENEW_AFTER, 3600 * hours / 3.5)
-    calling = Session(robot, Peers({operator.fingerprint: "op"}), call=OPERATOR_ADDRESS, renew_after=renew_after)
+    calling = Session(
+        robot,
+        Peers({operator.fingerprint: "op"}),
+        call=OPERATOR_ADDRESS,
+        renew_after=renew_after,
+    )
     sender = SendGroup([calling], Codec("pcm16", channels=1, packet_size=240))
     receiver = ReceiveSession(Session(operator, Peers({robot.fingerprint: "robot"})))
-    link = VirtualLink(sender, receiver, ImpairedLink(NetworkProfile(loss=0.01)), ImpairedLink(NetworkProfile()))
+    link = VirtualLink(
+        sender,
+        receiver,
+        ImpairedLink(NetworkProfile(loss=0.01)),
+        ImpairedLink(NetworkProfile()),
+    )
     begun = link.connect(1000.0)
     assert sender.members[0].stream is not None
-    sender.members[0].stream.encoder.origin = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
+    sender.members[0].stream.encoder.origin = (1 << 32) - round(
+        BEFORE_WRAP * LIVE_SAMPLE_RATE
+    )
     sound, found, sent = _second_of_noise(), Soak(), 0
     position, number, shown = 0, sender.members[0].stream._sequence, time.monotonic()
     process = psutil.Process()
     while position < hours * 3600 * LIVE_SAMPLE_RATE:
-        block = AudioBlock(sound[np.arange(position, position + PACKET) % LIVE_SAMPLE_RATE], LIVE_SAMPLE_RATE, position)
+        block = AudioBlock(
+            sound[np.arange(position, position + PACKET) % LIVE_SAMPLE_RATE],
+            LIVE_SAMPLE_RATE,
+            position,
+        )
         sender.push(block)
         position += PACKET
         _compare(link.carry(begun + position / LIVE_SAMPLE_RATE), sound, found)
@@ -97,26 +113,63 @@ def soak(hours: float, *, duty: float, report: Callable[[str], None]) -> list[Ro
                 _compare(link.carry(begun + step / LIVE_SAMPLE_RATE), sound, found)
             position += rest
         if position % MINUTE == 0:
-            found.memory.append((position / LIVE_SAMPLE_RATE / 3600, process.memory_info().rss / 2**20))
+            found.memory.append(
+                (position / LIVE_SAMPLE_RATE / 3600, process.memory_info().rss / 2**20)
+            )
             if time.monotonic() - shown > 30:
                 shown = time.monotonic()
                 report(f"{found.memory[-1][0]:.2f} of {hours:g} virtual hours")
     handshakes = receiver.counters["handshakes"]
     slope = slope_of(found.memory)
     passed = hours * 3600 * LIVE_SAMPLE_RATE
-    timestamps = 1 + int((passed / LIVE_SAMPLE_RATE - BEFORE_WRAP) / ((1 << 32) / LIVE_SAMPLE_RATE))
+    timestamps = 1 + int(
+        (passed / LIVE_SAMPLE_RATE - BEFORE_WRAP) / ((1 << 32) / LIVE_SAMPLE_RATE)
+    )
     expected = float(sent)
     return [
-        ("samples that differ from those sent", "0", f"{found.wrong} of {found.good:,}", found.wrong == 0),
-        ("samples received or concealed", "over 99.9 %", f"{(found.good + found.concealed) / expected:.2%}",
-         found.good + found.concealed > 0.999 * expected),
-        ("sequence numbers wrapped", f"{int(expected / 240 / 65536)} or more", str(found.wraps),
-         found.wraps >= int(expected / 240 / 65536)),
-        ("RTP timestamp wrapped", "once or more", f"{timestamps} times", timestamps >= 1),
-        ("handshakes: the first, and keys renewed", "3 or more", str(handshakes), handshakes >= 3),
-        ("connections lost", "0", str(receiver.counters["link_losses"]), receiver.counters["link_losses"] == 0),
-        ("memory of the process, virtual", f"under {MAX_SLOPE_MB:g} MB/h", f"{slope:+.2f} MB/h", slope < MAX_SLOPE_MB),
-    ]  # fmt: skip
+        (
+            "samples that differ from those sent",
+            "0",
+            f"{found.wrong} of {found.good:,}",
+            found.wrong == 0,
+        ),
+        (
+            "samples received or concealed",
+            "over 99.9 %",
+            f"{(found.good + found.concealed) / expected:.2%}",
+            found.good + found.concealed > 0.999 * expected,
+        ),
+        (
+            "sequence numbers wrapped",
+            f"{int(expected / 240 / 65536)} or more",
+            str(found.wraps),
+            found.wraps >= int(expected / 240 / 65536),
+        ),
+        (
+            "RTP timestamp wrapped",
+            "once or more",
+            f"{timestamps} times",
+            timestamps >= 1,
+        ),
+        (
+            "handshakes: the first, and keys renewed",
+            "3 or more",
+            str(handshakes),
+            handshakes >= 3,
+        ),
+        (
+            "connections lost",
+            "0",
+            str(receiver.counters["link_losses"]),
+            receiver.counters["link_losses"] == 0,
+        ),
+        (
+            "memory of the process, virtual",
+            f"under {MAX_SLOPE_MB:g} MB/h",
+            f"{slope:+.2f} MB/h",
+            slope < MAX_SLOPE_MB,
+        ),
+    ]
 
 
 def _second_of_noise() -> FloatArray:
@@ -130,7 +183,9 @@ def _compare(events: Iterable[object], sound: FloatArray, found: Soak) -> None:
         if block.concealed:
             found.concealed += block.size
             continue
-        same = np.array_equal(block.samples, sound[np.arange(block.start, block.end) % LIVE_SAMPLE_RATE])
+        same = np.array_equal(
+            block.samples, sound[np.arange(block.start, block.end) % LIVE_SAMPLE_RATE]
+        )
         found.good += block.size * same
         found.wrong += block.size * (not same)
 
@@ -142,7 +197,11 @@ def slope_of(points: list[tuple[float, float]]) -> float:
     2.0
     """
     settled = points[len(points) // 3 :]
-    return round(statistics.linear_regression(*zip(*settled, strict=True)).slope, 6) if len(settled) > 3 else 0.0
+    return (
+        round(statistics.linear_regression(*zip(*settled, strict=True)).slope, 6)
+        if len(settled) > 3
+        else 0.0
+    )
 
 
 @dataclass
@@ -159,11 +218,22 @@ class ProcessTrace:
 def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
     """Run robot and operator as processes, and measure both and their parent."""
     name = f"endurance-{os.getpid()}"
-    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        "loopback",
+        "--source",
+        "finger",
+        "--actuator",
+        "none",
+    ]
     command += ["--network", "wifi", "--name", name, "--duration", str(60 * minutes)]
     traces: dict[int, ProcessTrace] = {}
     begun = shown = time.monotonic()
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as loopback:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as loopback:
         while loopback.poll() is None:
             time.sleep(SAMPLE_INTERVAL)
             passed = time.monotonic() - begun
@@ -172,9 +242,19 @@ def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
             if time.monotonic() - shown > 30:
                 shown = time.monotonic()
                 report(f"{passed / 60:.1f} of {minutes:g} minutes live")
-    rows = [("exit of the live run", "0", str(loopback.returncode), loopback.returncode == 0)]
+    rows = [
+        (
+            "exit of the live run",
+            "0",
+            str(loopback.returncode),
+            loopback.returncode == 0,
+        )
+    ]
     for trace in (trace for trace in traces.values() if len(trace.memory) > 5):
-        for quantity, points in (("memory", trace.memory), ("memory without shared pages", trace.private)):
+        for quantity, points in (
+            ("memory", trace.memory),
+            ("memory without shared pages", trace.private),
+        ):
             slope = slope_of(points)
             rows.append(
                 (
@@ -184,9 +264,19 @@ def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
                     slope < MAX_SLOPE_MB,
                 )
             )
-        for quantity, counts in (("descriptors", trace.descriptors), ("threads", trace.threads)):
+        for quantity, counts in (
+            ("descriptors", trace.descriptors),
+            ("threads", trace.threads),
+        ):
             steady = max(counts) - min(counts) <= 2
-            rows.append((f"{quantity}, {trace.name}", "steady", f"{min(counts)} to {max(counts)}", steady))
+            rows.append(
+                (
+                    f"{quantity}, {trace.name}",
+                    "steady",
+                    f"{min(counts)} to {max(counts)}",
+                    steady,
+                )
+            )
     return rows
 
 
@@ -201,7 +291,10 @@ def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
                 if process.status() == psutil.STATUS_ZOMBIE or not process.num_fds():
                     continue  # it is just ending
                 trace = traces.setdefault(
-                    process.pid, ProcessTrace(f"process {index} ({'parent' if not index else 'side'})")
+                    process.pid,
+                    ProcessTrace(
+                        f"process {index} ({'parent' if not index else 'side'})"
+                    ),
                 )
                 memory = process.memory_info()
                 trace.memory.append((hours, memory.rss / 2**20))
@@ -213,7 +306,9 @@ def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
             continue
 
 
-def nights(seeds: Iterable[int], *, hours: float, sound: float, report: Callable[[str], None]) -> list[Row]:
+def nights(
+    seeds: Iterable[int], *, hours: float, sound: float, report: Callable[[str], None]
+) -> list[Row]:
     """Live through the night of each seed; print how to repeat one that breaks a promise."""
     count = failed = events = compared = felt = 0
     for seed in seeds:
@@ -222,42 +317,111 @@ def nights(seeds: Iterable[int], *, hours: float, sound: float, report: Callable
             night = live_through(seed, hours=hours, sound=sound)
         except BrokenPromiseError as error:
             failed += 1
-            how = f"--seeds 1 --first {seed} --night-hours {hours} --night-sound {sound}"
+            how = (
+                f"--seeds 1 --first {seed} --night-hours {hours} --night-sound {sound}"
+            )
             report(f"{error}\n  python benchmarks/endurance.py {how}")
             continue
-        events, compared, felt = events + night.events, compared + night.compared, felt + night.felt
+        events, compared, felt = (
+            events + night.events,
+            compared + night.compared,
+            felt + night.felt,
+        )
         if count % 10 == 0:
             report(f"{count} nights, {failed} failed")
     return [
-        (f"nights of {hours:g} h that broke a promise", "0", f"{failed} of {count}", failed == 0),
+        (
+            f"nights of {hours:g} h that broke a promise",
+            "0",
+            f"{failed} of {count}",
+            failed == 0,
+        ),
         ("events in them", "over 0", str(events), events > 0),
-        ("predictions that the replay computed alike", "all", str(compared), compared > 0),
+        (
+            "predictions that the replay computed alike",
+            "all",
+            str(compared),
+            compared > 0,
+        ),
         ("periods of 5 ms with vibration", "over 0", str(felt), felt > 0),
     ]
 
 
 def main() -> int:
     """Run the parts and print the table; exit 1 where a limit was passed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--virtual-hours", type=float, default=0.25, metavar="H", help="0: none; default 0.25")
-    parser.add_argument("--duty", type=float, default=1.0, metavar="SHARE", help="of the virtual time with sound")
-    parser.add_argument("--live-minutes", type=float, default=2.0, metavar="MIN", help="0: none; default 2")
-    parser.add_argument("--seeds", type=int, default=0, metavar="N", help="nights, and nothing else; default 0")
-    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first night; default 1")
-    parser.add_argument("--night-hours", type=float, default=8.0, metavar="H", help="of a night; default 8")
-    parser.add_argument("--night-sound", type=float, default=30.0, metavar="S", help="seconds in a night; default 30")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--virtual-hours",
+        type=float,
+        default=0.25,
+        metavar="H",
+        help="0: none; default 0.25",
+    )
+    parser.add_argument(
+        "--duty",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="of the virtual time with sound",
+    )
+    parser.add_argument(
+        "--live-minutes",
+        type=float,
+        default=2.0,
+        metavar="MIN",
+        help="0: none; default 2",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=0,
+        metavar="N",
+        help="nights, and nothing else; default 0",
+    )
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=1,
+        metavar="SEED",
+        help="of the first night; default 1",
+    )
+    parser.add_argument(
+        "--night-hours",
+        type=float,
+        default=8.0,
+        metavar="H",
+        help="of a night; default 8",
+    )
+    parser.add_argument(
+        "--night-sound",
+        type=float,
+        default=30.0,
+        metavar="S",
+        help="seconds in a night; default 30",
+    )
     args = parser.parse_args()
     rows: list[Row] = []
     if args.seeds:
         args.virtual_hours = args.live_minutes = 0
         seeds = range(args.first, args.first + args.seeds)
         rows += nights(
-            seeds, hours=args.night_hours, sound=args.night_sound, report=lambda line: print(line, file=sys.stderr)
+            seeds,
+            hours=args.night_hours,
+            sound=args.night_sound,
+            report=lambda line: print(line, file=sys.stderr),
         )
     if args.virtual_hours:
-        rows += soak(args.virtual_hours, duty=args.duty, report=lambda line: print(line, file=sys.stderr))
+        rows += soak(
+            args.virtual_hours,
+            duty=args.duty,
+            report=lambda line: print(line, file=sys.stderr),
+        )
     if args.live_minutes:
-        rows += live(args.live_minutes, report=lambda line: print(line, file=sys.stderr))
+        rows += live(
+            args.live_minutes, report=lambda line: print(line, file=sys.stderr)
+        )
     print("| quantity | limit | value | |\n|---|---|---|---|")
     for quantity, limit, value, kept in rows:
         print(f"| {quantity} | {limit} | {value} | {'' if kept else 'PASSED'} |")

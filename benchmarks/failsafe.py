@@ -58,7 +58,9 @@ class EndlessStroke(AlwaysOpen):
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for start in itertools.count(0, BLOCK):
-            phase = start % LIVE_SAMPLE_RATE  # a second is a whole number of the tone's periods
+            phase = (
+                start % LIVE_SAMPLE_RATE
+            )  # a second is a whole number of the tone's periods
             tone = self._second[phase : phase + BLOCK]
             yield AudioBlock(np.stack([tone, tone], axis=1), LIVE_SAMPLE_RATE, start)
 
@@ -111,30 +113,47 @@ def freeze_operator(sides: Sides) -> None:
     os.kill(sides.operator.pid, signal.SIGSTOP)
 
 
-def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Sides], None]) -> float:
+def measure_time_to_silence(
+    settings: Settings, graph: Graph, stop: Callable[[Sides], None]
+) -> float:
     """Start a stroke, stop something, and return the seconds until silence.
 
     Raises `TactophoneError` when there is no vibration to begin with.
     """
     recorder = PeakRecorder()
     settings = change(settings, ENDLESS_TONE)
-    with running_sides(settings, graph, open_source=EndlessStroke) as sides, recording(recorder, graph, sides):
+    with (
+        running_sides(settings, graph, open_source=EndlessStroke) as sides,
+        recording(recorder, graph, sides),
+    ):
         time.sleep(STROKE)
-        _await_vibration(recorder)  # again: on a busy machine it may have faded for a moment
+        _await_vibration(
+            recorder
+        )  # again: on a busy machine it may have faded for a moment
         moment = time.monotonic()
         stop(sides)
         time.sleep(AFTERMATH)
         for side in (sides.robot, sides.operator):
             with contextlib.suppress(ProcessLookupError):
-                os.kill(side.pid, signal.SIGCONT)  # a frozen process would only end once it is killed, after seconds
+                os.kill(
+                    side.pid, signal.SIGCONT
+                )  # a frozen process would only end once it is killed, after seconds
         return recorder.time_to_silence(moment)
 
 
 @contextmanager
-def recording(recorder: PeakRecorder, graph: Graph, sides: Sides) -> Iterator[JackClient]:
+def recording(
+    recorder: PeakRecorder, graph: Graph, sides: Sides
+) -> Iterator[JackClient]:
     """Record the vibration from when it has started; yields the recording client."""
     wires = {"vibration": graph.vibration_port or f"{sides.operator.name}:vibration"}
-    client = JackClient("tactophone-recorder", recorder.process, inputs=wires, outputs={}, server=graph.server)
+    client = JackClient(
+        "tactophone-recorder",
+        recorder.process,
+        inputs=wires,
+        outputs={},
+        server=graph.server,
+    )
     client.open()
     try:
         _await_vibration(recorder)
@@ -148,7 +167,9 @@ def _await_vibration(recorder: PeakRecorder) -> None:
         if recorder.peak > SILENT:
             return
         time.sleep(0.01)
-    raise TactophoneError("no vibration within 5 s: try `tactophone latency --dummy` to see what fails")
+    raise TactophoneError(
+        "no vibration within 5 s: try `tactophone latency --dummy` to see what fails"
+    )
 
 
 FIFO_PRIORITY = 40
@@ -159,18 +180,30 @@ def _schedule(pid: int, *, first: bool) -> None:
     policy = os.SCHED_FIFO if first else os.SCHED_OTHER
     for task in Path(f"/proc/{pid}/task").iterdir():
         with contextlib.suppress(OSError):
-            os.sched_setscheduler(int(task.name), policy, os.sched_param(FIFO_PRIORITY * first))
+            os.sched_setscheduler(
+                int(task.name), policy, os.sched_param(FIFO_PRIORITY * first)
+            )
 
 
 def _waited(pid: int) -> float:
     """Seconds for which a process's threads waited for a processor so far, by the scheduler's own count."""
-    return sum(int((task / "schedstat").read_text().split()[1]) for task in Path(f"/proc/{pid}/task").iterdir()) / 1e9
+    return (
+        sum(
+            int((task / "schedstat").read_text().split()[1])
+            for task in Path(f"/proc/{pid}/task").iterdir()
+        )
+        / 1e9
+    )
 
 
 def main() -> None:
     """Print a table of the times to silence after the operator's process was killed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=20, metavar="N", help="of each kind; default 20")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--kills", type=int, default=20, metavar="N", help="of each kind; default 20"
+    )
     kills = parser.parse_args().kills
     found: tuple[list[float], ...] = ([], [])
     waits: tuple[list[float], ...] = ([], [])
@@ -181,19 +214,34 @@ def main() -> None:
             assert server._process
             jack = server._process.pid
 
-            def stop(sides: Sides, jack: int = jack, first: bool = first, before: list[float] = before) -> None:
+            def stop(
+                sides: Sides,
+                jack: int = jack,
+                first: bool = first,
+                before: list[float] = before,
+            ) -> None:
                 for pid in (jack, os.getpid(), sides.operator.pid):
                     _schedule(pid, first=first)
                 before[0] = _waited(jack)
                 kill_operator(sides)
 
-            found[first].append(measure_time_to_silence(Settings(), Graph(server.name), stop))
+            found[first].append(
+                measure_time_to_silence(Settings(), Graph(server.name), stop)
+            )
             waits[first].append(_waited(jack) - before[0])
-    print(f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in {AFTERMATH:g} s after a kill.\n")
-    print("| operator killed | time to silence: p50, worst | over 100 ms | JACK waited for a processor: p50, worst |")
+    print(
+        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in {AFTERMATH:g} s after a kill.\n"
+    )
+    print(
+        "| operator killed | time to silence: p50, worst | over 100 ms | JACK waited for a processor: p50, worst |"
+    )
     print("|---|---|--:|---|")
-    for first, name in enumerate(("all as ordinary threads", "JACK and both clients before all others")):
-        times, waited = ([1e3 * each for each in column[first]] for column in (found, waits))
+    for first, name in enumerate(
+        ("all as ordinary threads", "JACK and both clients before all others")
+    ):
+        times, waited = (
+            [1e3 * each for each in column[first]] for column in (found, waits)
+        )
         print(
             f"| {name} | {statistics.median(times):.0f}, {max(times):.0f} ms | {sum(each > 100 for each in times)} of "
             f"{len(times)} | {statistics.median(waited):.0f}, {max(waited):.0f} ms |"

@@ -30,21 +30,29 @@ REFERENCE = "paper"
 
 def main() -> None:
     """Print a row for each model."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", type=Path, help="the frozen objects under the pad")
     recordings = open_dataset(parser.parse_args().dataset).labelled().recordings
     scores = {}
     for name in (REFERENCE, "texture"):
         predict = recording_predictor(name)
-        scores[name] = scores_of([in_true_contact(predict(take)) for take in recordings], "two-class")
+        scores[name] = scores_of(
+            [in_true_contact(predict(take)) for take in recordings], "two-class"
+        )
     recall = measure(scores[REFERENCE])["rough_accuracy"]
-    print(f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own threshold | linoleum |")
+    print(
+        f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own threshold | linoleum |"
+    )
     print("|---|--:|--:|--:|")
     for name, found in scores.items():
         linoleum = found.surface == found.names.index("linoleum")
         own = measure(found)["false_positive_rate"]
         rough = (found.score[linoleum] >= 0.5).mean()
-        print(f"| {name} | {false_positives_at_recall(found, recall):.3f} | {own:.3f} | {rough:.3f} |")
+        print(
+            f"| {name} | {false_positives_at_recall(found, recall):.3f} | {own:.3f} | {rough:.3f} |"
+        )
     print_rendered(recordings)
 
 
@@ -62,9 +70,18 @@ def print_rendered(recordings: Sequence[Recording]) -> None:
         touching, audible = true_contact(take), level[newest] >= floor.threshold_dbfs
         right = decided_touches(take, model.card.decision) == Touch.ROUGH
         for place in (0, 1):
-            rough[place] += np.bincount(right[touching & (audible == place)], minlength=2)
-    words = (f"{right / (wrong + right):.2f}" for wrong, right in (rough.sum(axis=0), rough[1], rough[0]))
-    print("\nrough as rendered: {}; audible: {}, not: {} ({:.0%})".format(*words, rough[0].sum() / rough.sum()))
+            rough[place] += np.bincount(
+                right[touching & (audible == place)], minlength=2
+            )
+    words = (
+        f"{right / (wrong + right):.2f}"
+        for wrong, right in (rough.sum(axis=0), rough[1], rough[0])
+    )
+    print(
+        "\nrough as rendered: {}; audible: {}, not: {} ({:.0%})".format(
+            *words, rough[0].sum() / rough.sum()
+        )
+    )
 
 
 if __name__ == "__main__":

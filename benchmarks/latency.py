@@ -19,7 +19,12 @@ from numpy.typing import NDArray
 
 import peers
 from failsafe import freeze_operator, kill_robot, measure_time_to_silence
-from tactophone.app.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, measure
+from tactophone.app.measurement.impulses import (
+    Graph,
+    ImpulseLatency,
+    ImpulsePlayer,
+    measure,
+)
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.core.types import AudioBlock
@@ -39,7 +44,9 @@ PARTS = ("delays", "short", "peers", "failures")
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--impulses", type=int, default=60, help="impulses for each row (default: 60)")
+    parser.add_argument(
+        "--impulses", type=int, default=60, help="impulses for each row (default: 60)"
+    )
     parser.add_argument("--only", choices=PARTS)
     args = parser.parse_args()
     print("| quantity | measured | |\n|---|---|---|")
@@ -50,18 +57,27 @@ def main() -> None:
     if args.only in (None, "peers"):
         print_peers(args.impulses)
     if args.only in (None, "failures"):
-        print(f"| robot killed, until -60 dB | {times_to_silence(kill_robot)} | 5 times: median, worst |")
-        print(f"| operator frozen, until -60 dB | {times_to_silence(freeze_operator)} | the same |")
+        print(
+            f"| robot killed, until -60 dB | {times_to_silence(kill_robot)} | 5 times: median, worst |"
+        )
+        print(
+            f"| operator frozen, until -60 dB | {times_to_silence(freeze_operator)} | the same |"
+        )
 
 
 def print_delays(impulses: int) -> None:
-    row("impulse to first vibration, 128 samples, Opus 2.5 ms", run(128, OPUS_2_5, impulses))
+    row(
+        "impulse to first vibration, 128 samples, Opus 2.5 ms",
+        run(128, OPUS_2_5, impulses),
+    )
     row("the same, PCM", run(128, pcm(128), impulses))
     predictions = run(128, PREDICTIONS, impulses)
     row("the same, detector on the robot, predictions only", predictions)
     row("512 samples as in the paper, Opus 10 ms", run(512, OPUS_10, impulses))
     with busy(2):
-        row("128 samples, Opus 2.5 ms, two busy processes", run(128, OPUS_2_5, impulses))
+        row(
+            "128 samples, Opus 2.5 ms, two busy processes", run(128, OPUS_2_5, impulses)
+        )
         ordinary = (*OPUS_2_5, "process.priority=0")
         row("the same without real-time priority", run(128, ordinary, impulses))
 
@@ -72,7 +88,9 @@ def print_short_periods(impulses: int) -> None:
         ("64 samples, Opus 2.5 ms", 64, OPUS_2_5),
         ("32 samples, PCM", 32, pcm(32)),
     ):
-        row(name, run(period, changes, impulses), bound=bound(period, changes, impulses))
+        row(
+            name, run(period, changes, impulses), bound=bound(period, changes, impulses)
+        )
 
 
 def print_peers(impulses: int) -> None:
@@ -87,17 +105,30 @@ def print_peers(impulses: int) -> None:
     row("512 samples, PCM of 128", run(512, pcm(128), impulses))
 
 
-def row(quantity: str, measured: ImpulseLatency, *, bound: NDArray[np.float64] | None = None) -> None:
+def row(
+    quantity: str, measured: ImpulseLatency, *, bound: NDArray[np.float64] | None = None
+) -> None:
     if not len(measured.end_to_end):
-        print(f"| {quantity} | no vibration | {measured.restarts} restarts |", flush=True)
+        print(
+            f"| {quantity} | no vibration | {measured.restarts} restarts |", flush=True
+        )
         return
     p50, p95, p99 = 1000 * np.percentile(measured.end_to_end, (50, 95, 99))
     note = f"{measured.impulses} impulses, {measured.missed} missed"
-    note += f"; budget within {1000 * measured.disagreement:.2f} ms" if measured.disagreement >= 0 else ""
+    note += (
+        f"; budget within {1000 * measured.disagreement:.2f} ms"
+        if measured.disagreement >= 0
+        else ""
+    )
     note += f"; {measured.restarts} restarts" if measured.restarts else ""
     if bound is not None:
-        note += "; bound p50 {:.2f}, p95 {:.2f}, p99 {:.2f} ms".format(*1000 * np.percentile(bound, (50, 95, 99)))
-    print(f"| {quantity} | p50 {p50:.2f}, p95 {p95:.2f}, p99 {p99:.2f} ms | {note} |", flush=True)
+        note += "; bound p50 {:.2f}, p95 {:.2f}, p99 {:.2f} ms".format(
+            *1000 * np.percentile(bound, (50, 95, 99))
+        )
+    print(
+        f"| {quantity} | p50 {p50:.2f}, p95 {p95:.2f}, p99 {p99:.2f} ms | {note} |",
+        flush=True,
+    )
 
 
 def run(period: int, changes: tuple[str, ...], impulses: int) -> ImpulseLatency:
@@ -108,14 +139,23 @@ def run(period: int, changes: tuple[str, ...], impulses: int) -> ImpulseLatency:
 def bound(period: int, changes: tuple[str, ...], impulses: int) -> NDArray[np.float64]:
     """Return the latencies (s) if nothing took any time: what arrives in a period is rendered in the next one."""
     link, player = settings(*changes).link, ImpulsePlayer(impulses)
-    codec = Codec("opus" if link.codec == "opus" else "pcm16", packet_size=round(link.packet_duration * RATE))
+    codec = Codec(
+        "opus" if link.codec == "opus" else "pcm16",
+        packet_size=round(link.packet_duration * RATE),
+    )
     encoder, decoder = BlockEncoder(codec, prompt=True), open_decoder(codec.kind)
-    pipeline, oscillator, position = open_pipeline(sample_rate=RATE, channels=2), Oscillator(), 0
+    pipeline, oscillator, position = (
+        open_pipeline(sample_rate=RATE, channels=2),
+        Oscillator(),
+        0,
+    )
     for start in range(0, len(player.played) - period, period):
         oscillator.render(player.vibration[start : start + period])
         played = np.repeat(player.played[start : start + period, np.newaxis], 2, axis=1)
         for encoded in encoder.push(AudioBlock(played, RATE, start)):
-            step = pipeline.push(AudioBlock(decoder.decode(encoded.content), RATE, position))
+            step = pipeline.push(
+                AudioBlock(decoder.decode(encoded.content), RATE, position)
+            )
             position = step.block.end
             if step.command:
                 oscillator.submit(step.command)
@@ -133,7 +173,10 @@ def settings(*changes: str) -> Settings:
 @contextmanager
 def busy(count: int) -> Iterator[None]:
     """Run ``count`` processes that keep processors busy."""
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    others = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        for _ in range(count)
+    ]
     try:
         yield
     finally:
@@ -145,7 +188,11 @@ def busy(count: int) -> Iterator[None]:
 def times_to_silence(stop: Callable[[Sides], None]) -> str:
     """Median and worst, on a sound server that repeats the last period of a late client, as JACK does by default."""
     with DummyServer(128, synchronous=False) as server:
-        times = [1000 * measure_time_to_silence(settings(*OPUS_2_5), Graph(server.name), stop) for _ in range(5)]
+        times = [
+            1000
+            * measure_time_to_silence(settings(*OPUS_2_5), Graph(server.name), stop)
+            for _ in range(5)
+        ]
     return f"{statistics.median(times):.0f}, {max(times):.0f} ms"
 
 

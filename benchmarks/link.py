@@ -49,7 +49,11 @@ class Row:
 
 
 def noise(duration: float) -> FloatArray:
-    return np.random.default_rng(0).normal(0, 0.05, (round(duration * RATE), 2)).astype(np.float32)
+    return (
+        np.random.default_rng(0)
+        .normal(0, 0.05, (round(duration * RATE), 2))
+        .astype(np.float32)
+    )
 
 
 # -- delay after loss ---------------------------------------------------------------------------------------------
@@ -64,16 +68,29 @@ def delay_after_loss() -> Iterator[Row]:
     tap(link, playout)
     for step in range(75 * 200):
         if step in (0, 2_000, 14_000):
-            link.to_operator = ImpairedLink(NetworkProfile(loss=0.05 if step == 2_000 else 0.0, delay=0.002), seed=1)
+            link.to_operator = ImpairedLink(
+                NetworkProfile(loss=0.05 if step == 2_000 else 0.0, delay=0.002), seed=1
+            )
         now = start_time + (step + 1) * 0.005
         link.robot.push(AudioBlock(sound[step * 240 % RATE :][:240], RATE, step * 240))
-        decoded = [event for event in link.carry(now) + link.carry(now + 0.002) if isinstance(event, DecodedAudio)]
-        predicted += [(step * 0.005, now + 0.002 - start_time - event.block.end / RATE) for event in decoded]
+        decoded = [
+            event
+            for event in link.carry(now) + link.carry(now + 0.002)
+            if isinstance(event, DecodedAudio)
+        ]
+        predicted += [
+            (step * 0.005, now + 0.002 - start_time - event.block.end / RATE)
+            for event in decoded
+        ]
         playout.pull(now=now + 0.002)
         played.append((step * 0.005, delay_of(playout.controller, now)))
     for name, delays in (("predictions", predicted), ("playout", played)):
-        before, during, after = (median(delays, span) for span in ((5, 10), (65, 70), (74, 75)))
-        worst = float(np.quantile([delay for when, delay in delays if 60 <= when < 70], 0.99))
+        before, during, after = (
+            median(delays, span) for span in ((5, 10), (65, 70), (74, 75))
+        )
+        worst = float(
+            np.quantile([delay for when, delay in delays if 60 <= when < 70], 0.99)
+        )
         yield Row(
             f"change of delay after 60 s at 5 % loss, {name}",
             f"{1e3 * (during - before):+.2f} ms (p99 {1e3 * (worst - before):+.1f}), "
@@ -102,7 +119,9 @@ def tap(link: VirtualLink, playout: Playout) -> None:
 
 
 def median(delays: list[tuple[float, float]], span: tuple[float, float]) -> float:
-    return float(np.median([delay for when, delay in delays if span[0] <= when < span[1]]))
+    return float(
+        np.median([delay for when, delay in delays if span[0] <= when < span[1]])
+    )
 
 
 # -- playout -----------------------------------------------------------------------------------------------------------
@@ -112,7 +131,9 @@ def received_but_not_used() -> Iterator[Row]:
     """Late packets in a minute of clocked playout, at 5 % loss and 0 to 30 ms of jitter."""
     link, playout = VirtualLink(*paired_sessions(OPUS)), Playout(block_size=128)
     start_time, sound = link.connect(0.0), noise(60)
-    link.to_operator = ImpairedLink(NetworkProfile(loss=0.05, spread=0.03, overtaking=True), seed=1)
+    link.to_operator = ImpairedLink(
+        NetworkProfile(loss=0.05, spread=0.03, overtaking=True), seed=1
+    )
     tap(link, playout)
     for step in range(60 * 375):
         now = start_time + (step + 1) * 128 / RATE
@@ -163,8 +184,20 @@ def strokes(duration: float) -> FloatArray:
     sounds = []
     for seed, name in enumerate(OBJECTS):
         scene = single(find(name))
-        moves = take_moves(TAKES[4], scene.placed[0], duration=duration / 4, rng=np.random.default_rng(seed))
-        finger = SimulatedFinger(scene, moves, seed=seed, duration=duration / 4, block_size=RATE, place=(0.04, 0.035))
+        moves = take_moves(
+            TAKES[4],
+            scene.placed[0],
+            duration=duration / 4,
+            rng=np.random.default_rng(seed),
+        )
+        finger = SimulatedFinger(
+            scene,
+            moves,
+            seed=seed,
+            duration=duration / 4,
+            block_size=RATE,
+            place=(0.04, 0.035),
+        )
         sounds += [block.samples for block in finger]
     return np.concatenate(sounds)
 
@@ -174,7 +207,10 @@ def run_link(
 ) -> tuple[list[tuple[float, PipelineStep]], ReceiveSession]:
     robot, operator = paired_sessions(OPUS)
     sender = RobotEndpoint(robot)
-    link = VirtualLink(robot, OperatorEndpoint(operator, open_pipeline(model, sample_rate=RATE, channels=2)))
+    link = VirtualLink(
+        robot,
+        OperatorEndpoint(operator, open_pipeline(model, sample_rate=RATE, channels=2)),
+    )
     start_time, steps = link.connect(0.0), []
     link.to_operator = ImpairedLink(profile, seed=7)
     for start in range(0, len(sound) - 119, 120):
@@ -186,7 +222,11 @@ def run_link(
 
 def decisions(steps: list[tuple[float, PipelineStep]], duration: float) -> np.ndarray:
     """The newest touch at each hop of the operator's time."""
-    predictions = [(when, step.predictions[-1].touch) for when, step in steps if step.predictions and step.commands]
+    predictions = [
+        (when, step.predictions[-1].touch)
+        for when, step in steps
+        if step.predictions and step.commands
+    ]
     times = np.array([when for when, _ in predictions])
     touches = np.array([Touch.NONE, *(touch for _, touch in predictions)])
     return touches[np.searchsorted(times, np.arange(0.5, duration, HOP), side="right")]
@@ -195,8 +235,16 @@ def decisions(steps: list[tuple[float, PipelineStep]], duration: float) -> np.nd
 def equal_decisions(sound: FloatArray, model: str) -> Iterator[Row]:
     duration = len(sound) / RATE
     clean = decisions(run_link(sound, NetworkProfile(), model)[0], duration)
-    lines = [(f"{loss:.0%} random loss", NetworkProfile(loss=loss)) for loss in (0.01, 0.05, 0.1, 0.2)]
-    lines.append(("bursts (Gilbert-Elliott, mean 5 packets, 5 %)", NetworkProfile(loss=0.05, burst=5)))
+    lines = [
+        (f"{loss:.0%} random loss", NetworkProfile(loss=loss))
+        for loss in (0.01, 0.05, 0.1, 0.2)
+    ]
+    lines.append(
+        (
+            "bursts (Gilbert-Elliott, mean 5 packets, 5 %)",
+            NetworkProfile(loss=0.05, burst=5),
+        )
+    )
     for name, profile in lines:
         steps, operator = run_link(sound, profile, model)
         same = float((decisions(steps, duration) == clean).mean())
@@ -209,8 +257,15 @@ def equal_decisions(sound: FloatArray, model: str) -> Iterator[Row]:
 def stall(sound: FloatArray, model: str) -> Iterator[Row]:
     """Recovery after stalls of 200 ms every 2 s, and the steepest step of the waveform."""
     robot, operator = paired_sessions(OPUS)
-    link = VirtualLink(robot, OperatorEndpoint(operator, open_pipeline(model, sample_rate=RATE, channels=2)))
-    oscillator, out, start_time = Oscillator(), np.zeros(120, np.float32), link.connect(0.0)
+    link = VirtualLink(
+        robot,
+        OperatorEndpoint(operator, open_pipeline(model, sample_rate=RATE, channels=2)),
+    )
+    oscillator, out, start_time = (
+        Oscillator(),
+        np.zeros(120, np.float32),
+        link.connect(0.0),
+    )
     waits, steepest, last, stalled_until = [], 0.0, 0.0, 0.0
     for start in range(0, len(sound) - 119, 120):
         now = (start + 120) / RATE
@@ -240,7 +295,10 @@ def processor_time(sound: FloatArray, model: str) -> Iterator[Row]:
     start_time = time.process_time()
     run_link(sound, NetworkProfile(), model)
     share = (time.process_time() - start_time) / duration
-    yield Row("processor time, both ends together, 5 ms packets, without pauses", f"{share:.1%} of one core")
+    yield Row(
+        "processor time, both ends together, 5 ms packets, without pauses",
+        f"{share:.1%} of one core",
+    )
 
 
 # -- attack ------------------------------------------------------------------------------------------------------------
@@ -272,7 +330,11 @@ def hostile(count: int) -> Iterator[Row]:
 
 
 def state(end: ReceiveSession) -> tuple[object, ...]:
-    counters = {name: total for name, total in end.counters.items() if name != "packets_rejected"}
+    counters = {
+        name: total
+        for name, total in end.counters.items()
+        if name != "packets_rejected"
+    }
     return end.session.peer, counters, end.origin, repr(end.stats)
 
 
@@ -292,25 +354,45 @@ def attacks(genuine: list[bytes], hello: bytes, count: int) -> Iterator[bytes]:
             case 0:
                 yield hello[:27] + dice.randbytes(32) + hello[59:]
             case 1:
-                yield bytes([dice.randrange(20, 64)]) + dice.randbytes(dice.randrange(100))
+                yield bytes([dice.randrange(20, 64)]) + dice.randbytes(
+                    dice.randrange(100)
+                )
             case low if low < 25:
-                yield struct.pack("!BBH", 0x80, 98, number % 65_536) + dice.randbytes(dice.randrange(4, 600))
+                yield struct.pack("!BBH", 0x80, 98, number % 65_536) + dice.randbytes(
+                    dice.randrange(4, 600)
+                )
             case low if low < 45:
                 yield packet[:place]
             case low if low < 75:
-                yield packet[:place] + bytes([packet[place] ^ 1 << dice.randrange(8)]) + packet[place + 1 :]
+                yield (
+                    packet[:place]
+                    + bytes([packet[place] ^ 1 << dice.randrange(8)])
+                    + packet[place + 1 :]
+                )
             case _:
                 yield packet  # replayed, in any order
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--model", default="", help="model of the detector; default: the shipped one")
-    parser.add_argument("--seconds", type=float, default=40.0, help="seconds of sound for the decisions")
-    parser.add_argument("--datagrams", type=int, default=1_000_000, help="number of hostile datagrams")
+    parser.add_argument(
+        "--model", default="", help="model of the detector; default: the shipped one"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=40.0, help="seconds of sound for the decisions"
+    )
+    parser.add_argument(
+        "--datagrams", type=int, default=1_000_000, help="number of hostile datagrams"
+    )
     args = parser.parse_args()
     print("| quantity | measured | other systems |\n|---|---|---|")
-    for rows in (delay_after_loss(), received_but_not_used(), decided(args), skewed_clocks(), hostile(args.datagrams)):
+    for rows in (
+        delay_after_loss(),
+        received_but_not_used(),
+        decided(args),
+        skewed_clocks(),
+        hostile(args.datagrams),
+    ):
         for row in rows:
             print(row, flush=True)
 

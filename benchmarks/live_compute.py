@@ -35,9 +35,15 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", default="paper", help="a two-channel model; default: the shipped one")
-    parser.add_argument("--fingers", type=int, default=1, help="in one batch; default: 1")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--model", default="paper", help="a two-channel model; default: the shipped one"
+    )
+    parser.add_argument(
+        "--fingers", type=int, default=1, help="in one batch; default: 1"
+    )
     parser.add_argument("--child", choices=("paced", "import"), help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.child == "paced":
@@ -49,17 +55,31 @@ def main() -> None:
 
 
 def print_table(model: str, fingers: int) -> None:
-    updates = [child("--child", "paced", "--model", model, "--fingers", str(fingers)) for _ in range(RUNS)]
+    updates = [
+        child("--child", "paced", "--model", model, "--fingers", str(fingers))
+        for _ in range(RUNS)
+    ]
     imports = [child("--child", "import") for _ in range(IMPORTS)]
     speed = feel_speed(model)
     rows = [
         ("update, p50", *(over_runs(updates, clock, 50) for clock in CLOCKS)),
         ("update, p99", *(over_runs(updates, clock, 99) for clock in CLOCKS)),
-        ("`feel`, two channels at 48 kHz", f"{speed['wall']:.0f} x", f"{speed['processor']:.0f} x"),
-        ("memory, live side", f"{max(update['memory_mb'] for update in updates):.0f} MB", ""),
-        ("`import tactophone`", f"{statistics.median(once['wall'] for once in imports):.3f} s",
-         f"{statistics.median(once['processor'] for once in imports):.3f} s"),
-    ]  # fmt: skip
+        (
+            "`feel`, two channels at 48 kHz",
+            f"{speed['wall']:.0f} x",
+            f"{speed['processor']:.0f} x",
+        ),
+        (
+            "memory, live side",
+            f"{max(update['memory_mb'] for update in updates):.0f} MB",
+            "",
+        ),
+        (
+            "`import tactophone`",
+            f"{statistics.median(once['wall'] for once in imports):.3f} s",
+            f"{statistics.median(once['processor'] for once in imports):.3f} s",
+        ),
+    ]
     hop_ms = 1000 * HOP_SIZE / RATE
     print(
         f"Model `{model}` on ONNX Runtime, fingers: {fingers}, {RUNS} x {UPDATES} updates at a hop of {hop_ms:.2f} ms, "
@@ -79,7 +99,9 @@ def over_runs(updates: list[dict], clock: str, percentile: int) -> str:
 def child(*arguments: str) -> dict:
     """Run this script in a child process, on one thread."""
     command = [sys.executable, __file__, *arguments]
-    done = subprocess.run(command, env=os.environ | ONE_THREAD, stdout=subprocess.PIPE, check=True)
+    done = subprocess.run(
+        command, env=os.environ | ONE_THREAD, stdout=subprocess.PIPE, check=True
+    )
     return json.loads(done.stdout)
 
 
@@ -92,7 +114,9 @@ def paced(model: str, fingers: int = 1) -> dict:
 
     # On one core: a process that moves between cores finds colder caches.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    hand = Hand([open_pipeline(model, sample_rate=RATE, channels=2) for _ in range(fingers)])
+    hand = Hand(
+        [open_pipeline(model, sample_rate=RATE, channels=2) for _ in range(fingers)]
+    )
     oscillators = [Oscillator() for _ in range(fingers)]
     out = np.empty(HOP_SIZE, np.float32)
     wall, processor = np.empty(UPDATES), np.empty(UPDATES)
@@ -108,7 +132,9 @@ def paced(model: str, fingers: int = 1) -> dict:
             oscillator.render(out)
         wall[n], processor[n] = time.perf_counter() - began, time.thread_time() - worked
     if "torch" in sys.modules:
-        raise SystemExit("torch was loaded, so the figures would not be those of the live system")
+        raise SystemExit(
+            "torch was loaded, so the figures would not be those of the live system"
+        )
     return {
         "wall": percentiles(wall[50:]),  # the first half second has no full window
         "processor": percentiles(processor[50:]),
@@ -127,7 +153,10 @@ def import_once() -> dict:
     began, worked = time.perf_counter(), time.process_time()
     import tactophone  # noqa: F401
 
-    return {"wall": time.perf_counter() - began, "processor": time.process_time() - worked}
+    return {
+        "wall": time.perf_counter() - began,
+        "processor": time.process_time() - worked,
+    }
 
 
 def feel_speed(model: str) -> dict:
@@ -141,14 +170,28 @@ def feel_speed(model: str) -> dict:
                 file.write(samples)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
-            [sys.executable, "-m", "tactophone", "feel", str(recording), "--model", model, "--out", folder, "--json"],
+            [
+                sys.executable,
+                "-m",
+                "tactophone",
+                "feel",
+                str(recording),
+                "--model",
+                model,
+                "--out",
+                folder,
+                "--json",
+            ],
             stdout=subprocess.PIPE,
             check=True,
             env=os.environ | ONE_THREAD,
         )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
     worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"wall": json.loads(done.stdout)[0]["speed"], "processor": FEEL_DURATION / worked}
+    return {
+        "wall": json.loads(done.stdout)[0]["speed"],
+        "processor": FEEL_DURATION / worked,
+    }
 
 
 def strokes(count: int, fingers: int = 1) -> Iterator[Any]:
@@ -158,7 +201,9 @@ def strokes(count: int, fingers: int = 1) -> Iterator[Any]:
     rng, levels = np.random.default_rng(0), np.float32([1, 0.1] * fingers)
     for n in range(count):
         strength = 0.1 * max(0.0, math.sin(2 * math.pi * n * HOP_SIZE / RATE))
-        yield rng.standard_normal((HOP_SIZE, 2 * fingers), np.float32) * (strength * levels)
+        yield rng.standard_normal((HOP_SIZE, 2 * fingers), np.float32) * (
+            strength * levels
+        )
 
 
 if __name__ == "__main__":

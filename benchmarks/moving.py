@@ -32,7 +32,10 @@ from tactophone.lab.simulation.microphones import Electronics
 from tactophone.lab.simulation.participant import SimulatedParticipant
 from tactophone.lab.training.options import FeatureSpec
 from tactophone.lab.training.tracks import extract_features
-from tactophone.signal.perception.calibration import CalibrationSounds, measure_calibration
+from tactophone.signal.perception.calibration import (
+    CalibrationSounds,
+    measure_calibration,
+)
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
@@ -53,12 +56,19 @@ Rows = list[tuple[str, list[float]]]
 
 
 def gated(
-    sound: FloatArray, rate: int, moving: NDArray[np.bool_], *, bands: bool = True, margin_db: float = BAND_MARGIN_DB
+    sound: FloatArray,
+    rate: int,
+    moving: NDArray[np.bool_],
+    *,
+    bands: bool = True,
+    margin_db: float = BAND_MARGIN_DB,
 ) -> NDArray[np.bool_]:
     """Return whether there is contact, per packet."""
     floor = NoiseFloor(-26.0)
     floor.margin_db = margin_db
-    gate = ContactGate(-26.0, sample_rate=rate, rule="banded", floor=floor, bands=bands, hold=0.1)
+    gate = ContactGate(
+        -26.0, sample_rate=rate, rule="banded", floor=floor, bands=bands, hold=0.1
+    )
     found, touching = [], False
     for number, moves in enumerate(moving.tolist()):
         part = sound[number * PACKET : (number + 1) * PACKET]
@@ -72,7 +82,9 @@ class Performed:
     """A simulated arm's sound, and per packet whether it moves and touches."""
 
     def __init__(self, name: str, seed: int) -> None:
-        self.participant = SimulatedParticipant(find(name), gain_db=-12.0, seed=seed, electronics=ARM)
+        self.participant = SimulatedParticipant(
+            find(name), gain_db=-12.0, seed=seed, electronics=ARM
+        )
         self.sound: list[FloatArray] = []
         self.moving: list[bool] = []
         self.touching: list[bool] = []
@@ -102,38 +114,65 @@ def simulated(seeds: int) -> Rows:
         rest = arm.follow(5.0, arm.participant.rest)
         motion = arm.follow(10.0, partial(arm.participant.move, 10.0))
         stroke = arm.follow(5.0, partial(arm.participant.stroke, 4.5))
-        sound, moving, touching = np.concatenate(arm.sound), np.array(arm.moving), np.array(arm.touching)
-        parts = [sound[PACKET * each.start : PACKET * each.stop] for each in (rest, stroke, stroke, motion)]
-        margin = measure_calibration(CalibrationSounds(48_000, *parts), made="", source="").calibration.margin_db
+        sound, moving, touching = (
+            np.concatenate(arm.sound),
+            np.array(arm.moving),
+            np.array(arm.touching),
+        )
+        parts = [
+            sound[PACKET * each.start : PACKET * each.stop]
+            for each in (rest, stroke, stroke, motion)
+        ]
+        margin = measure_calibration(
+            CalibrationSounds(48_000, *parts), made="", source=""
+        ).calibration.margin_db
         margins.append(margin)
         still = np.zeros_like(moving)
         for words, found in {
             "level": gated(sound, 48_000, still, bands=False),
             "bands": gated(sound, 48_000, still),
             "bands, the arm says that it moves": gated(sound, 48_000, moving),
-            "the same, with the margin of its motion": gated(sound, 48_000, moving, margin_db=margin),
+            "the same, with the margin of its motion": gated(
+                sound, 48_000, moving, margin_db=margin
+            ),
         }.items():
             air.setdefault(words, []).append(100 * float(found[motion].mean()))
             begins = np.flatnonzero(touching[stroke])[0] + stroke.start
             after = np.flatnonzero(found[begins:])
-            late.setdefault(words, []).append(1000 * PACKET / 48_000 * (after[0] if len(after) else np.inf))
+            late.setdefault(words, []).append(
+                1000 * PACKET / 48_000 * (after[0] if len(after) else np.inf)
+            )
     print(f"margins found: {sorted(margins)} dB")
-    return [(words, [float(np.mean(air[words])), *np.quantile(late[words], (0.5, 0.95)).tolist()]) for words in air]
+    return [
+        (
+            words,
+            [
+                float(np.mean(air[words])),
+                *np.quantile(late[words], (0.5, 0.95)).tolist(),
+            ],
+        )
+        for words in air
+    ]
 
 
 def recorded(folder: Path) -> Rows:
     """Return contact in the take in the air of the real gripper, of each rule."""
-    sound, rate = soundfile.read(folder / "pencil_moveOnly.flac", dtype="float32", always_2d=True)
+    sound, rate = soundfile.read(
+        folder / "pencil_moveOnly.flac", dtype="float32", always_2d=True
+    )
     moving = np.arange(len(sound) // PACKET) * PACKET / rate >= LASER_START
     still = np.zeros_like(moving)
     rules = {
-        "level": gated(sound, rate, still, bands=False), "bands": gated(sound, rate, still),
+        "level": gated(sound, rate, still, bands=False),
+        "bands": gated(sound, rate, still),
         "bands, the arm says that it moves": gated(sound, rate, moving),
-    }  # fmt: skip
+    }
     return [(words, [100 * float(found.mean())]) for words, found in rules.items()]
 
 
-def rendered_right(recordings: Sequence[Recording], name: str) -> Iterator[tuple[str, list[float]]]:
+def rendered_right(
+    recordings: Sequence[Recording], name: str
+) -> Iterator[tuple[str, list[float]]]:
     """Yield for each channel the shares of rough and smooth rendered right, and of both not at all."""
     model = read_model(model_path(name))
     card, predict = model.card, recording_predictor(model)
@@ -142,21 +181,33 @@ def rendered_right(recordings: Sequence[Recording], name: str) -> Iterator[tuple
         for channel in (AS_IT_IS, *GROUPS["robot"]):
             counts = {True: np.zeros(3), False: np.zeros(3)}
             for take in recordings:
-                heard = take if channel == AS_IT_IS else distorted(take, channel, Path(folder))
+                heard = (
+                    take
+                    if channel == AS_IT_IS
+                    else distorted(take, channel, Path(folder))
+                )
                 (track,) = extract_features([take], spec)
-                audible = track.end[track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB]
+                audible = track.end[
+                    track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB
+                ]
                 found = predict(heard)
                 newest = np.searchsorted(found.time, audible + 1e-6) - 1
                 decided = decided_touches(found, card.decision)[newest]
                 counts[bool(take.rough)] += np.bincount(decided, minlength=3)
-            rough, smooth = (counts[label] / counts[label].sum() for label in (True, False))
-            gaps = sum(each[Touch.NONE] for each in counts.values()) / sum(each.sum() for each in counts.values())
+            rough, smooth = (
+                counts[label] / counts[label].sum() for label in (True, False)
+            )
+            gaps = sum(each[Touch.NONE] for each in counts.values()) / sum(
+                each.sum() for each in counts.values()
+            )
             yield channel, [rough[Touch.ROUGH], smooth[Touch.SMOOTH], gaps]
 
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--data", type=Path)
     parser.add_argument("--model", default="texture")
@@ -166,13 +217,18 @@ def main() -> None:
         takes = [
             take
             for take in takes
-            if take.tier in ("core", "extended", "") and (not take.take.isdigit() or int(take.take) <= TAKES)
+            if take.tier in ("core", "extended", "")
+            and (not take.take.isdigit() or int(take.take) <= TAKES)
         ]
-        print("| channel | rough right | smooth right | nothing rendered |\n|---|--:|--:|--:|")
+        print(
+            "| channel | rough right | smooth right | nothing rendered |\n|---|--:|--:|--:|"
+        )
         for channel, shares in rendered_right(takes, args.model):
             print("| {} | {:.3f} | {:.3f} | {:.3f} |".format(channel, *shares))
         return
-    print("| SIMULATED | contact in the air | touch to contact, p50 | p95 |\n|---|--:|--:|--:|")
+    print(
+        "| SIMULATED | contact in the air | touch to contact, p50 | p95 |\n|---|--:|--:|--:|"
+    )
     for words, (share, *late) in simulated(args.seeds):
         print(f"| {words} | {share:.1f} % | {late[0]:.0f} ms | {late[1]:.0f} ms |")
     gripper = Path(os.environ.get("TACTOPHONE_RECORDINGS", "")) / "gripper"

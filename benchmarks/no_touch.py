@@ -27,7 +27,13 @@ import soundfile
 from numpy.typing import NDArray
 from scipy import signal
 
-from no_touch_sounds import LEAD_SECONDS, NO_TOUCH_RATE, SOUNDS, draw_no_touch, over_noise
+from no_touch_sounds import (
+    LEAD_SECONDS,
+    NO_TOUCH_RATE,
+    SOUNDS,
+    draw_no_touch,
+    over_noise,
+)
 from rendered_real import OPTIONS, read_real
 from tactophone.core.types import AudioBlock, FloatArray, Touch
 from tactophone.lab.dataset.read import open_dataset
@@ -70,7 +76,11 @@ def spoken(language: str, seconds: float) -> Floats:
     command = ["espeak-ng", "-v", language, "--stdout", (SPOKEN | OTHERS)[language]]
     said = subprocess.run(command, capture_output=True, check=True).stdout
     # espeak-ng writes no length into a header that goes to a pipe.
-    samples = np.frombuffer(said[44:], "<i2") / 32_768 if said[:4] == b"RIFF" else soundfile.read(io.BytesIO(said))[0]
+    samples = (
+        np.frombuffer(said[44:], "<i2") / 32_768
+        if said[:4] == b"RIFF"
+        else soundfile.read(io.BytesIO(said))[0]
+    )
     sound = signal.resample_poly(samples, RATE, 22_050)
     return np.resize(sound, int(seconds * RATE))
 
@@ -78,19 +88,30 @@ def spoken(language: str, seconds: float) -> Floats:
 def patter(seconds: float, draw: int = 0) -> Floats:
     """Rain on a window: impulses at random, through twelve modes of a plate."""
     rng = np.random.default_rng(1 + 10 * draw)
-    drops = rng.lognormal(0, 0.7, int(seconds * RATE)) * (rng.random(int(seconds * RATE)) < 60 / RATE)
+    drops = rng.lognormal(0, 0.7, int(seconds * RATE)) * (
+        rng.random(int(seconds * RATE)) < 60 / RATE
+    )
     modes = rng.uniform(300, 9000, 12)
-    found = sum(signal.lfilter(*signal.iirpeak(mode, mode / 150, RATE), drops) for mode in modes)
+    found = sum(
+        signal.lfilter(*signal.iirpeak(mode, mode / 150, RATE), drops) for mode in modes
+    )
     return np.asarray(found, np.float64)
 
 
 def typing(seconds: float, draw: int = 0) -> Floats:
     """A keyboard: bursts of 8 ms of noise over 1 kHz, eight keys a second in words of one to nine."""
-    rng, found, at = np.random.default_rng(2 + 10 * draw), np.zeros(int(seconds * RATE)), 0.2
+    rng, found, at = (
+        np.random.default_rng(2 + 10 * draw),
+        np.zeros(int(seconds * RATE)),
+        0.2,
+    )
     high = signal.butter(2, 1000, "high", fs=RATE, output="sos")
     while at < seconds - 0.1:
         for _ in range(rng.integers(1, 10)):
-            burst = signal.sosfilt(high, rng.standard_normal(1200) * np.exp(-np.arange(1200) / (0.003 * RATE)))
+            burst = signal.sosfilt(
+                high,
+                rng.standard_normal(1200) * np.exp(-np.arange(1200) / (0.003 * RATE)),
+            )
             place = min(int(at * RATE), len(found) - 1200)
             found[place : place + 1200] += rng.uniform(0.3, 1) * burst
             at += rng.uniform(0.08, 0.18)
@@ -102,10 +123,18 @@ def applause(seconds: float, draw: int = 0) -> Floats:
     """One person who claps twice a second, in a room of 0.3 s."""
     rng, size = np.random.default_rng(3 + 10 * draw), int(seconds * RATE)
     claps = np.zeros(size)
-    claps[(np.arange(0.1, seconds - 0.1, 0.5) * RATE + rng.integers(0, 2000, int((seconds - 0.2) * 2) + 1)
-           [: len(np.arange(0.1, seconds - 0.1, 0.5))]).astype(int)] = 1  # fmt: skip
+    claps[
+        (
+            np.arange(0.1, seconds - 0.1, 0.5) * RATE
+            + rng.integers(0, 2000, int((seconds - 0.2) * 2) + 1)[
+                : len(np.arange(0.1, seconds - 0.1, 0.5))
+            ]
+        ).astype(int)
+    ] = 1
     time = np.arange(int(0.3 * RATE)) / RATE
-    room = rng.standard_normal(len(time)) * (np.exp(-time / 0.003) + 0.15 * np.exp(-time / 0.045))
+    room = rng.standard_normal(len(time)) * (
+        np.exp(-time / 0.003) + 0.15 * np.exp(-time / 0.045)
+    )
     band = signal.butter(1, (500, 6000), "bandpass", fs=RATE, output="sos")
     return np.asarray(signal.sosfilt(band, signal.fftconvolve(claps, room)[:size]))
 
@@ -115,7 +144,9 @@ def sounds(seconds: float, draws: int = 1) -> Iterator[tuple[str, Floats]]:
         for language in SPOKEN:
             yield f"speech, {language}", spoken(language, seconds)
     else:
-        print("espeak-ng is not installed (apt install espeak-ng): speech is the generated voice alone\n")
+        print(
+            "espeak-ng is not installed (apt install espeak-ng): speech is the generated voice alone\n"
+        )
     voice = draw_no_touch("voice", seconds, 100, lead=0)[:, 0].astype(float)
     yield "generated voice", signal.resample_poly(voice, RATE, NO_TOUCH_RATE)
     for name, made in (("rain", patter), ("keyboard", typing), ("claps", applause)):
@@ -130,9 +161,15 @@ def measure(sound: Floats, model: str = "stylus") -> tuple[float, float, str, fl
     pipeline = open_pipeline(model, sample_rate=RATE, channels=1, tip="stylus")
     rough, code, noticed = np.zeros(len(samples) // 480, bool), "", np.inf
     for number in range(len(rough)):
-        block = AudioBlock(samples[480 * number : 480 * (number + 1)], RATE, 480 * number)
+        block = AudioBlock(
+            samples[480 * number : 480 * (number + 1)], RATE, 480 * number
+        )
         step = pipeline.push(block)
-        rough[number] = step.predictions[-1].touch is Touch.ROUGH if step.predictions else rough[number - 1]
+        rough[number] = (
+            step.predictions[-1].touch is Touch.ROUGH
+            if step.predictions
+            else rough[number - 1]
+        )
         misfit = getattr(pipeline.detector, "misfit", None)
         if misfit and not code:
             code, noticed = misfit.code, number / 100 - 1
@@ -146,15 +183,25 @@ OF_TOUCH = 0.02
 PENALTY = 0.02
 
 
-def no_touch_features(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, NDArray[np.intp]]:
+def no_touch_features(
+    training_set: TrainingSet, folder: Path
+) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the features of the training sounds, varied as takes are, and the number of each window's sound."""
     takes = []
     for name in SOUNDS:
         for seed in range(8):
             path, seconds = folder / f"{name}-{seed}.wav", 6.0
             if not path.exists():
-                soundfile.write(path, draw_no_touch(name, seconds, seed), NO_TOUCH_RATE, subtype="FLOAT")
-            segments = Segment(0, LEAD_SECONDS, "none"), Segment(LEAD_SECONDS, LEAD_SECONDS + seconds, "contact")
+                soundfile.write(
+                    path,
+                    draw_no_touch(name, seconds, seed),
+                    NO_TOUCH_RATE,
+                    subtype="FLOAT",
+                )
+            segments = (
+                Segment(0, LEAD_SECONDS, "none"),
+                Segment(LEAD_SECONDS, LEAD_SECONDS + seconds, "contact"),
+            )
             takes.append(Recording(path, name, None, ("air",), segments=segments))
     if not shutil.which("espeak-ng"):
         raise SystemExit(
@@ -164,16 +211,29 @@ def no_touch_features(training_set: TrainingSet, folder: Path) -> tuple[FloatArr
         path, seconds = folder / f"speech-{number}.wav", 8.0
         sound = np.append(np.zeros(RATE // 2), spoken(voice, seconds))
         if not path.exists():
-            soundfile.write(path, over_noise(sound, RATE, np.random.default_rng(number)), RATE, subtype="FLOAT")
-        segments = Segment(0, LEAD_SECONDS, "none"), Segment(LEAD_SECONDS, LEAD_SECONDS + seconds, "contact")
+            soundfile.write(
+                path,
+                over_noise(sound, RATE, np.random.default_rng(number)),
+                RATE,
+                subtype="FLOAT",
+            )
+        segments = (
+            Segment(0, LEAD_SECONDS, "none"),
+            Segment(LEAD_SECONDS, LEAD_SECONDS + seconds, "contact"),
+        )
         takes.append(Recording(path, "speech", None, ("air",), segments=segments))
     spec = training_set.spec
     tracks = extract_features(takes, spec)
     augmentation = RECIPES["texture"].augmentation
     for copy in range(1, 4):
-        tracks = tracks + extract_features(takes, replace(spec, augmentation=augmentation, copy=(0, copy)))
+        tracks = tracks + extract_features(
+            takes, replace(spec, augmentation=augmentation, copy=(0, copy))
+        )
     masks = [track.touching() & track.loud(noise_level([track])) for track in tracks]
-    rows = [each[mask] for each, mask in zip(training_set.features(tracks), masks, strict=True)]
+    rows = [
+        each[mask]
+        for each, mask in zip(training_set.features(tracks), masks, strict=True)
+    ]
     names = [*SOUNDS, "speech"]
     kinds = [names.index(track.recording.surface) for track in tracks]
     return np.concatenate(rows), np.repeat(kinds, [len(each) for each in rows])
@@ -188,9 +248,14 @@ def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, flo
     others, kind = no_touch_features(training_set, folder)
     others, kind = others[::2], kind[::2]
     centre, scale = touch.moments()
-    whole = np.concatenate((touch.standardised(centre, scale), (others - centre) / scale))
+    whole = np.concatenate(
+        (touch.standardised(centre, scale), (others - centre) / scale)
+    )
     shares = np.concatenate(
-        (touch.weights() / touch.weights().sum(), 1 / np.bincount(kind)[kind] / len(np.unique(kind)))
+        (
+            touch.weights() / touch.weights().sum(),
+            1 / np.bincount(kind)[kind] / len(np.unique(kind)),
+        )
     )
     label = np.arange(len(whole)) >= len(touch.rough)
 
@@ -204,11 +269,15 @@ def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, flo
         fitted = regression(np.append(~out, np.ones(len(others), bool)))
         for number in np.unique(touch.surface[out & touch.rough]):
             rough = np.flatnonzero(out & touch.rough & (touch.surface == number))
-            limits.append(np.quantile(whole[rough] @ fitted[:-1] + fitted[-1], 1 - OF_TOUCH))
+            limits.append(
+                np.quantile(whole[rough] @ fitted[:-1] + fitted[-1], 1 - OF_TOUCH)
+            )
     limit = float(max(limits))
     fitted = regression(np.ones(len(whole), bool))
     missed = float((whole[label] @ fitted[:-1] + fitted[-1] < limit).mean())
-    print(f"no touch that counts as touch, windows of training sounds: {missed:.3f}; limit {limit:.2f}")
+    print(
+        f"no touch that counts as touch, windows of training sounds: {missed:.3f}; limit {limit:.2f}"
+    )
     ready = fitted[:-1] / scale
     return np.float32(ready), float(fitted[-1] - limit - centre @ ready), missed
 
@@ -217,19 +286,29 @@ def fit_and_write(folders: Sequence[Path], out: Path) -> None:
     recipe = configure("texture", OPTIONS)
     assert isinstance(recipe, FeatureRecipe)
     simulated = [take for folder in folders for take in open_dataset(folder).recordings]
-    training_set = recipe.training_set([*read_real().recordings, *simulated], codecs=recipe.codecs)
+    training_set = recipe.training_set(
+        [*read_real().recordings, *simulated], codecs=recipe.codecs
+    )
     with tempfile.TemporaryDirectory() as folder:
         weights, bias, _ = fit(training_set, Path(folder))
     np.savez(out, weights=weights, bias=bias)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("model", nargs="?", default="stylus")
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--draws", type=int, default=1, help="of rain, keyboard and claps")
+    parser.add_argument(
+        "--draws", type=int, default=1, help="of rain, keyboard and claps"
+    )
     parser.add_argument("--fit", type=Path, nargs="+", metavar="SIMULATED")
-    parser.add_argument("--out", type=Path, default=Path("src/tactophone/signal/perception/models/no-touch.npz"))
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("src/tactophone/signal/perception/models/no-touch.npz"),
+    )
     args = parser.parse_args()
     if args.fit:
         fit_and_write(args.fit, args.out)
@@ -237,7 +316,10 @@ def main() -> None:
     print("| sound | rough | onsets a minute | notice | after |\n|---|--:|--:|---|--:|")
     for name, sound in sounds(args.seconds, args.draws):
         rough, onsets, code, noticed = measure(sound, args.model)
-        print(f"| {name} | {rough:.3f} | {onsets:.0f} | {code or 'none'} | {noticed:.1f} s |", flush=True)
+        print(
+            f"| {name} | {rough:.3f} | {onsets:.0f} | {code or 'none'} | {noticed:.1f} s |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

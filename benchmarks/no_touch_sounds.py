@@ -21,7 +21,11 @@ Floats = NDArray[np.float64]
 
 
 def _resonance(sound: Floats, frequency: float, width: float) -> Floats:
-    return np.asarray(signal.lfilter(*signal.iirpeak(frequency, frequency / width, NO_TOUCH_RATE), sound))
+    return np.asarray(
+        signal.lfilter(
+            *signal.iirpeak(frequency, frequency / width, NO_TOUCH_RATE), sound
+        )
+    )
 
 
 def _strewn(size: int, places: Floats, burst: Callable[[], Floats]) -> Floats:
@@ -33,10 +37,14 @@ def _strewn(size: int, places: Floats, burst: Callable[[], Floats]) -> Floats:
     return found
 
 
-def _decaying(rng: np.random.Generator, seconds: float, frequency: float, width: float) -> Floats:
+def _decaying(
+    rng: np.random.Generator, seconds: float, frequency: float, width: float
+) -> Floats:
     """Return noise that decays to 1/e within some seconds, around a frequency."""
     time = np.arange(int(6 * seconds * NO_TOUCH_RATE) + 8) / NO_TOUCH_RATE
-    noise = np.append(rng.standard_normal(len(time)) * np.exp(-time / seconds), np.zeros(160))
+    noise = np.append(
+        rng.standard_normal(len(time)) * np.exp(-time / seconds), np.zeros(160)
+    )
     return 0.2 * noise + _resonance(noise, frequency, width)
 
 
@@ -47,27 +55,63 @@ def voice(seconds: float, rng: np.random.Generator) -> Floats:
     while at < seconds:
         length = rng.uniform(0.08, 0.3)
         time = np.arange(int(length * NO_TOUCH_RATE)) / NO_TOUCH_RATE
-        phase = np.cumsum(pitch * rng.uniform(0.8, 1.25) * (1 + rng.uniform(-0.3, 0.3) * time / length)) / NO_TOUCH_RATE
-        source = np.diff(signal.sawtooth(2 * np.pi * phase), prepend=0) + 0.02 * rng.standard_normal(len(time))
-        formants = [(rng.uniform(250, 900), 90), (rng.uniform(800, 2400), 120), (rng.uniform(2200, 3500), 200)]
-        vowel = np.asarray(sum(_resonance(source, *each) / (n + 1) for n, each in enumerate(formants)))
+        phase = (
+            np.cumsum(
+                pitch
+                * rng.uniform(0.8, 1.25)
+                * (1 + rng.uniform(-0.3, 0.3) * time / length)
+            )
+            / NO_TOUCH_RATE
+        )
+        source = np.diff(
+            signal.sawtooth(2 * np.pi * phase), prepend=0
+        ) + 0.02 * rng.standard_normal(len(time))
+        formants = [
+            (rng.uniform(250, 900), 90),
+            (rng.uniform(800, 2400), 120),
+            (rng.uniform(2200, 3500), 200),
+        ]
+        vowel = np.asarray(
+            sum(_resonance(source, *each) / (n + 1) for n, each in enumerate(formants))
+        )
         vowel *= np.sin(np.pi * np.minimum(time / length, 1)) ** rng.uniform(0.3, 1)
-        hiss = _decaying(rng, rng.uniform(0.005, 0.06), rng.uniform(2500, 7000), rng.uniform(800, 4000))
-        for sound, place, weight in ((vowel, at + 0.04, 1.0), (hiss, at, rng.uniform(0, 0.3))):
+        hiss = _decaying(
+            rng,
+            rng.uniform(0.005, 0.06),
+            rng.uniform(2500, 7000),
+            rng.uniform(800, 4000),
+        )
+        for sound, place, weight in (
+            (vowel, at + 0.04, 1.0),
+            (hiss, at, rng.uniform(0, 0.3)),
+        ):
             begin = int(place * NO_TOUCH_RATE)
             part = sound[: max(0, size - begin)]
-            found[begin : begin + len(part)] += weight * part / (np.abs(sound).max() + 1e-9)
-        at += length + (rng.uniform(0.2, 0.7) if rng.random() < 0.15 else rng.uniform(0, 0.12))
+            found[begin : begin + len(part)] += (
+                weight * part / (np.abs(sound).max() + 1e-9)
+            )
+        at += length + (
+            rng.uniform(0.2, 0.7) if rng.random() < 0.15 else rng.uniform(0, 0.12)
+        )
     return found
 
 
 def rain(seconds: float, rng: np.random.Generator) -> Floats:
     """Return drops on a thing of a few resonances, over the hiss of those further away."""
-    size, rate = int(seconds * NO_TOUCH_RATE), np.exp(rng.uniform(np.log(15), np.log(250)))
+    size, rate = (
+        int(seconds * NO_TOUCH_RATE),
+        np.exp(rng.uniform(np.log(15), np.log(250))),
+    )
     tones, width = rng.uniform(400, 6000, 4), rng.uniform(200, 2000)
     places = np.sort(rng.uniform(0, seconds, rng.poisson(rate * seconds)))
-    drops = _strewn(size, places, lambda: rng.lognormal(0, 0.8) * _decaying(rng, rng.uniform(4e-4, 4e-3),
-                    float(rng.choice(tones)), width))  # fmt: skip
+    drops = _strewn(
+        size,
+        places,
+        lambda: (
+            rng.lognormal(0, 0.8)
+            * _decaying(rng, rng.uniform(4e-4, 4e-3), float(rng.choice(tones)), width)
+        ),
+    )
     return drops + rng.uniform(0, 0.3) * drops.std() * rng.standard_normal(size)
 
 
@@ -79,7 +123,9 @@ def keyboard(seconds: float, rng: np.random.Generator) -> Floats:
 
     def click() -> Floats:
         seconds = rng.uniform(0.001, 0.012)
-        found = rng.lognormal(0, 0.5) * _decaying(rng, seconds, high * rng.uniform(0.8, 1.25), 800)
+        found = rng.lognormal(0, 0.5) * _decaying(
+            rng, seconds, high * rng.uniform(0.8, 1.25), 800
+        )
         return found + rng.uniform(0, 1) * _decaying(rng, seconds, low, 200)
 
     return _strewn(int(seconds * NO_TOUCH_RATE), places[places < seconds], click)
@@ -88,10 +134,16 @@ def keyboard(seconds: float, rng: np.random.Generator) -> Floats:
 def claps(seconds: float, rng: np.random.Generator) -> Floats:
     """Return claps of hands in a room."""
     places = np.cumsum(rng.gamma(6, rng.uniform(0.02, 0.1), int(seconds * 10)))
-    tone, room, tail = rng.uniform(600, 2500), rng.uniform(0.02, 0.15), rng.uniform(0.05, 0.5)
+    tone, room, tail = (
+        rng.uniform(600, 2500),
+        rng.uniform(0.02, 0.15),
+        rng.uniform(0.05, 0.5),
+    )
 
     def clap() -> Floats:
-        direct = _decaying(rng, rng.uniform(0.001, 0.008), tone * rng.uniform(0.8, 1.25), 900)
+        direct = _decaying(
+            rng, rng.uniform(0.001, 0.008), tone * rng.uniform(0.8, 1.25), 900
+        )
         late = tail * _decaying(rng, room, tone, 1500)
         late[: len(direct)] += direct[: len(late)]
         return rng.lognormal(0, 0.4) * late
@@ -104,17 +156,26 @@ SOUNDS: Mapping[str, Callable[[float, np.random.Generator], Floats]] = MappingPr
 )
 
 
-def draw_no_touch(name: str, seconds: float, seed: int, *, lead: float = LEAD_SECONDS) -> NDArray[np.float32]:
+def draw_no_touch(
+    name: str, seconds: float, seed: int, *, lead: float = LEAD_SECONDS
+) -> NDArray[np.float32]:
     """Return a sound of `SOUNDS` after a lead of silence, over noise, ``(samples, 1)``."""
     rng = np.random.default_rng([seed, *name.encode()])
     sound = np.append(np.zeros(int(lead * NO_TOUCH_RATE)), SOUNDS[name](seconds, rng))
     return over_noise(sound, NO_TOUCH_RATE, rng)
 
 
-def over_noise(sound: Floats, rate: int, rng: np.random.Generator) -> NDArray[np.float32]:
+def over_noise(
+    sound: Floats, rate: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
     """Bring the loudest second of a sound to -20 dBFS, and add the noise of a room."""
-    power = np.convolve(np.square(sound), np.ones(rate) / rate, "valid") if len(sound) < 3 * rate else (
-        np.square(sound[: len(sound) // rate * rate]).reshape(-1, rate).mean(axis=1))  # fmt: skip
+    power = (
+        np.convolve(np.square(sound), np.ones(rate) / rate, "valid")
+        if len(sound) < 3 * rate
+        else (
+            np.square(sound[: len(sound) // rate * rate]).reshape(-1, rate).mean(axis=1)
+        )
+    )
     levelled = 0.1 * sound / np.sqrt(power.max() + 1e-18)
     noise = 10 ** (NOISE_DBFS / 20) * rng.standard_normal(len(sound))
     return np.clip(levelled + noise, -1, 1).astype(np.float32)[:, None]

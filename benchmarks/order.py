@@ -21,7 +21,12 @@ from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.simulation.catalogue import SimulatedObject, find
-from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+from tactophone.lab.simulation.render import (
+    RenderOptions,
+    plan_dataset,
+    render_dataset,
+    write_manifest,
+)
 from tactophone.lab.simulation.surface import Grains, Surface
 from tactophone.lab.simulation.takes import TAKES
 from tactophone.lab.training.baselines import FeatureRecipe
@@ -39,46 +44,87 @@ def draw_kind(number: int, rng: np.random.Generator) -> SimulatedObject:
     height = float(np.exp(rng.uniform(np.log(2.5e-6), np.log(800e-6))))
     height = min(height, 0.5 * spacing)
     shape = Surface(
-        f"kind {number}", 1000 + number, rms_height=0.2 * height, rolloff=max(spacing, 1e-4), fine_height=1e-6,
-        grains=Grains(spacing, height, spread=float(rng.uniform(0.2, 0.6)), filling=float(rng.uniform(0.7, 1))),
-    )  # fmt: skip
-    stone = find(str(rng.choice(["lava stone", "sandstone", "brick", "concrete paver", "flamed granite"])))
-    return replace(stone, number=100 + number, name=f"kind {number}", surface=shape, label=Touch.ROUGH)
+        f"kind {number}",
+        1000 + number,
+        rms_height=0.2 * height,
+        rolloff=max(spacing, 1e-4),
+        fine_height=1e-6,
+        grains=Grains(
+            spacing,
+            height,
+            spread=float(rng.uniform(0.2, 0.6)),
+            filling=float(rng.uniform(0.7, 1)),
+        ),
+    )
+    stone = find(
+        str(
+            rng.choice(
+                ["lava stone", "sandstone", "brick", "concrete paver", "flamed granite"]
+            )
+        )
+    )
+    return replace(
+        stone,
+        number=100 + number,
+        name=f"kind {number}",
+        surface=shape,
+        label=Touch.ROUGH,
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kinds", type=int, default=32)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     kinds = [draw_kind(number, rng) for number in range(args.kinds)]
-    takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
+    takes = [
+        take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")
+    ]
     recipe = configure("texture")
     assert isinstance(recipe, FeatureRecipe)
     predict = recording_predictor("texture")
     with tempfile.TemporaryDirectory() as folder:
-        jobs = plan_dataset(kinds, RenderOptions(6.0, args.seed, gain_db=-12.0), takes=takes)
+        jobs = plan_dataset(
+            kinds, RenderOptions(6.0, args.seed, gain_db=-12.0), takes=takes
+        )
         list(render_dataset(Path(folder), jobs))
         write_manifest(Path(folder), jobs)
         recordings = open_dataset(folder).recordings
         tracks = extract_features(recordings, recipe.spec)
         rows: dict[str, list[Floats]] = {}
         logits: dict[str, list[float]] = {}
-        heights = {each.recording.surface: float(np.log10(float(each.recording.known("ra_um")))) for each in tracks}
+        heights = {
+            each.recording.surface: float(
+                np.log10(float(each.recording.known("ra_um")))
+            )
+            for each in tracks
+        }
         for recording, track in zip(recordings, tracks, strict=True):
             loud = track.touching() & track.loud(noise_level([track]))
             each = track.description[loud].reshape(int(loud.sum()), -1)
-            rows.setdefault(recording.surface, []).append(np.concatenate((each.mean(axis=0), each.std(axis=0))))
+            rows.setdefault(recording.surface, []).append(
+                np.concatenate((each.mean(axis=0), each.std(axis=0)))
+            )
             found = predict(recording)
-            shares = [rough_share((0.0, float(smooth), float(rough))) for _, smooth, rough in found.probabilities]
+            shares = [
+                rough_share((0.0, float(smooth), float(rough)))
+                for _, smooth, rough in found.probabilities
+            ]
             share = np.clip(np.array(shares)[found.contact], 1e-6, 1 - 1e-6)
-            logits.setdefault(recording.surface, []).append(float(np.log(share / (1 - share)).mean()))
+            logits.setdefault(recording.surface, []).append(
+                float(np.log(share / (1 - share)).mean())
+            )
     names = sorted(rows, key=lambda name: heights[name])
     height = np.array([heights[name] for name in names])
     span = f"Ra {10 ** height[0]:.1f} to {10 ** height[-1]:.0f} um"
     print(f"{len(names)} SIMULATED rough kinds, {span}, every other kept out\n")
-    print("| ranked by | Spearman | 90 % | pairs in order, Ra 2 times | pairs |\n|---|--:|--:|--:|--:|")
+    print(
+        "| ranked by | Spearman | 90 % | pairs in order, Ra 2 times | pairs |\n|---|--:|--:|--:|--:|"
+    )
     out = np.arange(1, len(names), 2)
     for words, score in (
         ("regression to log Ra", regress(rows, names, height)),
@@ -96,14 +142,18 @@ def regress(rows: dict[str, list[Floats]], names: list[str], height: Floats) -> 
     learnt = range(0, len(names), 2)
     examples = np.concatenate([rows[names[k]] for k in learnt])
     target = np.repeat(height[list(learnt)], [len(rows[names[k]]) for k in learnt])
-    model = make_pipeline(StandardScaler(), RidgeCV(np.logspace(0, 4, 9))).fit(examples, target)
+    model = make_pipeline(StandardScaler(), RidgeCV(np.logspace(0, 4, 9))).fit(
+        examples, target
+    )
     return np.array([model.predict(np.array(rows[name])).mean() for name in names])
 
 
 def print_order(words: str, score: Floats, height: Floats) -> None:
     rng = np.random.default_rng(0)
     drawn = [rng.integers(len(score), size=len(score)) for _ in range(1000)]
-    low, high = np.nanpercentile([spearmanr(score[each], height[each]).statistic for each in drawn], [5, 95])
+    low, high = np.nanpercentile(
+        [spearmanr(score[each], height[each]).statistic for each in drawn], [5, 95]
+    )
     first, second = np.nonzero(height[:, None] - height[None] >= np.log10(2))
     right = (score[first] > score[second]).mean()
     print(

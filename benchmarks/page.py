@@ -39,7 +39,13 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.web.server import watch
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.watcher import Watcher
@@ -122,11 +128,17 @@ def step(telemetry: Telemetry, number: int, touch: Touch) -> None:
     amplitude = 0.5 * (touch is Touch.ROUGH)
     prediction = Prediction((0.1, 0.1, 0.8), touch, 0.9, -30.0, times[0], times[-1])
     block = AudioBlock(np.zeros((STEP, 2), np.float32), RATE, number * STEP)
-    done = PipelineStep(block, (prediction,), (HapticCommand(amplitude, 60.0, times[-1]),))
+    done = PipelineStep(
+        block, (prediction,), (HapticCommand(amplitude, 60.0, times[-1]),)
+    )
     telemetry.publish(done, now=time.monotonic())
     telemetry.rendered((amplitude * np.sin(2 * np.pi * 60 * times)).astype(np.float32))
     telemetry.update(
-        State("operator", fingers=(FingerState(armed=True, muted_because="", ceiling=0.5),)), now=time.monotonic()
+        State(
+            "operator",
+            fingers=(FingerState(armed=True, muted_because="", ceiling=0.5),),
+        ),
+        now=time.monotonic(),
     )
 
 
@@ -170,12 +182,23 @@ def row(name: str, seconds: list[float]) -> None:
     missing = int(np.isnan(found).sum())
     found = found[np.isfinite(found)]
     p50, p95 = np.percentile(found, [50, 95]) if len(found) else (np.nan, np.nan)
-    print(f"| {name} | {len(found)} ({missing} missing) | {p50:.1f} | {p95:.1f} |", flush=True)
+    print(
+        f"| {name} | {len(found)} ({missing} missing) | {p50:.1f} | {p95:.1f} |",
+        flush=True,
+    )
 
 
 def delays() -> None:
-    for name, script in (("playEffect", PAD), ("vibrate", PHONE), ("first sample of sound", SOUND)):
-        with source("bench-page") as (changes, _), watch("bench-page") as page, chromium() as browser:
+    for name, script in (
+        ("playEffect", PAD),
+        ("vibrate", PHONE),
+        ("first sample of sound", SOUND),
+    ):
+        with (
+            source("bench-page") as (changes, _),
+            watch("bench-page") as page,
+            chromium() as browser,
+        ):
             inject(browser, script)
             feel(browser, page.url)
             found = []
@@ -210,10 +233,14 @@ def deadman() -> None:
 def tactophone(*arguments: str) -> Iterator[str]:
     """Run a verb; yield its page's address."""
     command = [sys.executable, "-m", "tactophone", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr
         try:
-            yield next(line for line in process.stderr if line.startswith("page: ")).split()[1]
+            yield next(
+                line for line in process.stderr if line.startswith("page: ")
+            ).split()[1]
         finally:
             process.send_signal(signal.SIGINT)
 
@@ -239,11 +266,23 @@ def microphone() -> None:
             listener.find_element(By.ID, "listen").click()
             time.sleep(REPEATS + 3)
             loud = np.array(listener.execute_script("return window.loud")) / 1000
-            played = np.array([when for kind, when in finger.execute_script("return window.noted") if kind == "play"])
+            played = np.array(
+                [
+                    when
+                    for kind, when in finger.execute_script("return window.noted")
+                    if kind == "play"
+                ]
+            )
     played = played / 1000
     # Of each burst, the first call of the motor after it began.
-    found = [float(played[played >= moment].min(initial=np.inf)) - moment for moment in loud[1:]]
-    row("microphone to another page's motor", [f if f < 0.5 else float("nan") for f in found])
+    found = [
+        float(played[played >= moment].min(initial=np.inf)) - moment
+        for moment in loud[1:]
+    ]
+    row(
+        "microphone to another page's motor",
+        [f if f < 0.5 else float("nan") for f in found],
+    )
 
 
 LOUD = """
@@ -300,7 +339,9 @@ def viewers() -> None:
         time.sleep(5)
         for turn in range(6):
             count = 10 * (turn % 2)
-            process = get_context("spawn").Process(target=_viewers, args=(url, 10.0), daemon=True)
+            process = get_context("spawn").Process(
+                target=_viewers, args=(url, 10.0), daemon=True
+            )
             if count:
                 process.start()
             time.sleep(3)
@@ -317,10 +358,15 @@ def viewers() -> None:
 def game() -> None:
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         results = str(Path(folder) / "results.jsonl")
-        with tactophone("play", "--seed", "3", "--name", "bench-play", "--results", results) as url:
+        with tactophone(
+            "play", "--seed", "3", "--name", "bench-play", "--results", results
+        ) as url:
             browser.get(url)
             until = time.monotonic() + 40
-            while not browser.find_element(By.ID, "begin").is_enabled() and time.monotonic() < until:
+            while (
+                not browser.find_element(By.ID, "begin").is_enabled()
+                and time.monotonic() < until
+            ):
                 time.sleep(0.2)
             browser.find_element(By.ID, "begin").click()
             time.sleep(3)
@@ -330,7 +376,9 @@ def game() -> None:
                 width = stage.rect["width"]
                 along = int(width * ((0.0575 + 0.11 * (number % 5)) / 0.555 - 0.5))
                 actions = (
-                    ActionChains(browser, duration=60).move_to_element_with_offset(stage, along, 0).click_and_hold()
+                    ActionChains(browser, duration=60)
+                    .move_to_element_with_offset(stage, along, 0)
+                    .click_and_hold()
                 )
                 for side in (8, -8, 8):
                     actions.move_by_offset(side, 0)
@@ -338,30 +386,50 @@ def game() -> None:
                 time.sleep(0.7)
                 words = browser.find_element(By.ID, "delay").text
                 if words:
-                    found.append(float(words.split(":")[1].split("ms")[0].strip().replace("\\u202f", "")) / 1000)
+                    found.append(
+                        float(
+                            words.split(":")[1]
+                            .split("ms")[0]
+                            .strip()
+                            .replace("\\u202f", "")
+                        )
+                        / 1000
+                    )
     row("press to sound in the stone box", found)
 
 
 def alone() -> None:
     """Bursts of noise through the browser's own false microphone, 10 s at a time after 6 s of warming."""
-    build = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "browser" / "build.py"))["build"]
+    build = runpy.run_path(
+        str(Path(__file__).parents[1] / "examples" / "browser" / "build.py")
+    )["build"]
     with tempfile.TemporaryDirectory() as folder:
         build(Path(folder))
         at = np.arange(60 * RATE) / RATE
         hiss = np.random.default_rng(1).standard_normal(len(at))
-        soundfile.write(Path(folder) / "bursts.wav", np.where(at % 1 < 0.6, 0.05, 1e-3) * hiss, RATE)
-        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Silent, directory=folder))
+        soundfile.write(
+            Path(folder) / "bursts.wav", np.where(at % 1 < 0.6, 0.05, 1e-3) * hiss, RATE
+        )
+        server = http.server.ThreadingHTTPServer(
+            ("127.0.0.1", 0), functools.partial(_Silent, directory=folder)
+        )
         threading.Thread(target=server.serve_forever, daemon=True).start()
         flags = ("use-fake-ui-for-media-stream", "use-fake-device-for-media-stream")
-        with chromium(*flags, f"use-file-for-fake-audio-capture={folder}/bursts.wav") as browser:
-            browser.get(f"http://127.0.0.1:{server.server_port}/index.html?threshold=-45")
+        with chromium(
+            *flags, f"use-file-for-fake-audio-capture={folder}/bursts.wav"
+        ) as browser:
+            browser.get(
+                f"http://127.0.0.1:{server.server_port}/index.html?threshold=-45"
+            )
             browser.find_element(By.ID, "start").click()
             time.sleep(6)
             shares = []
             for _ in range(3):
                 used, begun = _processor_time(browser), time.monotonic()
                 time.sleep(10)
-                shares.append((_processor_time(browser) - used) / (time.monotonic() - begun))
+                shares.append(
+                    (_processor_time(browser) - used) / (time.monotonic() - begun)
+                )
         server.shutdown()
     print(
         f"| page without a server, share of a core | 3 | {np.median(shares):.3f} (median) | {max(shares):.3f} | 0.25 |"

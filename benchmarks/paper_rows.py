@@ -60,10 +60,21 @@ def slip(seed: int) -> tuple[FloatArray, Truth, float]:
     scene = row([find("smooth competition stone")])
     placed = scene.placed[0]
     script = Script(rng, x=placed.centre[0], y=placed.centre[1])
-    explore(script, placed, Visit(1.5, log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)), slips=True))
+    explore(
+        script,
+        placed,
+        Visit(
+            1.5,
+            log_uniform(rng, (0.5, 2.5)),
+            log_uniform(rng, (0.04, 0.14)),
+            slips=True,
+        ),
+    )
     script.hover(0.7)
     session = SessionVariation.draw(7000 + seed, COMPETITION)
-    finger = SimulatedFinger(scene, script.moves, session=session, seed=[0x511, seed], place=placed.centre)
+    finger = SimulatedFinger(
+        scene, script.moves, session=session, seed=[0x511, seed], place=placed.centre
+    )
     sound = finger.render(round(script.time * RATE)).samples
     left = np.flatnonzero(finger.truth.object_index == 1)
     return sound, finger.truth, left[0] / RATE if left.size else float("nan")
@@ -76,16 +87,23 @@ def slips(models: Sequence[str]) -> None:
     for model in models or SHIPPED:
         bumps = edges = 0
         for sound, _, when in made:
-            rough = np.array([each.end for each in heard(sound, model) if each.touch is Touch.ROUGH])
+            rough = np.array(
+                [each.end for each in heard(sound, model) if each.touch is Touch.ROUGH]
+            )
             near = rough[(rough > when) & (rough < when + AFTER)]
             if near.size:
                 bumps += 1
                 late = rough[rough > when - 0.1]
-                edges += bool(not np.any((rough > when - 0.5) & (rough < when - 0.1)) and late[-1] < when + 2 * AFTER)
+                edges += bool(
+                    not np.any((rough > when - 0.5) & (rough < when - 0.1))
+                    and late[-1] < when + 2 * AFTER
+                )
         print(f"| {model} | {len(made)} | {bumps} | {edges} |", flush=True)
 
 
-def strokes(obj: SimulatedObject, force: float, speed: float, *, seed: int, count: int = 4) -> tuple[FloatArray, Truth]:
+def strokes(
+    obj: SimulatedObject, force: float, speed: float, *, seed: int, count: int = 4
+) -> tuple[FloatArray, Truth]:
     """Stroke an object to and fro along its middle with one force and one peak speed."""
     rng = np.random.default_rng([0x57, seed])
     scene = single(obj)
@@ -95,10 +113,16 @@ def strokes(obj: SimulatedObject, force: float, speed: float, *, seed: int, coun
     script.hover(1.0)
     for turn in range(count):
         script.land(force)
-        script.stroke(left if turn % 2 else right, 15 / 8 * (right - left) / speed, force)
+        script.stroke(
+            left if turn % 2 else right, 15 / 8 * (right - left) / speed, force
+        )
         script.hover(0.6)
     finger = SimulatedFinger(
-        scene, script.moves, session=SessionVariation.draw(9000 + seed), seed=[0x57, seed], place=(left, 0.5 * DEPTH)
+        scene,
+        script.moves,
+        session=SessionVariation.draw(9000 + seed),
+        seed=[0x57, seed],
+        place=(left, 0.5 * DEPTH),
     )
     return finger.render(round(script.time * RATE)).samples, finger.truth
 
@@ -109,7 +133,11 @@ def at(values: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
 def pressure(models: Sequence[str]) -> None:
     objects = [find(str(number)) for number in (0, 3, 5, 9, 21, 23, 26, 29)]
-    print("| model | " + " | ".join(f"{force:g} N" for force in (0.25, 0.5, 1, 2, 4)) + " |\n|---|--:|--:|--:|--:|--:|")
+    print(
+        "| model | "
+        + " | ".join(f"{force:g} N" for force in (0.25, 0.5, 1, 2, 4))
+        + " |\n|---|--:|--:|--:|--:|--:|"
+    )
     for model in models or SHIPPED:
         shares = []
         for force in (0.25, 0.5, 1.0, 2.0, 4.0):
@@ -120,10 +148,15 @@ def pressure(models: Sequence[str]) -> None:
                 ends = np.array([each.end for each in found])
                 inside = at(truth.touch, ends) != Touch.NONE
                 touched += int(inside.sum())
-                likeliest = np.array([each.probabilities for each in found]).argmax(axis=1)
+                likeliest = np.array([each.probabilities for each in found]).argmax(
+                    axis=1
+                )
                 invalid += int((inside & (likeliest == Touch.NONE)).sum())
             shares.append(invalid / touched)
-        print(f"| {model} | " + " | ".join(f"{share:.2f}" for share in shares) + " |", flush=True)
+        print(
+            f"| {model} | " + " | ".join(f"{share:.2f}" for share in shares) + " |",
+            flush=True,
+        )
 
 
 MARKS = {"scratch": (-25e-6, 0.1e-3), "grain": (60e-6, 0.15e-3)}
@@ -137,7 +170,9 @@ def _with_mark(wanted: surface.Surface) -> surface.Profile:
     height, (kind, _, place) = _unmarked(wanted), wanted.name.partition(" ")
     if kind in MARKS:
         depth, radius = MARKS[kind]
-        offset = (surface.HEIGHT_SPACING * np.arange(len(height)) - 1e-3 * float(place)) / radius
+        offset = (
+            surface.HEIGHT_SPACING * np.arange(len(height)) - 1e-3 * float(place)
+        ) / radius
         height += depth * np.sqrt(np.clip(1 - offset**2, 0, None))
     return height
 
@@ -149,11 +184,17 @@ def marked(kind: str, seed: int) -> tuple[SimulatedObject, float]:
     """Return glass with one scratch or grain on the way of the stroke, and its place along it in m."""
     glass = find("window")
     place = float(np.random.default_rng([0x3A, seed]).uniform(25, 55))
-    return replace(glass, surface=replace(glass.surface, name=f"{kind} {place}", seed=seed), length=0.1), 1e-3 * place
+    return replace(
+        glass,
+        surface=replace(glass.surface, name=f"{kind} {place}", seed=seed),
+        length=0.1,
+    ), 1e-3 * place
 
 
 def irregularities(models: Sequence[str]) -> None:
-    print("| model | mark | speed (cm/s) | hits | of | false on plain glass | place after the mark, p50 (mm) |")
+    print(
+        "| model | mark | speed (cm/s) | hits | of | false on plain glass | place after the mark, p50 (mm) |"
+    )
     print("|---|---|--:|--:|--:|--:|--:|")
     for model in models or SHIPPED:
         for kind in ("scratch", "grain"):
@@ -165,8 +206,17 @@ def irregularities(models: Sequence[str]) -> None:
                     base = passes(plain, place, speed, model, seed, least=None)
                     quiet = np.array([value for _, value, _ in base])
                     least = 2 * float(np.percentile(quiet, 99)) if quiet.size else 0.5
-                    found = [x for near, _, x in passes(obj, place, speed, model, seed, least) if near]
-                    false += any(near for near, _, _ in passes(plain, place, speed, model, seed + 500, least))
+                    found = [
+                        x
+                        for near, _, x in passes(obj, place, speed, model, seed, least)
+                        if near
+                    ]
+                    false += any(
+                        near
+                        for near, _, _ in passes(
+                            plain, place, speed, model, seed + 500, least
+                        )
+                    )
                     places += [1e3 * (x - place) for x in found[:1]]
                 middle = f"{np.median(places):.0f}" if places else "-"
                 print(
@@ -176,7 +226,12 @@ def irregularities(models: Sequence[str]) -> None:
 
 
 def passes(
-    obj: SimulatedObject, place: float, speed: float, model: str, seed: int, least: float | None
+    obj: SimulatedObject,
+    place: float,
+    speed: float,
+    model: str,
+    seed: int,
+    least: float | None,
 ) -> list[tuple[bool, float, float]]:
     """Return for each prediction in touch whether it is a hit near the mark, its roughness, and the finger's place."""
     sound, truth = strokes(obj, 1.0, speed, seed=seed, count=1)
@@ -187,19 +242,31 @@ def passes(
     found = []
     for each in heard(sound, model):
         if each.touch is not Touch.NONE and each.end > begun / RATE + LANDING:
-            strong = each.touch is Touch.ROUGH or (least is not None and each.roughness > least)
+            strong = each.touch is Touch.ROUGH or (
+                least is not None and each.roughness > least
+            )
             near = strong and when <= each.end <= when + AFTER
-            found.append((near, each.roughness, float(at(along, np.array([each.end]))[0])))
+            found.append(
+                (near, each.roughness, float(at(along, np.array([each.end]))[0]))
+            )
     return found
 
 
 def regularity(_: Sequence[str]) -> None:
     periods = np.geomspace(0.3e-3, 2.5e-3, 8)
     stone = find("smooth competition stone")
-    print("| texture | surfaces | rank correlation with ridges or grains a metre |\n|---|--:|--:|")
+    print(
+        "| texture | surfaces | rank correlation with ridges or grains a metre |\n|---|--:|--:|"
+    )
     for name, features in (
-        ("regular: ridges", [{"ridges": Ridges(period, period / 20)} for period in periods]),
-        ("irregular: grains", [{"grains": Grains(period, period / 10, 0.6, 0.9)} for period in periods]),
+        (
+            "regular: ridges",
+            [{"ridges": Ridges(period, period / 20)} for period in periods],
+        ),
+        (
+            "irregular: grains",
+            [{"grains": Grains(period, period / 10, 0.6, 0.9)} for period in periods],
+        ),
     ):
         ratio, density = [], []
         for seed, (period, feature) in enumerate(zip(periods, features, strict=True)):
@@ -210,18 +277,32 @@ def regularity(_: Sequence[str]) -> None:
                 frequency, power = signal.welch(sound[moving, 0], RATE, nperseg=4096)
                 band = (frequency > 30) & (frequency < 8000)
                 total = np.cumsum(power[band])
-                ratio.append(frequency[band][np.searchsorted(total, total[-1] / 2)] / speed)
+                ratio.append(
+                    frequency[band][np.searchsorted(total, total[-1] / 2)] / speed
+                )
                 density.append(1 / period)
-        print(f"| {name} | {len(periods)} | {stats.spearmanr(ratio, density).statistic:.2f} |", flush=True)
+        print(
+            f"| {name} | {len(periods)} | {stats.spearmanr(ratio, density).statistic:.2f} |",
+            flush=True,
+        )
 
 
-ROWS = {"slips": slips, "pressure": pressure, "irregularities": irregularities, "regularity": regularity}
+ROWS = {
+    "slips": slips,
+    "pressure": pressure,
+    "irregularities": irregularities,
+    "regularity": regularity,
+}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("row", choices=ROWS)
-    parser.add_argument("models", nargs="*", help="names or files; the shipped ones by default")
+    parser.add_argument(
+        "models", nargs="*", help="names or files; the shipped ones by default"
+    )
     args = parser.parse_args()
     ROWS[args.row](args.models)
 

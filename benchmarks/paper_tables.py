@@ -38,9 +38,19 @@ from numpy.typing import NDArray
 from rich.text import Text
 
 from ablations import Ablation
-from simulated_operator import SoundToVibration, perceive_visits, play_rounds, render_visits
+from simulated_operator import (
+    SoundToVibration,
+    perceive_visits,
+    play_rounds,
+    render_visits,
+)
 from tactophone.cli import output
-from tactophone.core.errors import ConfigError, DatasetError, TactophoneError, did_you_mean
+from tactophone.core.errors import (
+    ConfigError,
+    DatasetError,
+    TactophoneError,
+    did_you_mean,
+)
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 from tactophone.lab.benchmark.folds import Cache, cross_validate, default_cache
 from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
@@ -48,11 +58,28 @@ from tactophone.lab.benchmark.plan import origin_of
 from tactophone.lab.dataset.layouts import SPARE_OBJECT
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import Fold, split
-from tactophone.lab.dataset.values import Dataset, Recording, Segment, fingerprint, stretches
+from tactophone.lab.dataset.values import (
+    Dataset,
+    Recording,
+    Segment,
+    fingerprint,
+    stretches,
+)
 from tactophone.lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
-from tactophone.lab.evaluation.predict import Predictor, TakePredictions, in_true_contact, model_predictor, scores_of
+from tactophone.lab.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    in_true_contact,
+    model_predictor,
+    scores_of,
+)
 from tactophone.lab.training.baselines import FeatureRecipe
-from tactophone.lab.training.options import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.lab.training.options import (
+    LABEL_LEVEL_DBFS,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    REFERENCE_GATE,
+)
 from tactophone.lab.training.recipes import RecipeFile
 from tactophone.lab.training.tracks import read_signals
 from tactophone.signal.haptics.oscillator import Oscillator
@@ -62,7 +89,10 @@ from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone.signal.perception.models import shipped_models
 from tactophone.signal.pipeline import open_pipeline
 
-GATES: Mapping[str, Gate] = {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}
+GATES: Mapping[str, Gate] = {
+    "authors' gate, 0.005": REFERENCE_GATE,
+    "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS),
+}
 """Gates that contact is labelled by, where it is not labelled already."""
 
 LABELLED = "contact as labelled"
@@ -80,7 +110,11 @@ FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
 
 METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
 
-NETWORK_CODE = ("lab/training/network.py", "lab/training/tracks.py", "lab/training/trainer.py")
+NETWORK_CODE = (
+    "lab/training/network.py",
+    "lab/training/tracks.py",
+    "lab/training/trainer.py",
+)
 """Files of the package that train the paper's network."""
 
 ABLATIONS = Path(__file__).parents[1] / "examples/recipes/ablations"
@@ -94,7 +128,12 @@ SHORT_WINDOW = 64
 CLEARLY_DB = 12.0
 """So far under the threshold there is nothing but noise; between the two, contact is unknown."""
 
-TABLE_SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
+TABLE_SHARES = (
+    "rough_as_rough",
+    "rough_as_smooth",
+    "smooth_as_rough",
+    "smooth_as_smooth",
+)
 IN_CONTACT = "in_contact"
 """Column with the share of windows that count."""
 
@@ -110,7 +149,14 @@ PAPER_ONE: Mapping[str, tuple[float, ...]] = {
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
 """The same of its piezo-only model, of which the text states ``smooth_as_rough`` alone."""
 
-TWO_COLUMNS = ("rough day 1", "rough day 2", "smooth day 1", "smooth day 2", "test rough", "test smooth")
+TWO_COLUMNS = (
+    "rough day 1",
+    "rough day 2",
+    "smooth day 1",
+    "smooth day 2",
+    "test rough",
+    "test smooth",
+)
 
 PAPER_TWO: Mapping[str, tuple[float, ...]] = {
     "general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
@@ -145,7 +191,11 @@ class TableRow:
 
 
 def predict_held_out(
-    dataset: Dataset, names: Sequence[str], cache: Cache, *, report: Callable[[str], None] = lambda name: None
+    dataset: Dataset,
+    names: Sequence[str],
+    cache: Cache,
+    *,
+    report: Callable[[str], None] = lambda name: None,
 ) -> dict[str, list[TakePredictions]]:
     """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
 
@@ -161,21 +211,38 @@ def predict_held_out(
         )
     # Where contact is not labelled, the authors' test threshold labels it: they score by it.
     recordings = tuple(
-        take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
+        take if take.segments else replace(take, segments=loud_segments(take))
+        for take in kept.recordings
     )
     predictions = {}
     recipes = [Path(name) for name in names if name.endswith(".toml")]
     others = [name for name in names if not name.endswith(".toml")]
-    known = methods_for(replace(kept, recordings=recordings), others or METHODS) if others or not recipes else ()
-    for method in (*known, *(file_method(path, cache.folder, report) for path in recipes)):
+    known = (
+        methods_for(replace(kept, recordings=recordings), others or METHODS)
+        if others or not recipes
+        else ()
+    )
+    for method in (
+        *known,
+        *(file_method(path, cache.folder, report) for path in recipes),
+    ):
         report(method.name)
-        fine_tuned = isinstance(method, NetworkMethod) and method.recipe.settings.variant == "fine-tuned"
+        fine_tuned = (
+            isinstance(method, NetworkMethod)
+            and method.recipe.settings.variant == "fine-tuned"
+        )
         # A recipe file labels its windows by its own threshold, not by the segments that the tables score by.
         source = kept.recordings if method not in known else recordings
-        train, with_kin = training_takes(source, FINE_TUNED if fine_tuned else method.name)
-        test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
+        train, with_kin = training_takes(
+            source, FINE_TUNED if fine_tuned else method.name
+        )
+        test = tuple(
+            take for take in recordings if take.known("split") not in ("train", "")
+        )
         name = method.name + KIN_NOTE * with_kin
-        predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
+        predictions[name] = cross_validate(
+            method, [Fold("held out", train, test)], cache=cache
+        )
     return predictions
 
 
@@ -197,14 +264,19 @@ class KeptMethod(NetworkMethod):
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         key = training_key(self, recordings)
-        path, checkpoint = self.folder / f"{self.title}-{key}.onnx", self.folder / f"{self.title}-{key}.unfinished"
+        path, checkpoint = (
+            self.folder / f"{self.title}-{key}.onnx",
+            self.folder / f"{self.title}-{key}.unfinished",
+        )
         if not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             self.recipe.train(
                 path,
                 Dataset(self.title, self.folder, tuple(recordings)),
                 checkpoint=checkpoint,
-                report=lambda done, total, note: self.report(f"{self.title}: {done} of {total}, {note}"),
+                report=lambda done, total, note: self.report(
+                    f"{self.title}: {done} of {total}, {note}"
+                ),
             )
             checkpoint.unlink(missing_ok=True)
         return model_predictor(read_model(path))
@@ -214,18 +286,24 @@ def training_key(method: NetworkMethod, recordings: Sequence[Recording]) -> str:
     """Hash what a model follows from: recipe, recordings and the statements of `NETWORK_CODE`, however laid out."""
     package = Path(str(files("tactophone")))
     code = (ast.dump(ast.parse((package / name).read_bytes())) for name in NETWORK_CODE)
-    return hashlib.sha256("\n".join((method.identity, fingerprint(recordings), *code)).encode()).hexdigest()[:16]
+    return hashlib.sha256(
+        "\n".join((method.identity, fingerprint(recordings), *code)).encode()
+    ).hexdigest()[:16]
 
 
 def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> KeptMethod:
     """Return the paper's network as a recipe file trains it, named as the file; its model is kept in `folder`."""
     recipe = RecipeFile.read(path).configured()
     if isinstance(recipe, FeatureRecipe):
-        raise ConfigError(f"{path}: recipe {recipe.name}, but a table takes files of the paper's network")
+        raise ConfigError(
+            f"{path}: recipe {recipe.name}, but a table takes files of the paper's network"
+        )
     return KeptMethod(recipe, path.stem, folder, report)
 
 
-def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Recording, ...], bool]:
+def training_takes(
+    recordings: Sequence[Recording], name: str
+) -> tuple[tuple[Recording, ...], bool]:
     """Return what a method trains on: the training objects; for the paper's fine-tuned model, as the paper says.
 
     Returns them, and whether a sample of the competition's stones is among them.
@@ -233,8 +311,14 @@ def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Re
     train = tuple(take for take in recordings if take.known("split") == "train")
     if name != FINE_TUNED:
         return train, False
-    reduced = tuple(take for take in train if take.surface in {f"object {number:02}" for number in REDUCED_OBJECTS})
-    stones = tuple(take for take in recordings if take.surface == f"object {SPARE_OBJECT:02}")
+    reduced = tuple(
+        take
+        for take in train
+        if take.surface in {f"object {number:02}" for number in REDUCED_OBJECTS}
+    )
+    stones = tuple(
+        take for take in recordings if take.surface == f"object {SPARE_OBJECT:02}"
+    )
     labels = {take.label for take in (*reduced, *stones)}
     # A set without those objects has no reduced set either.
     return (train, False) if len(labels) < 2 else ((*reduced, *stones), bool(stones))
@@ -249,7 +333,12 @@ def by_gate(
     return {
         title: {
             name: [
-                replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
+                replace(
+                    take,
+                    recording=replace(
+                        take.recording, segments=loud_segments(take.recording, gate)
+                    ),
+                )
                 for take in takes
             ]
             for name, takes in predictions.items()
@@ -262,30 +351,59 @@ def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     """Return Table I: how windows are classified, as shares of all windows."""
     rows = []
     for part in ("competition", "test"):
-        rows.append(_published(f"paper's own, {part}", (*TABLE_SHARES, IN_CONTACT), PAPER_ONE[part]))
+        rows.append(
+            _published(
+                f"paper's own, {part}", (*TABLE_SHARES, IN_CONTACT), PAPER_ONE[part]
+            )
+        )
         if any(name.endswith("one-channel") for name in predictions):
             stated = (math.nan, math.nan, PAPER_ONE_CHANNEL[part], math.nan)
-            rows.append(_published(f"paper's own one-channel, {part}", (*TABLE_SHARES, IN_CONTACT), stated))
+            rows.append(
+                _published(
+                    f"paper's own one-channel, {part}",
+                    (*TABLE_SHARES, IN_CONTACT),
+                    stated,
+                )
+            )
         for name, takes in predictions.items():
-            if of_part := [take for take in takes if take.recording.known("split") == part]:
+            if of_part := [
+                take for take in takes if take.recording.known("split") == part
+            ]:
                 scores = _measure(of_part)
                 shares = {share: scores[share] for share in TABLE_SHARES}
-                rows.append(TableRow(f"{name}, {part}", {**shares, IN_CONTACT: contact_share(of_part)}))
+                rows.append(
+                    TableRow(
+                        f"{name}, {part}",
+                        {**shares, IN_CONTACT: contact_share(of_part)},
+                    )
+                )
     return rows
 
 
 def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
     """Return Table II: the accuracy of each class, day by day."""
     columns = (*TWO_COLUMNS, IN_CONTACT)
-    own = [_published(f"paper's own, {variant}", columns, row) for variant, row in PAPER_TWO.items()]
+    own = [
+        _published(f"paper's own, {variant}", columns, row)
+        for variant, row in PAPER_TWO.items()
+    ]
     classes = (
-        (Touch.ROUGH, "day 1"), (Touch.ROUGH, "day 2"), (Touch.SMOOTH, "day 1"), (Touch.SMOOTH, "day 2"),
-        (Touch.ROUGH, ""), (Touch.SMOOTH, ""),
-    )  # fmt: skip
+        (Touch.ROUGH, "day 1"),
+        (Touch.ROUGH, "day 2"),
+        (Touch.SMOOTH, "day 1"),
+        (Touch.SMOOTH, "day 2"),
+        (Touch.ROUGH, ""),
+        (Touch.SMOOTH, ""),
+    )
     rows = []
     for name, takes in predictions.items():
         accuracies = [_accuracy(takes, label, day) for label, day in classes]
-        rows.append(TableRow(name, dict(zip(columns, [*accuracies, contact_share(takes)], strict=True))))
+        rows.append(
+            TableRow(
+                name,
+                dict(zip(columns, [*accuracies, contact_share(takes)], strict=True)),
+            )
+        )
     return [*own, *rows]
 
 
@@ -295,21 +413,31 @@ ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positiv
 def ablations_in(folder: Path) -> list[Ablation]:
     """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
     if not (paths := sorted(folder.glob("*.toml"))):
-        raise ConfigError(f"{folder}: holds no recipe file; examples/recipes/ablations has some")
+        raise ConfigError(
+            f"{folder}: holds no recipe file; examples/recipes/ablations has some"
+        )
     return [Ablation.read(path) for path in paths]
 
 
 def ablation_rows(
-    methods: Sequence[Ablation], dataset: Dataset, name: str, cache: Cache, *,
+    methods: Sequence[Ablation],
+    dataset: Dataset,
+    name: str,
+    cache: Cache,
+    *,
     report: Callable[[int, str], None] = lambda done, name: None,
-) -> list[TableRow]:  # fmt: skip
+) -> list[TableRow]:
     """Cross-validate ablations on a split of this name; scores of windows in true contact."""
     rows = []
     for done, method in enumerate(methods):
         report(done, method.name)
         takes = cross_validate(method, split(dataset, name), cache=cache)
         scores = estimate(scores_of(map(in_true_contact, takes), "two-class"))
-        rows.append(TableRow(method.name, {column: scores[column] for column in ABLATION_COLUMNS}))
+        rows.append(
+            TableRow(
+                method.name, {column: scores[column] for column in ABLATION_COLUMNS}
+            )
+        )
     return rows
 
 
@@ -320,10 +448,16 @@ def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
     return Estimate(counted / total if total else float("nan"))
 
 
-def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Segment, ...]:
+def loud_segments(
+    recording: Recording, gate: Gate = REFERENCE_GATE
+) -> tuple[Segment, ...]:
     """Label contact where the window that ends there is over a gate's threshold, none where it is far below it."""
     (signal,) = read_signals([recording], channels=1, rate=NETWORK_RATE)
-    sizes = np.abs(signal[:, 0]) if gate.rule == "mean_absolute" else np.square(signal[:, 0], dtype=np.float64)
+    sizes = (
+        np.abs(signal[:, 0])
+        if gate.rule == "mean_absolute"
+        else np.square(signal[:, 0], dtype=np.float64)
+    )
     total = np.concatenate(([0.0], np.cumsum(sizes, dtype=np.float64)))
     ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, TABLE_STEP)
     loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE, gate) >= 0
@@ -338,11 +472,16 @@ def _over_threshold_db(
 ) -> NDArray[np.float64]:
     mean = (total[ends] - total[ends - size]) / size
     # A mean of magnitudes is a level, a mean of squares a power.
-    return np.asarray((20 if gate.rule == "mean_absolute" else 10) * np.log10(mean + 1e-12) - gate.threshold_dbfs)
+    return np.asarray(
+        (20 if gate.rule == "mean_absolute" else 10) * np.log10(mean + 1e-12)
+        - gate.threshold_dbfs
+    )
 
 
 def _segments(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
-    for begin, end in (NETWORK_WINDOW_SIZE + TABLE_STEP * stretches(on)) / NETWORK_RATE - TABLE_STEP / NETWORK_RATE:
+    for begin, end in (
+        NETWORK_WINDOW_SIZE + TABLE_STEP * stretches(on)
+    ) / NETWORK_RATE - TABLE_STEP / NETWORK_RATE:
         yield Segment(float(begin), float(end), label)
 
 
@@ -352,31 +491,45 @@ def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estim
         take
         for take in takes
         if take.recording.label is label
-        and (take.recording.session == day if day else take.recording.known("split") == "test")
+        and (
+            take.recording.session == day
+            if day
+            else take.recording.known("split") == "test"
+        )
     ]
-    return _measure(own)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
+    return _measure(own)[
+        "rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"
+    ]
 
 
 def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
     scored = [piece for take in takes for piece in _pieces(in_true_contact(take))]
     if not any(take.contact.any() for take in scored):
-        return dict.fromkeys((*TABLE_SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan")))
+        return dict.fromkeys(
+            (*TABLE_SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan"))
+        )
     return estimate(scores_of(scored, "authors"))
 
 
 def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
     """Name what the bootstrap draws: a take of a test object, a piece of a competition's run."""
-    length = BOOTSTRAP_PIECE if take.recording.known("split") == "competition" else math.inf
+    length = (
+        BOOTSTRAP_PIECE if take.recording.known("split") == "competition" else math.inf
+    )
     number = (take.time // length).astype(int)
     for piece in np.unique(number):
         recording = replace(take.recording, surface=f"{take.recording.path} {piece}")
         here = number == piece
-        yield TakePredictions(recording, take.time[here], take.probabilities[here], take.contact[here])
+        yield TakePredictions(
+            recording, take.time[here], take.probabilities[here], take.contact[here]
+        )
 
 
 def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
     """Return a row of the paper, which states neither intervals nor how much was contact."""
-    return TableRow(name, dict(zip(columns, map(Estimate, (*values, float("nan"))), strict=True)))
+    return TableRow(
+        name, dict(zip(columns, map(Estimate, (*values, float("nan"))), strict=True))
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -396,7 +549,11 @@ def task_methods() -> tuple[str, ...]:
     models = [name for name in shipped_models() if not name.endswith("-mono")]
     return (
         *models,
-        *(f"texture:{name}" for name in PROFILES if name not in LIKE_PAPER and "texture" in models),
+        *(
+            f"texture:{name}"
+            for name in PROFILES
+            if name not in LIKE_PAPER and "texture" in models
+        ),
         *PASSTHROUGH,
     )
 
@@ -414,18 +571,34 @@ def play_task(
     a name is unknown.
     """
     allowed = task_methods()
-    if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:
+    if unknown := [
+        name for name in names if name not in allowed and not Path(name).is_file()
+    ]:
         hint = did_you_mean(unknown[0], allowed)
-        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}")
+        raise ConfigError(
+            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}"
+        )
     report("rendering visits")
     sound = render_visits(visits=visits)
     outcomes = []
     for name in names or allowed:
         report(name)
         played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds)
-        found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
-        p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
-        outcomes.append(TaskOutcome(name, _share(found), _share(both), Estimate(float(p50), float(p5), float(p95))))
+        found, both = (
+            np.array([getattr(game, field) for game in played])
+            for field in ("found", "success")
+        )
+        p5, p50, p95 = np.quantile(
+            [game.duration for game in played], [0.05, 0.5, 0.95]
+        )
+        outcomes.append(
+            TaskOutcome(
+                name,
+                _share(found),
+                _share(both),
+                Estimate(float(p50), float(p5), float(p95)),
+            )
+        )
     return outcomes
 
 
@@ -438,11 +611,19 @@ def vibration_of(name: str) -> SoundToVibration:
 
 
 def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
-    pipeline = open_pipeline(model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=profile, limits=FULL_DRIVE)
+    pipeline = open_pipeline(
+        model,
+        sample_rate=LIVE_SAMPLE_RATE,
+        channels=2,
+        profile=profile,
+        limits=FULL_DRIVE,
+    )
     oscillator = Oscillator(FULL_DRIVE)
     out = np.zeros(len(sound), np.float32)
     for start in range(0, len(sound), SESSION_BLOCK):
-        step = pipeline.push(AudioBlock(sound[start : start + SESSION_BLOCK], LIVE_SAMPLE_RATE, start))
+        step = pipeline.push(
+            AudioBlock(sound[start : start + SESSION_BLOCK], LIVE_SAMPLE_RATE, start)
+        )
         if step.command:
             oscillator.submit(step.command)
         oscillator.render(out[start : start + SESSION_BLOCK])
@@ -458,20 +639,35 @@ def _share(won: NDArray[np.bool_]) -> Estimate:
     return Estimate(float(found.statistic), float(low), float(high))
 
 
-def print_held_out(dataset: Dataset, tables: Sequence[str], names: Sequence[str], cache: Cache, form: str) -> None:
+def print_held_out(
+    dataset: Dataset,
+    tables: Sequence[str],
+    names: Sequence[str],
+    cache: Cache,
+    form: str,
+) -> None:
     """Print Table I or II, or both, of a data set in the authors' layout."""
     with output.progress("Tables I and II") as update:
-        predictions = predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
+        predictions = predict_held_out(
+            dataset, names, cache, report=lambda name: update(note=name)
+        )
     for gate, gated in by_gate(predictions, dataset.recordings).items():
-        for number, make, title in (("1", table_one, "Table I"), ("2", table_two, "Table II")):
+        for number, make, title in (
+            ("1", table_one, "Table I"),
+            ("2", table_two, "Table II"),
+        ):
             if number in tables:
                 heading = f"{title}, {dataset.name} ({origin_of(dataset)}), {gate}"
                 rows = make(gated)
                 if form == "markdown":
-                    print_markdown(heading, [{"": row.name, **row.values} for row in rows])
+                    print_markdown(
+                        heading, [{"": row.name, **row.values} for row in rows]
+                    )
                 else:
                     values = {"title": heading, "lines": rows}
-                    output.show(values, paper_parts(heading, rows), as_json=form == "json")
+                    output.show(
+                        values, paper_parts(heading, rows), as_json=form == "json"
+                    )
     kept = sorted(path.stem for path in cache.folder.glob("*.onnx"))
     if form == "markdown" and kept:
         print(
@@ -481,7 +677,9 @@ def print_held_out(dataset: Dataset, tables: Sequence[str], names: Sequence[str]
 
 def print_markdown(title: str, rows: Sequence[Mapping[str, object]]) -> None:
     """Print a table of a page."""
-    print(f"\n## {title}\n\n| {' | '.join(name.replace('_', ' ') for name in rows[0])} |")
+    print(
+        f"\n## {title}\n\n| {' | '.join(name.replace('_', ' ') for name in rows[0])} |"
+    )
     print(f"|{'|'.join('--:' if name else '---' for name in rows[0])}|")
     for row in rows:
         print(f"| {' | '.join(map(str, row.values()))} |")
@@ -490,7 +688,13 @@ def print_markdown(title: str, rows: Sequence[Mapping[str, object]]) -> None:
 def paper_parts(title: str, rows: Sequence[TableRow]) -> list[output.Part]:
     """Return one of the paper's Tables I and II as eight columns in 80 characters, a heading's word a line."""
     cells = [
-        {"": row.name, **{re.sub("[_ ]", "\n", name): _cell(value) for name, value in row.values.items()}}
+        {
+            "": row.name,
+            **{
+                re.sub("[_ ]", "\n", name): _cell(value)
+                for name, value in row.values.items()
+            },
+        }
         for row in rows
     ]
     note = Text(
@@ -512,15 +716,32 @@ def print_task(names: Sequence[str], rounds: int, form: str) -> None:
     """Print Table III: as the paper has it, and by the simulated operator."""
     names = names or task_methods()
     with output.progress("simulated operator", len(names) + 1) as update:
-        outcomes = play_task(names, rounds=rounds, report=lambda name: update(advance=1, note=name))
-    times = [(team, day, time) for team, own in PAPER_THREE.items() for day, time in enumerate(own, 1)]
-    paper = [{"name": f"paper's own: {team}, day {day}", "task": time} for team, day, time in times]
+        outcomes = play_task(
+            names, rounds=rounds, report=lambda name: update(advance=1, note=name)
+        )
+    times = [
+        (team, day, time)
+        for team, own in PAPER_THREE.items()
+        for day, time in enumerate(own, 1)
+    ]
+    paper = [
+        {"name": f"paper's own: {team}, day {day}", "task": time}
+        for team, day, time in times
+    ]
     teams: dict[str, dict[str, str]] = {team: {"team": team} for team in PAPER_THREE}
     for team, day, time in times:
-        teams[team][f"day {day}"] = "N/A" if time is None else f"{time // 60}:{time % 60:02}"
+        teams[team][f"day {day}"] = (
+            "N/A" if time is None else f"{time // 60}:{time % 60:02}"
+        )
     headings = ("method", "rough one found", "both found", "decision time (s)")
     found = [
-        dict(zip(headings, (each.name, each.found, each.both, each.duration.written(".1f", ".1f")), strict=True))
+        dict(
+            zip(
+                headings,
+                (each.name, each.found, each.both, each.duration.written(".1f", ".1f")),
+                strict=True,
+            )
+        )
         for each in outcomes
     ]
     first = "Table III as the paper has it: min:s, sensing and retrieval of a rough stone; N/A: not attempted"
@@ -535,36 +756,90 @@ def print_task(names: Sequence[str], rounds: int, form: str) -> None:
         print_markdown(second, found)
         print(f"\n{note}")
         return
-    values = [*paper, *({**asdict(each), "task": each.duration.value} for each in outcomes)]
-    output.show(values, [first, list(teams.values()), second, found, note], as_json=form == "json")
+    values = [
+        *paper,
+        *({**asdict(each), "task": each.duration.value} for each in outcomes),
+    ]
+    output.show(
+        values,
+        [first, list(teams.values()), second, found, note],
+        as_json=form == "json",
+    )
 
 
-def print_ablations(dataset: Dataset, recipes: Path, name: str, cache: Cache, form: str) -> None:
+def print_ablations(
+    dataset: Dataset, recipes: Path, name: str, cache: Cache, form: str
+) -> None:
     """Print the scores of the paper's network by each recipe file in a folder."""
     methods = ablations_in(recipes)
     with output.progress("ablations", len(methods)) as update:
-        rows = ablation_rows(methods, dataset, name, cache, report=lambda done, of: update(completed=done, note=of))
+        rows = ablation_rows(
+            methods,
+            dataset,
+            name,
+            cache,
+            report=lambda done, of: update(completed=done, note=of),
+        )
     title = f"The paper's network and what its authors tried, {dataset.name} ({origin_of(dataset)}), {name}"
-    table = [{"network": row.name, **{name: str(value) for name, value in row.values.items()}} for row in rows]
+    table = [
+        {
+            "network": row.name,
+            **{name: str(value) for name, value in row.values.items()},
+        }
+        for row in rows
+    ]
     note = "Windows in true contact, two-class rule; 90 % intervals over surfaces."
     if form == "markdown":
         print_markdown(title, [{"network": row.name, **row.values} for row in rows])
         print(f"\n{note}")
         return
-    output.show({"title": title, "lines": rows}, [title, table, note], as_json=form == "json")
+    output.show(
+        {"title": title, "lines": rows}, [title, table, note], as_json=form == "json"
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("tables", nargs="+", choices=("1", "2", "3", "ablations"))
-    parser.add_argument("--data", type=Path, action="append", default=[], metavar="DIR",
-        help="recordings in the authors' layout, repeatable; any for ablations, the first")  # fmt: skip
-    parser.add_argument("--methods", default="", metavar="LIST", help="names, recipe files; for 3 also model files")
-    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="of the task")
-    parser.add_argument("--recipes", type=Path, default=ABLATIONS, metavar="DIR", help="of the ablations")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="recordings in the authors' layout, repeatable; any for ablations, the first",
+    )
+    parser.add_argument(
+        "--methods",
+        default="",
+        metavar="LIST",
+        help="names, recipe files; for 3 also model files",
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=1000, metavar="N", help="of the task"
+    )
+    parser.add_argument(
+        "--recipes",
+        type=Path,
+        default=ABLATIONS,
+        metavar="DIR",
+        help="of the ablations",
+    )
     parser.add_argument("--split", default="3-fold", help="of the ablations")
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="for what was trained (default: the user's cache)")
-    parser.add_argument("--form", choices=("terminal", "json", "markdown"), default="terminal", help="of the tables")
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help="for what was trained (default: the user's cache)",
+    )
+    parser.add_argument(
+        "--form",
+        choices=("terminal", "json", "markdown"),
+        default="terminal",
+        help="of the tables",
+    )
     args = parser.parse_args()
     cache = Cache(args.cache) if args.cache else default_cache()
     names = [name for name in args.methods.split(",") if name]
@@ -572,13 +847,21 @@ def main() -> None:
         print(PAGE_HEAD)
     try:
         if {"1", "2", "ablations"} & {*args.tables} and not args.data:
-            raise ConfigError("--data is missing: `tactophone simulate dataset DIR --authors-layout` makes some")
+            raise ConfigError(
+                "--data is missing: `tactophone simulate dataset DIR --authors-layout` makes some"
+            )
         for folder in args.data if {"1", "2"} & {*args.tables} else ():
             print_held_out(open_dataset(folder), args.tables, names, cache, args.form)
         if "3" in args.tables:
             print_task(names, args.rounds, args.form)
         if "ablations" in args.tables:
-            print_ablations(open_dataset(args.data[0]).labelled(), args.recipes, args.split, cache, args.form)
+            print_ablations(
+                open_dataset(args.data[0]).labelled(),
+                args.recipes,
+                args.split,
+                cache,
+                args.form,
+            )
     except TactophoneError as error:
         sys.exit(f"paper_tables: {error}")
 

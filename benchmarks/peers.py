@@ -36,7 +36,11 @@ def jacktrip(period: int, *, queue: int, impulses: int) -> ImpulseLatency:
         player = ImpulsePlayer(impulses)
         sound = {"contact": "near:send_1", "air": "near:send_2"}
         client = JackClient(
-            "player", player.process, inputs={"vibration": "far:receive_1"}, outputs=sound, server=server.name
+            "player",
+            player.process,
+            inputs={"vibration": "far:receive_1"},
+            outputs=sound,
+            server=server.name,
         )
         _open(client)
         try:
@@ -51,7 +55,10 @@ def jacktrip(period: int, *, queue: int, impulses: int) -> ImpulseLatency:
 def _ends(server: str, queue: int) -> Iterator[None]:
     near, far = map(str, FREE_PORTS)
     common = ["-q", str(queue), "-n", "2", "-D"]
-    environment = os.environ | {"JACK_DEFAULT_SERVER": server, "JACK_NO_START_SERVER": "1"}
+    environment = os.environ | {
+        "JACK_DEFAULT_SERVER": server,
+        "JACK_NO_START_SERVER": "1",
+    }
     commands = (
         ["jacktrip", "-s", "-J", "far", "-B", far, "-P", near, *common],
         ["jacktrip", "-c", "127.0.0.1", "-J", "near", "-B", near, "-P", far, *common],
@@ -60,9 +67,16 @@ def _ends(server: str, queue: int) -> Iterator[None]:
     try:
         for command in commands:
             ends.append(
-                subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                subprocess.Popen(
+                    command,
+                    env=environment,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                )
             )
-            time.sleep(1.0)  # the second end gives up where the first does not answer yet
+            time.sleep(
+                1.0
+            )  # the second end gives up where the first does not answer yet
         yield
     finally:
         for end in ends:

@@ -31,29 +31,56 @@ def picture(browser: webdriver.Chrome, path: Path, *, width: int, theme: str) ->
     """Write the whole page as it is now."""
     features = [{"name": "prefers-color-scheme", "value": theme}]
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-    size = {"width": width, "height": 900, "deviceScaleFactor": 0.8, "mobile": width < 500}
+    size = {
+        "width": width,
+        "height": 900,
+        "deviceScaleFactor": 0.8,
+        "mobile": width < 500,
+    }
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     time.sleep(0.8)
-    shot = browser.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
+    shot = browser.execute_cdp_cmd(
+        "Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"}
+    )
     path.write_bytes(base64.b64decode(shot["data"]))
 
 
-def pictures(browser: webdriver.Chrome, folder: Path, name: str, looks: tuple[tuple[int, str], ...]) -> None:
+def pictures(
+    browser: webdriver.Chrome,
+    folder: Path,
+    name: str,
+    looks: tuple[tuple[int, str], ...],
+) -> None:
     """Write the page in each size and theme."""
     for width, theme in looks:
         suffix = "" if looks is DOCS else f"-{width}-{theme}"
         picture(browser, folder / f"{name}{suffix}.png", width=width, theme=theme)
 
 
-def dashboard(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+def dashboard(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
     """The operator's page of a loopback over a busy wireless network, and the page of `try`."""
-    arguments = ("loopback", "--source", "finger", "--actuator", "none", "--network", "wifi-busy", "--dashboard")
+    arguments = (
+        "loopback",
+        "--source",
+        "finger",
+        "--actuator",
+        "none",
+        "--network",
+        "wifi-busy",
+        "--dashboard",
+    )
     with tactophone(*arguments, "--name", "pictures") as url:
         browser.get(url)
         time.sleep(15)
         until, in_a_row = time.monotonic() + 60, 0
         while in_a_row < 12 and time.monotonic() < until:  # within a rough touch
-            in_a_row = in_a_row + 1 if browser.find_element(By.ID, "decision").text == "rough" else 0
+            in_a_row = (
+                in_a_row + 1
+                if browser.find_element(By.ID, "decision").text == "rough"
+                else 0
+            )
             time.sleep(0.1)
         pictures(browser, folder, "dashboard", looks)
         if looks is not DOCS:
@@ -62,7 +89,9 @@ def dashboard(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, s
             pictures(browser, folder, "try", looks)
 
 
-def stone_box(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+def stone_box(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
     """A round of the stone box, each stone stroked for some seconds."""
     with (
         tempfile.TemporaryDirectory() as results,
@@ -93,38 +122,85 @@ def stroke(browser: webdriver.Chrome, stone: int) -> None:
     stage = browser.find_element(By.ID, "stage")
     width, height = stage.rect["width"], stage.rect["height"]
     along = int(width * ((0.0575 + 0.11 * stone) / 0.555 - 0.5))
-    actions = ActionChains(browser, duration=300).move_to_element_with_offset(stage, along - 50, 0).click_and_hold()
+    actions = (
+        ActionChains(browser, duration=300)
+        .move_to_element_with_offset(stage, along - 50, 0)
+        .click_and_hold()
+    )
     for turn in range(8):
-        actions.move_by_offset(100 * (-1) ** turn, int(height / 20) * (-1) ** (turn // 2))
+        actions.move_by_offset(
+            100 * (-1) ** turn, int(height / 20) * (-1) ** (turn // 2)
+        )
     actions.release().perform()
     time.sleep(0.5)
 
 
-def recordings(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+def recordings(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
     """The pages of a recording and of a recorded run, and what stands over one that has ended."""
     with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
-        arguments = ("--objects", "0", "--takes", "wiggle", "--seconds", "6", "--gain", "-6")
-        subprocess.run([sys.executable, "-m", "tactophone", "simulate", "dataset", "sound", *arguments], check=True)
-        run = ("loopback", "--source", "finger", "--actuator", "none", "--duration", "8", "--record", "run.mcap")
-        subprocess.run([sys.executable, "-m", "tactophone", *run, "--name", "pictures-run"], check=True)
+        arguments = (
+            "--objects",
+            "0",
+            "--takes",
+            "wiggle",
+            "--seconds",
+            "6",
+            "--gain",
+            "-6",
+        )
+        subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "tactophone",
+                "simulate",
+                "dataset",
+                "sound",
+                *arguments,
+            ],
+            check=True,
+        )
+        run = (
+            "loopback",
+            "--source",
+            "finger",
+            "--actuator",
+            "none",
+            "--duration",
+            "8",
+            "--record",
+            "run.mcap",
+        )
+        subprocess.run(
+            [sys.executable, "-m", "tactophone", *run, "--name", "pictures-run"],
+            check=True,
+        )
         sound = "sound/00-lava-stone/held/wiggle.flac"
         pages = (("feel", "feel", sound), ("replay", "replay", "run.mcap"))
         for name, *arguments in pages:
             with tactophone(*arguments, "--dashboard") as url:
                 browser.get(url)
-                wait(lambda: browser.find_element(By.ID, "life").text.lower() == "replay")
+                wait(
+                    lambda: browser.find_element(By.ID, "life").text.lower() == "replay"
+                )
                 time.sleep(4)
                 pictures(browser, folder, name, looks)
     time.sleep(1)
     pictures(browser, folder, "ended", looks)
 
 
-def set_up(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+def set_up(
+    browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
+) -> None:
     """The page of `setup`: the tips, a step, and the result."""
     with (
         tempfile.TemporaryDirectory() as place,
         contextlib.chdir(place),
-        tactophone("setup", "--source", "finger", "--seconds", "20", "--dashboard") as url,
+        tactophone(
+            "setup", "--source", "finger", "--seconds", "20", "--dashboard"
+        ) as url,
     ):
         browser.get(url)
         tips = wait(lambda: browser.find_elements(By.CSS_SELECTOR, ".tip"))
@@ -149,7 +225,11 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with chromium("hide-scrollbars") as browser:
         browser.set_window_size(1280, 900)
-        for part in (dashboard, stone_box, recordings, set_up) if looks is ALL else (dashboard, stone_box):
+        for part in (
+            (dashboard, stone_box, recordings, set_up)
+            if looks is ALL
+            else (dashboard, stone_box)
+        ):
             if not sys.argv[3:] or part.__name__ in sys.argv[3:]:
                 part(browser, folder, looks)
 

@@ -23,13 +23,23 @@ from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.evaluation.report import make_report
 from tactophone.lab.simulation import finger
 from tactophone.lab.simulation.catalogue import catalogue
-from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+from tactophone.lab.simulation.render import (
+    RenderOptions,
+    plan_dataset,
+    render_dataset,
+    write_manifest,
+)
 from tactophone.lab.simulation.takes import TAKES
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 
 QUIET = ("long_medium", "short_light", "wiggle")
-SILICONE = {"Shore 00-10": 0.095e6, "Shore 00-30": 0.12e6, "Shore 10 A": 0.26e6, "Shore 20 A": 0.58e6}
+SILICONE = {
+    "Shore 00-10": 0.095e6,
+    "Shore 00-30": 0.12e6,
+    "Shore 10 A": 0.26e6,
+    "Shore 20 A": 0.58e6,
+}
 """Young's modulus in Pa."""
 
 PRINTED, BRASS = 2e-3, 5e-3
@@ -67,28 +77,47 @@ def printed(modulus: float, mass: float) -> finger.Tip:
         pad_stiffness=along,
         pad_damping=parts.pad_damping * (along / parts.pad_stiffness * lighter) ** 0.5,
         shear_stiffness=across,
-        shear_damping=parts.shear_damping * (across / parts.shear_stiffness * lighter) ** 0.5,
+        shear_damping=parts.shear_damping
+        * (across / parts.shear_stiffness * lighter) ** 0.5,
     )
     return replace(TRAINED, finger=parts)
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     model = read_model(model_path("texture"))
-    predict, takes = recording_predictor(model), [take for take in TAKES if take.name in QUIET]
-    print("| bed | mass | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|--:|")
+    predict, takes = (
+        recording_predictor(model),
+        [take for take in TAKES if take.name in QUIET],
+    )
+    print(
+        "| bed | mass | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|--:|"
+    )
     for bed, tilt, mass in ROWS:
         tip = printed(SILICONE[bed], mass) if bed else TRAINED
         finger.TIPS = MappingProxyType({**finger.TIPS, DEFAULT_TIP: tip})
         lean = tilt - LEAN if bed else tilt
-        jobs = plan_dataset(catalogue()[23:33], RenderOptions(duration=6.0, seed=31, tilt=abs(lean)), takes=takes)
+        jobs = plan_dataset(
+            catalogue()[23:33],
+            RenderOptions(duration=6.0, seed=31, tilt=abs(lean)),
+            takes=takes,
+        )
         with tempfile.TemporaryDirectory() as folder:
             list(render_dataset(Path(folder), jobs))
             write_manifest(Path(folder), jobs)
             takes_of_it = open_dataset(Path(folder)).recordings
-            found = make_report([predict(take) for take in takes_of_it], decision=model.card.decision)
+            found = make_report(
+                [predict(take) for take in takes_of_it], decision=model.card.decision
+            )
         shown = found.rendered
-        scores = (shown.balanced_accuracy, shown.smooth_as_rough, shown.gaps, found.rules["two-class"]["auc"])
+        scores = (
+            shown.balanced_accuracy,
+            shown.smooth_as_rough,
+            shown.gaps,
+            found.rules["two-class"]["auc"],
+        )
         print(
             f"| {bed or 'as in training'} | {1e3 * mass or 6:g} g | {tilt:g}° | {' | '.join(map(str, scores))} |",
             flush=True,

@@ -61,11 +61,15 @@ OPTIONS = TrainingOptions(channels=1, microphone="air", tip="stylus")
 def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
     """Train the recipe ``texture`` as the shipped model of the stylus."""
     path = folder / "stylus.onnx"
-    configure("texture", OPTIONS).train(path, replace(dataset, recordings=tuple(recordings)))
+    configure("texture", OPTIONS).train(
+        path, replace(dataset, recordings=tuple(recordings))
+    )
     return read_model(path)
 
 
-def rendered(model: Model, recording: Recording, take: TakePredictions) -> NDArray[np.int8]:
+def rendered(
+    model: Model, recording: Recording, take: TakePredictions
+) -> NDArray[np.int8]:
     """Return what is rendered while the recording is at most `AUDIBLE_DB` under its loudest."""
     (track,) = extract_features([recording], FeatureSpec(channels=1, microphone="air"))
     audible = track.end[track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB]
@@ -75,24 +79,33 @@ def rendered(model: Model, recording: Recording, take: TakePredictions) -> NDArr
 
 
 def left_out(
-    real: Dataset, simulated: Sequence[Recording], group: Callable[[Recording], str], folder: Path
+    real: Dataset,
+    simulated: Sequence[Recording],
+    group: Callable[[Recording], str],
+    folder: Path,
 ) -> Iterator[tuple[Model, list[Recording]]]:
     """Yield for each group a model that is trained on the others, and the recordings of the group."""
     for name in sorted({group(take) for take in real.recordings}):
         kept = [take for take in real.recordings if group(take) != name]
-        yield train([*kept, *simulated], real, folder), [take for take in real.recordings if group(take) == name]
+        yield (
+            train([*kept, *simulated], real, folder),
+            [take for take in real.recordings if group(take) == name],
+        )
 
 
 def read_real() -> Dataset:
     """Read the labelled surfaces of `lmt`, core and extended, with their kin."""
     real = with_kin(
-        open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")), Path(__file__).with_name("lmt_kin.csv")
+        open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")),
+        Path(__file__).with_name("lmt_kin.csv"),
     )
     return real.where(lambda take: take.tier in ("core", "extended")).labelled()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("simulated", type=Path, nargs="*")
     parser.add_argument("--by", choices=("kin", "surface"), default="kin")
     parser.add_argument("--distorted", nargs="*", choices=GROUPS, metavar="GROUP")
@@ -101,11 +114,15 @@ def main() -> None:
     parser.add_argument("--against", type=Path, metavar="FILE")
     args = parser.parse_args()
     real = read_real()
-    simulated = [take for folder in args.simulated for take in open_dataset(folder).recordings]
+    simulated = [
+        take for folder in args.simulated for take in open_dataset(folder).recordings
+    ]
     group = kin_of if args.by == "kin" else (lambda take: take.surface)
     groups = ["ten"] if args.distorted == [] else args.distorted or []
     channels = [AS_IT_IS, *(name for group in groups for name in GROUPS[group])]
-    counts: dict[str, Counts] = {name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels}
+    counts: dict[str, Counts] = {
+        name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels
+    }
     plain: list[TakePredictions] = []
     with tempfile.TemporaryDirectory() as folder:
         for model, takes in left_out(real, simulated, group, Path(folder)):
@@ -113,10 +130,16 @@ def main() -> None:
             for take in takes:
                 if int(take.take or 0) <= args.takes:
                     for name in channels:
-                        heard = take if name == AS_IT_IS else distorted(take, name, Path(folder))
+                        heard = (
+                            take
+                            if name == AS_IT_IS
+                            else distorted(take, name, Path(folder))
+                        )
                         found = predict(heard)
                         plain += [found] if name == AS_IT_IS else []
-                        counts[name][take.surface] += np.bincount(rendered(model, take, found), minlength=3)
+                        counts[name][take.surface] += np.bincount(
+                            rendered(model, take, found), minlength=3
+                        )
     print_surfaces(real, counts[AS_IT_IS])
     print_channels(real, counts, groups)
     print_calibration(plain)
@@ -134,7 +157,10 @@ Shares = Mapping[str, Mapping[str, float]]
 def right_shares(real: Dataset, counts: Mapping[str, Counts]) -> Shares:
     label = {take.surface: take.label or 0 for take in real.recordings}
     return {
-        channel: {name: float(count[label[name]] / count.sum()) for name, count in of_surface.items()}
+        channel: {
+            name: float(count[label[name]] / count.sum())
+            for name, count in of_surface.items()
+        }
         for channel, of_surface in counts.items()
     }
 
@@ -145,30 +171,61 @@ def paired_gain(
     """Return the gain in balanced share and its 90 % interval, over surfaces drawn anew in either class."""
     rng = np.random.default_rng(0)
     classes = [gains[rough], gains[~rough]]
-    drawn = np.mean([each[rng.integers(len(each), size=(draws, len(each)))].mean(axis=1) for each in classes], axis=0)
-    return float(np.mean([each.mean() for each in classes])), *np.percentile(drawn, [5, 95]).tolist()
+    drawn = np.mean(
+        [
+            each[rng.integers(len(each), size=(draws, len(each)))].mean(axis=1)
+            for each in classes
+        ],
+        axis=0,
+    )
+    return float(np.mean([each.mean() for each in classes])), *np.percentile(
+        drawn, [5, 95]
+    ).tolist()
 
 
 def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
     """Print by how much these shares are over older ones, as it is and in the mean of all channels, and the verdict."""
     first = {take.surface: take for take in reversed(real.recordings)}
-    print("\n| against the older design | gain | 90 % over surfaces | kept |\n|---|--:|--:|---|")
-    for words, channels in ((AS_IT_IS, [AS_IT_IS]), ("mean of all channels", list(shares))):
+    print(
+        "\n| against the older design | gain | 90 % over surfaces | kept |\n|---|--:|--:|---|"
+    )
+    for words, channels in (
+        (AS_IT_IS, [AS_IT_IS]),
+        ("mean of all channels", list(shares)),
+    ):
         for tiers in (("core",), ("core", "extended")):
-            names = sorted(name for name in shares[AS_IT_IS] if first[name].tier in tiers)
+            names = sorted(
+                name for name in shares[AS_IT_IS] if first[name].tier in tiers
+            )
             rough = np.array([first[name].label is Touch.ROUGH for name in names])
-            gains = [np.mean([shares[each][name] - older[each][name] for each in channels]) for name in names]
+            gains = [
+                np.mean([shares[each][name] - older[each][name] for each in channels])
+                for name in names
+            ]
             gain, low, high = paired_gain(rough, np.array(gains))
             verdict = "yes" if low > 0 else "no"
-            print(f"| {words}, {' and '.join(tiers)} | {gain:+.3f} | {low:+.3f} to {high:+.3f} | {verdict} |")
+            print(
+                f"| {words}, {' and '.join(tiers)} | {gain:+.3f} | {low:+.3f} to {high:+.3f} | {verdict} |"
+            )
 
 
 def print_calibration(plain: Sequence[TakePredictions]) -> None:
     for tiers in (("core",), ("core", "extended")):
         takes = [each for each in plain if each.recording.tier in tiers]
-        shares, errors = unknown_shares(takes), (calibration_error(takes), *perfect_errors(takes))
-        print("{}: unknown {:.3f}, wrong {:.3f} of that and {:.3f} of the rest".format(" and ".join(tiers), *shares))
-        print("calibration error {:.3f}; were the probabilities right {:.3f}, 90 %: {:.3f} to {:.3f}".format(*errors))
+        shares, errors = (
+            unknown_shares(takes),
+            (calibration_error(takes), *perfect_errors(takes)),
+        )
+        print(
+            "{}: unknown {:.3f}, wrong {:.3f} of that and {:.3f} of the rest".format(
+                " and ".join(tiers), *shares
+            )
+        )
+        print(
+            "calibration error {:.3f}; were the probabilities right {:.3f}, 90 %: {:.3f} to {:.3f}".format(
+                *errors
+            )
+        )
 
 
 def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
@@ -178,14 +235,25 @@ def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
     """
     rng, of_surface = np.random.default_rng(0), defaultdict(list)
     for take in takes:
-        of_surface[take.recording.surface].append(rough_score(take.probabilities[take.contact], "two-class"))
+        of_surface[take.recording.surface].append(
+            rough_score(take.probabilities[take.contact], "two-class")
+        )
     means = {name: np.concatenate(scores).mean() for name, scores in of_surface.items()}
     errors = []
     for _ in range(500):
-        drawn = {name: Touch.ROUGH if rng.random() < mean else Touch.SMOOTH for name, mean in means.items()}
+        drawn = {
+            name: Touch.ROUGH if rng.random() < mean else Touch.SMOOTH
+            for name, mean in means.items()
+        }
         errors.append(
             calibration_error(
-                replace(take, recording=replace(take.recording, label=drawn[take.recording.surface])) for take in takes
+                replace(
+                    take,
+                    recording=replace(
+                        take.recording, label=drawn[take.recording.surface]
+                    ),
+                )
+                for take in takes
             )
         )
     return float(np.mean(errors)), *np.percentile(errors, [5, 95]).tolist()
@@ -196,28 +264,50 @@ def print_surfaces(real: Dataset, counts: Counts) -> None:
     first = {take.surface: take for take in reversed(real.recordings)}
     print("| surface | label | right | nothing rendered |\n|---|---|--:|--:|")
     for name in sorted(counts, key=lambda name: (first[name].tier, name)):
-        right, gap = (counts[name][touch] / counts[name].sum() for touch in (first[name].label or 0, Touch.NONE))
-        print(f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | {gap:.3f} |")
+        right, gap = (
+            counts[name][touch] / counts[name].sum()
+            for touch in (first[name].label or 0, Touch.NONE)
+        )
+        print(
+            f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | {gap:.3f} |"
+        )
 
 
 def print_channels(real: Dataset, counts: dict[str, Counts], groups: list[str]) -> None:
     """Print the balanced shares that are right through each channel, of core and of all; then the groups' means."""
     first = {take.surface: take for take in reversed(real.recordings)}
-    print("\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|")
+    print(
+        "\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|"
+    )
     table = {}
     for channel, of_surface in counts.items():
         row = []
         for tiers in (("core",), ("core", "extended")):
             names = [name for name in of_surface if first[name].tier in tiers]
             rough = np.array([first[name].label is Touch.ROUGH for name in names])
-            share = np.array([of_surface[name][first[name].label or 0] / of_surface[name].sum() for name in names])
+            share = np.array(
+                [
+                    of_surface[name][first[name].label or 0] / of_surface[name].sum()
+                    for name in names
+                ]
+            )
             row += [(share[rough].mean() + share[~rough].mean()) / 2, share.mean()]
-        row.append(float(np.mean([count[Touch.NONE] / count.sum() for count in of_surface.values()])))
+        row.append(
+            float(
+                np.mean(
+                    [count[Touch.NONE] / count.sum() for count in of_surface.values()]
+                )
+            )
+        )
         table[channel] = row
     for group in groups:
-        table[f"mean: {group}"] = list(np.mean([table[name] for name in GROUPS[group]], axis=0))
+        table[f"mean: {group}"] = list(
+            np.mean([table[name] for name in GROUPS[group]], axis=0)
+        )
     for channel, row in table.items():
-        print("| {} | {:.3f} ({:.3f}) | {:.3f} ({:.3f}) | {:.3f} |".format(channel, *row))
+        print(
+            "| {} | {:.3f} ({:.3f}) | {:.3f} ({:.3f}) | {:.3f} |".format(channel, *row)
+        )
 
 
 if __name__ == "__main__":

@@ -23,7 +23,12 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import psutil
 
     from second_operator import with_operator
-    from tactophone.app.measurement.impulses import Graph, ImpulseLatency, measure, running_sides
+    from tactophone.app.measurement.impulses import (
+        Graph,
+        ImpulseLatency,
+        measure,
+        running_sides,
+    )
     from tactophone.core.hand import with_fingers
     from tactophone.core.settings import Settings, change
     from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Prediction
@@ -46,26 +51,41 @@ LONG_PACKETS = ("link.codec=opus", "link.packet_duration=0.005")
 SHORT_PCM = ("link.codec=pcm16", f"link.packet_duration={32 / 48_000}")
 """Half of a period of 64 samples: a whole one of five fingers does not fit a datagram."""
 
-ROWS: dict[str, tuple[int, tuple[str, ...]]] = {"128-opus": (128, OPUS), "64-pcm": (64, SHORT_PCM)}
+ROWS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "128-opus": (128, OPUS),
+    "64-pcm": (64, SHORT_PCM),
+}
 """Name, period in samples, and settings."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fingers", default="1,2,5,10", help="numbers of fingers (default: 1,2,5,10)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--fingers", default="1,2,5,10", help="numbers of fingers (default: 1,2,5,10)"
+    )
     parser.add_argument("--rows", default="128-opus", help=f"of {', '.join(ROWS)}")
-    parser.add_argument("--operators", help="numbers of operators of one robot with one finger, in place of fingers")
+    parser.add_argument(
+        "--operators",
+        help="numbers of operators of one robot with one finger, in place of fingers",
+    )
     parser.add_argument("--impulses", type=int, default=60)
     parser.add_argument("--seconds", type=int, default=10, help="of processor time")
     args = parser.parse_args()
     if args.operators:
         numbers = list(map(int, args.operators.split(",")))
         each = packet_costs(numbers)
-        print("| operators | settings | processor time of the robot | connected | to encode, seal and send a packet |")
+        print(
+            "| operators | settings | processor time of the robot | connected | to encode, seal and send a packet |"
+        )
         print("|--:|---|--:|--:|--:|")
         for name in args.rows.split(","):
             for operators in numbers:
-                print(robot_row(name, operators, each[operators], seconds=args.seconds), flush=True)
+                print(
+                    robot_row(name, operators, each[operators], seconds=args.seconds),
+                    flush=True,
+                )
         return
     print(
         "| fingers | settings | processor time, both ends, 5 ms packets | as settings | p50 / p99 "
@@ -74,21 +94,32 @@ def main() -> None:
     print("|--:|---|--:|--:|--:|--:|--:|--:|---|")
     for name in args.rows.split(","):
         for fingers in map(int, args.fingers.split(",")):
-            print(row(name, fingers, impulses=args.impulses, seconds=args.seconds), flush=True)
+            print(
+                row(name, fingers, impulses=args.impulses, seconds=args.seconds),
+                flush=True,
+            )
 
 
 def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
     period, changes = ROWS[name]
     settings = settings_of(fingers, changes)
     with DummyServer(period) as server:
-        with_long_packets = running_cost(settings_of(fingers, LONG_PACKETS), server.name, seconds)
+        with_long_packets = running_cost(
+            settings_of(fingers, LONG_PACKETS), server.name, seconds
+        )
         cost = running_cost(settings, server.name, seconds)
         measured = measure(settings, Graph(server.name), impulses=impulses)
     cells = [
-        str(fingers), name, with_long_packets.shares, cost.shares, latency(measured),
-        str(measured.missed), cost.memory, f"{cost.bitrate:.2f}",
+        str(fingers),
+        name,
+        with_long_packets.shares,
+        cost.shares,
+        latency(measured),
+        str(measured.missed),
+        cost.memory,
+        f"{cost.bitrate:.2f}",
         "equal" if decisions_equal(fingers) else "DIFFERENT",
-    ]  # fmt: skip
+    ]
     return f"| {' | '.join(cells)} |"
 
 
@@ -106,24 +137,42 @@ def packet_costs(numbers: list[int], *, packets: int = 1500) -> dict[int, float]
                 begun = time.thread_time()
                 group.push(AudioBlock(sound, LIVE_SAMPLE_RATE, 120 * packet))
                 for member, socket in zip(group.members, sockets, strict=False):
-                    socket.send([(datagram, sink.address) for datagram, _ in member.session.outgoing()])
+                    socket.send(
+                        [
+                            (datagram, sink.address)
+                            for datagram, _ in member.session.outgoing()
+                        ]
+                    )
                 costs[number].append(1e6 * (time.thread_time() - begun))
-    return {number: statistics.median(found[packets // 5 :]) for number, found in costs.items()}
+    return {
+        number: statistics.median(found[packets // 5 :])
+        for number, found in costs.items()
+    }
 
 
 def connected_group(operators: int) -> "SendGroup":
     """Connect a robot to so many operators in memory, which then stay silent."""
-    robot, identities = Identity.create("robot"), [Identity.create(f"operator {n}") for n in range(operators)]
-    trusted, trusting = Peers({each.fingerprint: each.name for each in identities}), Peers({robot.fingerprint: "robot"})
+    robot, identities = (
+        Identity.create("robot"),
+        [Identity.create(f"operator {n}") for n in range(operators)],
+    )
+    trusted, trusting = (
+        Peers({each.fingerprint: each.name for each in identities}),
+        Peers({robot.fingerprint: "robot"}),
+    )
     calling = [Session(robot, trusted, call=("192.0.2.1", 6000)) for _ in identities]
     answering = [Session(each, trusting) for each in identities]
     group = SendGroup(calling, Codec("opus", packet_size=120))
     for step in range(20):
-        for number, (member, answerer) in enumerate(zip(group.members, answering, strict=True)):
+        for number, (member, answerer) in enumerate(
+            zip(group.members, answering, strict=True)
+        ):
             group.poll(step / 100, operator=number)
             for datagram, _ in member.session.outgoing():
                 answerer.receive(datagram, source=("192.0.2.2", 5000), now=step / 100)
-            replies = [(datagram, ("192.0.2.1", 6000)) for datagram, _ in answerer.outgoing()]
+            replies = [
+                (datagram, ("192.0.2.1", 6000)) for datagram, _ in answerer.outgoing()
+            ]
             group.receive(replies, now=step / 100, operator=number)
     assert len(group.connected) == operators
     return group
@@ -132,27 +181,44 @@ def connected_group(operators: int) -> "SendGroup":
 def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) -> str:
     """Measure the robot alone, sending to so many operators without actuators, each in its process."""
     period, changes = ROWS[name]
-    free = ["capture.contact=-", "capture.air=-", "capture.source=jack", "detector.check_microphones=false"]
+    free = [
+        "capture.contact=-",
+        "capture.air=-",
+        "capture.source=jack",
+        "detector.check_microphones=false",
+    ]
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(period))
-        settings = change(settings_of(1, changes), [*free, f"process.jack_server={server.name}"])
+        settings = change(
+            settings_of(1, changes), [*free, f"process.jack_server={server.name}"]
+        )
         folder = stack.enter_context(temporary_keys())
         robot, first = pair_on_one_machine(
-            change(settings, ["output.actuator=none"]), folder, name=f"scale-{os.getpid()}-1"
+            change(settings, ["output.actuator=none"]),
+            folder,
+            name=f"scale-{os.getpid()}-1",
         )
         receiving = [first]
         for number in range(2, operators + 1):
-            robot, another = with_operator(robot, first, folder, name=f"scale-{os.getpid()}-{number}")
+            robot, another = with_operator(
+                robot, first, folder, name=f"scale-{os.getpid()}-{number}"
+            )
             receiving.append(another)
         for each in receiving:
             stack.enter_context(Supervisor(run_operator, each, name=each.process.name))
-        side = stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
+        side = stack.enter_context(
+            Supervisor(run_robot, robot, name=robot.process.name)
+        )
         process, watcher, shares = psutil.Process(side.pid), Watcher(side.name), []
         time.sleep(3)
         for _ in range(seconds):
             before, begun = sum(process.cpu_times()[:2]), time.monotonic()
             time.sleep(1)
-            shares.append(100 * (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - begun))
+            shares.append(
+                100
+                * (sum(process.cpu_times()[:2]) - before)
+                / (time.monotonic() - begun)
+            )
         connected = watcher.snapshot().gauges["operators"]
     return f"| {operators} | {name} | {statistics.median(shares):.1f} % | {connected:.0f} | {packet_cost:.0f} µs |"
 
@@ -181,10 +247,17 @@ def running_cost(settings: "Settings", server: str, seconds: int) -> RunningCost
         time.sleep(2)
         shares: list[list[float]] = [[], []]
         for _ in range(seconds):
-            before, begun = [sum(process.cpu_times()[:2]) for process in processes], time.monotonic()
+            before, begun = (
+                [sum(process.cpu_times()[:2]) for process in processes],
+                time.monotonic(),
+            )
             time.sleep(1)
             for share, process, earlier in zip(shares, processes, before, strict=True):
-                share.append(100 * (sum(process.cpu_times()[:2]) - earlier) / (time.monotonic() - begun))
+                share.append(
+                    100
+                    * (sum(process.cpu_times()[:2]) - earlier)
+                    / (time.monotonic() - begun)
+                )
         bitrate = Watcher(sides.operator.name).totals()[1]["bitrate_bps"]
         memory = memory_of(processes[1])
     robot, operator = map(statistics.median, shares)
@@ -193,8 +266,12 @@ def running_cost(settings: "Settings", server: str, seconds: int) -> RunningCost
 
 def memory_of(process: "psutil.Process") -> str:
     whole = process.memory_full_info()
-    server = sum(part.rss for part in process.memory_maps() if "/dev/shm/jack-" in part.path)
-    own, rss, pss = ((size + 5e5) // 1e6 for size in (whole.rss - server, whole.rss, whole.pss))
+    server = sum(
+        part.rss for part in process.memory_maps() if "/dev/shm/jack-" in part.path
+    )
+    own, rss, pss = (
+        (size + 5e5) // 1e6 for size in (whole.rss - server, whole.rss, whole.pss)
+    )
     return f"{own:.0f} MB ({rss:.0f}, PSS {pss:.0f})"
 
 
@@ -208,23 +285,42 @@ def latency(measured: "ImpulseLatency") -> str:
 def decisions_equal(fingers: int, *, size: int = 120, duration: float = 1.0) -> bool:
     """Compare each finger's predictions in a hand with those of its pipeline alone: classes, and P(rough) to 1e-5."""
     random = np.random.default_rng(0)
-    strength = 0.1 * (1 + np.sin(np.arange(round(duration * LIVE_SAMPLE_RATE)) / 9000))[:, None]
+    strength = (
+        0.1
+        * (1 + np.sin(np.arange(round(duration * LIVE_SAMPLE_RATE)) / 9000))[:, None]
+    )
     noise = random.standard_normal((len(strength), 2 * fingers))
     samples = (strength * noise).astype(np.float32)
-    hand = Hand([open_pipeline(sample_rate=LIVE_SAMPLE_RATE, channels=2) for _ in range(fingers)])
+    hand = Hand(
+        [
+            open_pipeline(sample_rate=LIVE_SAMPLE_RATE, channels=2)
+            for _ in range(fingers)
+        ]
+    )
     together: list[list[Prediction]] = [[] for _ in range(fingers)]
     for start in range(0, len(samples), size):
-        for step in hand.push(AudioBlock(samples[start : start + size], LIVE_SAMPLE_RATE, start)):
+        for step in hand.push(
+            AudioBlock(samples[start : start + size], LIVE_SAMPLE_RATE, start)
+        ):
             together[step.finger] += step.predictions
     for finger, found in enumerate(together):
         pipeline = open_pipeline(sample_rate=LIVE_SAMPLE_RATE, channels=2)
         own = np.ascontiguousarray(samples[:, 2 * finger : 2 * finger + 2])
         alone: list[Prediction] = []
         for start in range(0, len(own), size):
-            alone += pipeline.push(AudioBlock(own[start : start + size], LIVE_SAMPLE_RATE, start)).predictions
-        if [item.touch for item in alone] != [item.touch for item in found] or not alone:
+            alone += pipeline.push(
+                AudioBlock(own[start : start + size], LIVE_SAMPLE_RATE, start)
+            ).predictions
+        if [item.touch for item in alone] != [
+            item.touch for item in found
+        ] or not alone:
             return False
-        if not np.allclose([item.roughness for item in alone], [item.roughness for item in found], rtol=0, atol=1e-5):
+        if not np.allclose(
+            [item.roughness for item in alone],
+            [item.roughness for item in found],
+            rtol=0,
+            atol=1e-5,
+        ):
             return False
     return True
 

@@ -30,7 +30,12 @@ from tactophone.lab.simulation.motion import row
 from tactophone.lab.simulation.source import SimulatedFinger
 from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
 from tactophone.lab.simulation.surface import Surface
-from tactophone.signal.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
+from tactophone.signal.haptics.psychophysics import (
+    FULL_DRIVE_DB,
+    LEVEL_JND_DB,
+    PITCH_JND,
+    threshold_db,
+)
 
 INTEGRATION = 0.03
 """Seconds; the shortest burst that people perceive as a vibration."""
@@ -62,18 +67,31 @@ class Percepts:
 def perceive(waveform: FloatArray, rate: int) -> Percepts:
     """Compute the percepts of a rendered vibration, shape ``(samples,)``, from -1 to 1 of full drive."""
     size = round(INTEGRATION * rate)
-    windows = np.asarray(waveform[: len(waveform) // size * size], np.float64).reshape(-1, size)
+    windows = np.asarray(waveform[: len(waveform) // size * size], np.float64).reshape(
+        -1, size
+    )
     taper = np.hanning(size)
     power = np.abs(np.fft.rfft(windows * taper, _ZERO_PADDING * size)) ** 2
     frequency = np.asarray(np.fft.rfftfreq(_ZERO_PADDING * size, 1 / rate), np.float64)
-    weighted = power * 10 ** (-threshold_db(frequency) / 10) * ((frequency > LOWEST) & (frequency < HIGHEST))
-    full = _ZERO_PADDING * size * (taper**2).sum() / 4  # total power of a full-scale sine, by Parseval's theorem
+    weighted = (
+        power
+        * 10 ** (-threshold_db(frequency) / 10)
+        * ((frequency > LOWEST) & (frequency < HIGHEST))
+    )
+    full = (
+        _ZERO_PADDING * size * (taper**2).sum() / 4
+    )  # total power of a full-scale sine, by Parseval's theorem
     level = FULL_DRIVE_DB + 10 * np.log10(weighted.sum(axis=1) / full + 1e-20)
-    return Percepts(np.maximum(level, 0.0), np.where(level > 0, _pitch(power, weighted, frequency), 0.0))
+    return Percepts(
+        np.maximum(level, 0.0),
+        np.where(level > 0, _pitch(power, weighted, frequency), 0.0),
+    )
 
 
 def _pitch(
-    power: NDArray[np.float64], weighted: NDArray[np.float64], frequency: NDArray[np.float64]
+    power: NDArray[np.float64],
+    weighted: NDArray[np.float64],
+    frequency: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Log-frequency of the strongest perceived component.
 
@@ -94,8 +112,13 @@ def add_internal_noise(percepts: Percepts, rng: np.random.Generator) -> Percepts
     """
     perceived = percepts.level_db > 0
     level = percepts.level_db + _noise(perceived.size, rng) * LEVEL_JND_DB / _D_PRIME
-    pitch = percepts.pitch + _noise(perceived.size, rng) * np.log1p(PITCH_JND) / _D_PRIME
-    return Percepts(np.where(perceived, np.maximum(level, 0.0), 0.0), np.where(perceived, pitch, 0.0))
+    pitch = (
+        percepts.pitch + _noise(perceived.size, rng) * np.log1p(PITCH_JND) / _D_PRIME
+    )
+    return Percepts(
+        np.where(perceived, np.maximum(level, 0.0), 0.0),
+        np.where(perceived, pitch, 0.0),
+    )
 
 
 def _noise(size: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -148,20 +171,39 @@ def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
     """Render ``visits`` per label and purpose to stones in the competition's box; the same for every method."""
     practice, rounds = {}, {}
     for label in SURFACE_LABELS:
-        known = [obj for obj in catalogue() if obj.label is label and obj.movable and obj.number not in TEST]
-        known = [replace(known[k % len(known)], mounting=Mounting.MAT) for k in range(visits)]
-        new = (synthetic_object(label, np.random.default_rng([0x1273, seed, k, int(label)])) for k in range(visits))
-        practice[label] = tuple(_visit(obj, [seed, 0, k]) for k, obj in enumerate(known))
+        known = [
+            obj
+            for obj in catalogue()
+            if obj.label is label and obj.movable and obj.number not in TEST
+        ]
+        known = [
+            replace(known[k % len(known)], mounting=Mounting.MAT) for k in range(visits)
+        ]
+        new = (
+            synthetic_object(
+                label, np.random.default_rng([0x1273, seed, k, int(label)])
+            )
+            for k in range(visits)
+        )
+        practice[label] = tuple(
+            _visit(obj, [seed, 0, k]) for k, obj in enumerate(known)
+        )
         rounds[label] = tuple(_visit(obj, [seed, 1, k]) for k, obj in enumerate(new))
     return Visits(practice, rounds)
 
 
-def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) -> Visits[Percepts]:
+def perceive_visits(
+    visits: Visits[FloatArray], to_vibration: SoundToVibration
+) -> Visits[Percepts]:
     """Compute the percepts of all visits through a method."""
 
-    def perceived(sounds: dict[Touch, tuple[FloatArray, ...]]) -> dict[Touch, tuple[Percepts, ...]]:
+    def perceived(
+        sounds: dict[Touch, tuple[FloatArray, ...]],
+    ) -> dict[Touch, tuple[Percepts, ...]]:
         return {
-            label: tuple(perceive(to_vibration(sound), LIVE_SAMPLE_RATE) for sound in own)
+            label: tuple(
+                perceive(to_vibration(sound), LIVE_SAMPLE_RATE) for sound in own
+            )
             for label, own in sounds.items()
         }
 
@@ -171,22 +213,37 @@ def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) 
 class Operator:
     """An ideal observer, trained on the percepts of rough and smooth through a method."""
 
-    def __init__(self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0) -> None:
+    def __init__(
+        self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0
+    ) -> None:
         from sklearn.linear_model import LogisticRegression
 
         rng = np.random.default_rng([0x0B5E, seed])
         rows = {
-            label: [observations(add_internal_noise(visit, rng)) for visit in visits for _ in range(4)]
+            label: [
+                observations(add_internal_noise(visit, rng))
+                for visit in visits
+                for _ in range(4)
+            ]
             for label, visits in practice.items()
         }
-        features = np.concatenate([row for label in SURFACE_LABELS for row in rows[label]])
+        features = np.concatenate(
+            [row for label in SURFACE_LABELS for row in rows[label]]
+        )
         sizes = [sum(map(len, rows[label])) for label in SURFACE_LABELS]
         rough = np.repeat([label is Touch.ROUGH for label in SURFACE_LABELS], sizes)
-        self._mean, self._scale = np.zeros(features.shape[1]), np.ones(features.shape[1])
+        self._mean, self._scale = (
+            np.zeros(features.shape[1]),
+            np.ones(features.shape[1]),
+        )
         self._weights = np.zeros(features.shape[1] + 1)
-        if 0 < rough.sum() < rough.size:  # otherwise a label was never perceived, and there is nothing to learn
+        if (
+            0 < rough.sum() < rough.size
+        ):  # otherwise a label was never perceived, and there is nothing to learn
             self._mean, self._scale = features.mean(axis=0), features.std(axis=0) + 1e-9
-            model = LogisticRegression(class_weight="balanced", solver="newton-cholesky", tol=1e-8)
+            model = LogisticRegression(
+                class_weight="balanced", solver="newton-cholesky", tol=1e-8
+            )
             model.fit((features - self._mean) / self._scale, rough)
             self._weights = np.append(model.intercept_, model.coef_)
 
@@ -202,15 +259,26 @@ class Operator:
         if not odds.size:
             return float(np.log(2 / 3)), LONGEST
         time = _OBSERVATION * np.arange(1, odds.size + 1)
-        sure = (np.abs(odds) > np.log((1 - STROKE_ERROR) / STROKE_ERROR)) & (time >= SHORTEST)
-        last = int(np.argmax(sure)) if sure.any() else min(odds.size, round(LONGEST / _OBSERVATION)) - 1
+        sure = (np.abs(odds) > np.log((1 - STROKE_ERROR) / STROKE_ERROR)) & (
+            time >= SHORTEST
+        )
+        last = (
+            int(np.argmax(sure))
+            if sure.any()
+            else min(odds.size, round(LONGEST / _OBSERVATION)) - 1
+        )
         return float(odds[last]), float(time[last])
 
 
-def play_rounds(visits: Visits[Percepts], *, rounds: int = 1000, seed: int = 0) -> list[OperatorRound]:
+def play_rounds(
+    visits: Visits[Percepts], *, rounds: int = 1000, seed: int = 0
+) -> list[OperatorRound]:
     """Play rounds of the task; the same seed draws the same stones, visits and noise for any method."""
     operator = Operator(visits.practice, seed=seed)
-    return [_round(operator, visits, np.random.default_rng([0x5EED, seed, number])) for number in range(rounds)]
+    return [
+        _round(operator, visits, np.random.default_rng([0x5EED, seed, number]))
+        for number in range(rounds)
+    ]
 
 
 def observations(percepts: Percepts) -> NDArray[np.float64]:
@@ -224,7 +292,13 @@ def observations(percepts: Percepts) -> NDArray[np.float64]:
     perceived = level > 0
     count = np.maximum(perceived.sum(axis=1), 1)
     rows = np.stack(
-        [level.sum(axis=1) / count, level.std(axis=1), pitch.sum(axis=1) / count, perceived.mean(axis=1)], axis=1
+        [
+            level.sum(axis=1) / count,
+            level.std(axis=1),
+            pitch.sum(axis=1) / count,
+            perceived.mean(axis=1),
+        ],
+        axis=1,
     )
     return np.asarray(rows[perceived.any(axis=1)])
 
@@ -236,20 +310,35 @@ def _visit(obj: SimulatedObject, seed: Sequence[int]) -> FloatArray:
     session = int(rng.integers(1 << 30))
     placed = scene.placed[0]
     script = Script(rng, x=placed.centre[0], y=placed.centre[1])
-    visit = Visit(LONGEST, log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)), slips=rng.random() < 0.1)
+    visit = Visit(
+        LONGEST,
+        log_uniform(rng, (0.5, 2.5)),
+        log_uniform(rng, (0.04, 0.14)),
+        slips=rng.random() < 0.1,
+    )
     explore(script, placed, visit)
     variation = SessionVariation.draw(session, COMPETITION)
-    finger = SimulatedFinger(scene, script.moves, session=variation, seed=[*seed, session], place=placed.centre)
+    finger = SimulatedFinger(
+        scene,
+        script.moves,
+        session=variation,
+        seed=[*seed, session],
+        place=placed.centre,
+    )
     return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples
 
 
-def _round(operator: Operator, visits: Visits[Percepts], rng: np.random.Generator) -> OperatorRound:
+def _round(
+    operator: Operator, visits: Visits[Percepts], rng: np.random.Generator
+) -> OperatorRound:
     order = [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
     order = [order[k] for k in rng.permutation(5)]
     odds, stroked = [], 0.0
     for label in order:
         choices = visits.rounds[label]
-        rough, time = operator.decide(add_internal_noise(choices[int(rng.integers(len(choices)))], rng))
+        rough, time = operator.decide(
+            add_internal_noise(choices[int(rng.integers(len(choices)))], rng)
+        )
         odds.append(rough)
         stroked += time
     picked = np.argsort(odds)[-2:]
@@ -276,20 +365,37 @@ def synthetic_object(label: Touch, rng: np.random.Generator) -> SimulatedObject:
     first, second = (parents[k] for k in rng.choice(len(parents), 2, replace=False))
     share = float(rng.uniform(0.2, 0.8))
     return replace(
-        first, number=-2, name=f"synthetic {label.name.lower()} stone",
+        first,
+        number=-2,
+        name=f"synthetic {label.name.lower()} stone",
         surface=_blended_surface(first.surface, second.surface, share, rng),
         material=blend(first.material, second.material, share),
         substance=f"between {first.substance} and {second.substance}",
-        body=Body.SHELL if rng.random() < 0.5 else Body.BLOCK, mounting=Mounting.MAT, mass=float(rng.uniform(*MASS)),
-    )  # fmt: skip
+        body=Body.SHELL if rng.random() < 0.5 else Body.BLOCK,
+        mounting=Mounting.MAT,
+        mass=float(rng.uniform(*MASS)),
+    )
 
 
-def _blended_surface(first: Surface, second: Surface, share: float, rng: np.random.Generator) -> Surface:
+def _blended_surface(
+    first: Surface, second: Surface, share: float, rng: np.random.Generator
+) -> Surface:
     features: dict[str, Any] = {}
     for name in ("grains", "pits", "ridges"):
         a, b = getattr(first, name), getattr(second, name)
         # A feature that only one parent has is inherited whole or not at all.
-        features[name] = blend(a, b, share) if a is not None and b is not None else (a if rng.random() < share else b)
-    plain = replace(first, grains=None, pits=None, ridges=None, name="synthetic", seed=int(rng.integers(1 << 30)))
+        features[name] = (
+            blend(a, b, share)
+            if a is not None and b is not None
+            else (a if rng.random() < share else b)
+        )
+    plain = replace(
+        first,
+        grains=None,
+        pits=None,
+        ridges=None,
+        name="synthetic",
+        seed=int(rng.integers(1 << 30)),
+    )
     blended = blend(plain, replace(second, grains=None, pits=None, ridges=None), share)
     return replace(blended, name=plain.name, seed=plain.seed, **features)

@@ -28,7 +28,9 @@ _START = "from tactophone.lab.simulation.demonstration import demonstration; dem
 def offline(name: str) -> float:
     """Speed of rendering a take of an object, as a multiple of real time on one core (processor time)."""
     scene = single(find(name))
-    moves = take_moves(TAKES[1], scene.placed[0], duration=OFFLINE, rng=np.random.default_rng(1))
+    moves = take_moves(
+        TAKES[1], scene.placed[0], duration=OFFLINE, rng=np.random.default_rng(1)
+    )
     finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
     finger.render(480)
     began = time.process_time()
@@ -52,7 +54,11 @@ def live() -> tuple[float, float]:
 def start(cache: str) -> float:
     """Seconds until a new process has rendered its first block."""
     began = time.perf_counter()
-    subprocess.run([sys.executable, "-c", _START], check=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
+    subprocess.run(
+        [sys.executable, "-c", _START],
+        check=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": cache},
+    )
     return time.perf_counter() - began
 
 
@@ -62,9 +68,13 @@ def main() -> None:
         print(f"| offline, one core: {name} | {offline(name):.0f} x real time |")
     share, slowest = live()
     print(f"| live, five stones, blocks of {BLOCK} | {share:.1%} of a core |")
-    print(f"| ... time for a block of {1000 * BLOCK / 48_000:.2f} ms, p99 | {slowest:.2f} ms |")
+    print(
+        f"| ... time for a block of {1000 * BLOCK / 48_000:.2f} ms, p99 | {slowest:.2f} ms |"
+    )
     with tempfile.TemporaryDirectory() as cache:
-        print(f"| first block of a new process, nothing compiled | {start(cache):.1f} s |")
+        print(
+            f"| first block of a new process, nothing compiled | {start(cache):.1f} s |"
+        )
         print(f"| ... any time after | {start(cache):.1f} s |")
 
 

@@ -24,9 +24,14 @@ def vibration(chunks: int, constant: float, start: float) -> np.ndarray:
     """Return smooth for 1.2 s, in which rough lasts for a number of chunks from ``start`` on."""
     time = np.arange(round(1.2 * RATE)) / RATE
     rough = ((time >= start) & (time < start + chunks * CHUNK)).astype(float)
-    heard = [_followed(target, LOW_PASS) for target in (rough, 10 ** (-25 * (1 - rough) / 20))]
+    heard = [
+        _followed(target, LOW_PASS)
+        for target in (rough, 10 ** (-25 * (1 - rough) / 20))
+    ]
     frequency = 120 * 2 ** -heard[0]
-    return np.sin(2 * np.pi * np.cumsum(frequency) / RATE) * _followed(heard[1], constant)
+    return np.sin(2 * np.pi * np.cumsum(frequency) / RATE) * _followed(
+        heard[1], constant
+    )
 
 
 def _followed(target: np.ndarray, constant: float) -> np.ndarray:
@@ -52,7 +57,9 @@ def felt(chunks: int, constant: float) -> bool:
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
     print("| actuator | chunks of 10.7 ms until felt | ms |\n|---|--:|--:|")
     for name, constant in ACTUATORS.items():
         least = next((chunks for chunks in range(1, 60) if felt(chunks, constant)), 60)

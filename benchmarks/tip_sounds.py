@@ -53,11 +53,17 @@ class Recorder(FitCheck):
 def runs_of(folder: Path) -> list[Run]:
     """Return the tip and the takes of each run."""
     groups: dict[tuple[str, str], list[Recording]] = defaultdict(list)
-    for take in sorted(open_dataset(folder).recordings, key=lambda take: take.path.name):
+    for take in sorted(
+        open_dataset(folder).recordings, key=lambda take: take.path.name
+    ):
         groups[take.surface, take.session].append(take)
     if folder.name != "lmt":
         return [(takes[0].known("tip"), takes) for takes in groups.values()]
-    return [("lmt", takes[first : first + 3]) for takes in groups.values() for first in range(0, len(takes) - 2, 3)]
+    return [
+        ("lmt", takes[first : first + 3])
+        for takes in groups.values()
+        for first in range(0, len(takes) - 2, 3)
+    ]
 
 
 def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
@@ -65,13 +71,20 @@ def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
     if channel is not None:
         sound = sound[:, [min(channel, sound.shape[1] - 1)]]
     rate = takes[0].read().sample_rate
-    return [AudioBlock(sound[start : start + BLOCK], rate, start) for start in range(0, len(sound), BLOCK)]
+    return [
+        AudioBlock(sound[start : start + BLOCK], rate, start)
+        for start in range(0, len(sound), BLOCK)
+    ]
 
 
 def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
     """Open a model that classifies nothing, which takes most of the time and changes no notice."""
-    detector = open_detector(model, sample_rate=sound[0].sample_rate, follow_floor=True).detector
-    detector.classify = lambda windows, *_: [(CERTAINLY_NONE, np.zeros(0, np.float32))] * len(windows)
+    detector = open_detector(
+        model, sample_rate=sound[0].sample_rate, follow_floor=True
+    ).detector
+    detector.classify = lambda windows, *_: (
+        [(CERTAINLY_NONE, np.zeros(0, np.float32))] * len(windows)
+    )
     detector.no_touch = None  # it reads features, of which there are none
     return detector
 
@@ -80,7 +93,9 @@ def describe(run: Run, model: str, channel: int | None) -> Floats:
     """Return the descriptions of a run, ``(verdicts, values and number of windows)``, with one channel or both."""
     sound = blocks(run[1], channel)
     detector = listener(model, sound)
-    recorder = detector.fit = Recorder(model, detector.card.sample_rate, air=model == "stylus")
+    recorder = detector.fit = Recorder(
+        model, detector.card.sample_rate, air=model == "stylus"
+    )
     for block in sound:
         detector.push(block)
     return np.array(recorder.found)
@@ -103,9 +118,13 @@ def described(run: Run) -> list[tuple[str, Floats]]:
     tip, found = run[0], []
     if tip != "lmt":
         found.append(("both", describe(run, "texture", None)))
-    found.append(("contact", describe(run, "texture", int(tip not in TIPS or TIPS[tip].hard))))
+    found.append(
+        ("contact", describe(run, "texture", int(tip not in TIPS or TIPS[tip].hard)))
+    )
     found.append(("air", describe(run, "stylus", None)))
-    return [(f"{microphones} {tip}", values) for microphones, values in found if len(values)]
+    return [
+        (f"{microphones} {tip}", values) for microphones, values in found if len(values)
+    ]
 
 
 def fit(runs: list[Run], out: Path) -> None:
@@ -116,8 +135,15 @@ def fit(runs: list[Run], out: Path) -> None:
                 found[name].append(values)
     arrays: dict[str, Floats] = {}
     for microphones in ("both", "contact", "air"):
-        tips = [found[f"{microphones} {tip}"] for tip in (*TIPS, "lmt") if f"{microphones} {tip}" in found]
-        arrays |= {f"{microphones}-{name}": fitted.astype(np.float32) for name, fitted in gaussians(tips).items()}
+        tips = [
+            found[f"{microphones} {tip}"]
+            for tip in (*TIPS, "lmt")
+            if f"{microphones} {tip}" in found
+        ]
+        arrays |= {
+            f"{microphones}-{name}": fitted.astype(np.float32)
+            for name, fitted in gaussians(tips).items()
+        }
     np.savez_compressed(out, **arrays)  # type: ignore[arg-type]
 
 
@@ -129,13 +155,24 @@ def gaussians(tips: list[list[Floats]]) -> dict[str, Floats]:
     means, off, weights = [], [], []
     for runs in tips:
         values = np.concatenate(runs)
-        weight = np.concatenate([np.full(len(run), 1 / len(run) / len(runs) / len(tips)) for run in runs])
+        weight = np.concatenate(
+            [np.full(len(run), 1 / len(run) / len(runs) / len(tips)) for run in runs]
+        )
         means.append(np.average(values[:, :-1], axis=0, weights=weight))
         off.append(np.column_stack((values[:, :-1] - means[-1], values[:, -1])))
         weights.append(weight)
-    deviations, part, weight = np.concatenate(off)[:, :-1], 1 / np.concatenate(off)[:, -1], np.concatenate(weights)
-    moments = [(deviations.T * weight * power) @ deviations for power in (np.ones_like(part), part)]
-    line = np.linalg.inv([[weight.sum(), weight @ part], [weight @ part, weight @ part**2]])
+    deviations, part, weight = (
+        np.concatenate(off)[:, :-1],
+        1 / np.concatenate(off)[:, -1],
+        np.concatenate(weights),
+    )
+    moments = [
+        (deviations.T * weight * power) @ deviations
+        for power in (np.ones_like(part), part)
+    ]
+    line = np.linalg.inv(
+        [[weight.sum(), weight @ part], [weight @ part, weight @ part**2]]
+    )
     between, within = (_positive(np.tensordot(row, moments, 1)) for row in line)
     between += RIDGE_DB**2 * np.eye(len(between))
     spread, basis = scipy.linalg.eigh(within, between)
@@ -152,20 +189,28 @@ def score(runs: list[Run], seconds: float) -> None:
     jobs = [(run, tip) for run in runs for tip in tips]
     counts: dict[tuple[str, str], list[tuple[bool, bool, bool]]] = defaultdict(list)
     with ProcessPoolExecutor(2) as pool:
-        for (run, tip), found in zip(jobs, pool.map(notices, *zip(*jobs, strict=True)), strict=True):
+        for (run, tip), found in zip(
+            jobs, pool.map(notices, *zip(*jobs, strict=True)), strict=True
+        ):
             times = [time for time, code in found if code == "other-tip"]
-            counts[run[0], tip].append((min(times, default=np.inf) <= seconds, bool(times), bool(found)))
+            counts[run[0], tip].append(
+                (min(times, default=np.inf) <= seconds, bool(times), bool(found))
+            )
     print(f"| sound, `--tip` | {' | '.join(tips)} |\n|---|{'--:|' * len(tips)}")
     for sound in sorted({name for name, _ in counts}):
         cells = []
         for tip in tips:
             soon, ever, anything = np.sum(counts[sound, tip], axis=0)
-            cells.append(f"{soon}, {ever} of {len(counts[sound, tip])} (with others {anything})")
+            cells.append(
+                f"{soon}, {ever} of {len(counts[sound, tip])} (with others {anything})"
+            )
         print(f"| {sound} | {' | '.join(cells)} |")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seconds", type=float, default=10.0)

@@ -9,7 +9,9 @@ MISSED = "missed"
 """Class of a true event near which none was detected."""
 
 
-def match_moments(truth: Sequence[float], found: Sequence[float], window: float) -> list[tuple[float, float]]:
+def match_moments(
+    truth: Sequence[float], found: Sequence[float], window: float
+) -> list[tuple[float, float]]:
     """Pair true moments with detected ones, each once, in time order, as many as possible.
 
     Parameters
@@ -81,11 +83,18 @@ def confusion(
 def class_accuracy(counts: Counter[tuple[str, str]]) -> float:
     """Return the share of true events that were detected as what they are; NaN without events."""
     total = counts.total()
-    return sum(count for (true, found), count in counts.items() if true == found) / total if total else float("nan")
+    return (
+        sum(count for (true, found), count in counts.items() if true == found) / total
+        if total
+        else float("nan")
+    )
 
 
 def _take_nearest(
-    event: TouchEvent, among: Sequence[TouchEvent], left: list[TouchEvent], window: float
+    event: TouchEvent,
+    among: Sequence[TouchEvent],
+    left: list[TouchEvent],
+    window: float,
 ) -> TouchEvent | None:
     """Remove from ``left`` the event nearest in time within the window, and return it."""
     nearest = min(among, key=lambda other: abs(other.time - event.time), default=None)

@@ -90,7 +90,9 @@ def touch_scene(
             script.land(force)
             rests = rng.random() < 0.4
             for target in (0.25, -0.2):
-                script.stroke(middle + target * placed.width, float(rng.uniform(0.3, 0.7)), force)
+                script.stroke(
+                    middle + target * placed.width, float(rng.uniform(0.3, 0.7)), force
+                )
                 if rests:
                     script.stroke(script.x, 0.5, force)
     script.hover(0.4)
@@ -113,14 +115,22 @@ def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
     for begin, end in _stretches(contact & (speed > SLIDING_SPEED), TURN):
         if end - begin >= SHORTEST_SLIDE:
             landed = max((time for time, _ in touches if time <= begin), default=0.0)
-            events += [TouchEvent("stroke" if slid < landed else "slip", begin), TouchEvent("lift-off", end)]
+            events += [
+                TouchEvent("stroke" if slid < landed else "slip", begin),
+                TouchEvent("lift-off", end),
+            ]
             slid = end
     return events, [(before[1], after[0]) for before, after in pairwise(touches)]
 
 
-def _stretches(on: NDArray[np.bool_], closer: float = BOUNCE) -> list[tuple[float, float]]:
+def _stretches(
+    on: NDArray[np.bool_], closer: float = BOUNCE
+) -> list[tuple[float, float]]:
     """Return begin and end of each stretch, in s; those closer than so many seconds are one."""
-    edges = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2) / LIVE_SAMPLE_RATE
+    edges = (
+        np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
+        / LIVE_SAMPLE_RATE
+    )
     found: list[tuple[float, float]] = []
     for begin, end in edges:
         if found and begin - found[-1][1] < closer:
@@ -130,7 +140,9 @@ def _stretches(on: NDArray[np.bool_], closer: float = BOUNCE) -> list[tuple[floa
     return found
 
 
-def _add_knocks(sound: FloatArray, gaps: list[tuple[float, float]], rng: np.random.Generator) -> list[float]:
+def _add_knocks(
+    sound: FloatArray, gaps: list[tuple[float, float]], rng: np.random.Generator
+) -> list[float]:
     """Add a knock into each second gap between touches: a decaying burst of air, and a little of it by contact."""
     knocks = []
     for end, begin in gaps[::2]:
@@ -140,7 +152,9 @@ def _add_knocks(sound: FloatArray, gaps: list[tuple[float, float]], rng: np.rand
         size = round(0.03 * LIVE_SAMPLE_RATE)
         envelope = np.exp(-np.arange(size) / (0.004 * LIVE_SAMPLE_RATE))
         burst = rng.normal(0, 0.25, size) * envelope
-        place = slice(round(knock * LIVE_SAMPLE_RATE), round(knock * LIVE_SAMPLE_RATE) + size)
+        place = slice(
+            round(knock * LIVE_SAMPLE_RATE), round(knock * LIVE_SAMPLE_RATE) + size
+        )
         sound[place, 1] += burst
         sound[place, 0] += 10 ** (KNOCK_TO_CONTACT_DB / 20) * burst
         knocks.append(knock)

@@ -40,9 +40,13 @@ def paired_sessions(
 ) -> tuple[SendGroup, ReceiveSession]:
     """Make a robot's and an operator's session that trust each other, with fresh keys."""
     robot, operator = Identity.create("robot"), Identity.create("operator")
-    calling = Session(robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS)
+    calling = Session(
+        robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS
+    )
     answering = Session(operator, Peers({robot.fingerprint: "robot"}))
-    return SendGroup([calling], codec, rule=rule), ReceiveSession(answering, reorder=reorder)
+    return SendGroup([calling], codec, rule=rule), ReceiveSession(
+        answering, reorder=reorder
+    )
 
 
 @dataclass
@@ -52,8 +56,12 @@ class VirtualLink(Generic[T]):
     robot: SendGroup
     operator: Receiver[T]
     """Its session alone, or its whole endpoint; `carry` returns what that returns."""
-    to_operator: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
-    to_robot: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
+    to_operator: ImpairedLink = field(
+        default_factory=lambda: ImpairedLink(NetworkProfile())
+    )
+    to_robot: ImpairedLink = field(
+        default_factory=lambda: ImpairedLink(NetworkProfile())
+    )
     """`to_operator` and `to_robot`: the two directions of the link."""
     number: int = 0
     """Which of the robot's operators this one is."""
@@ -77,7 +85,9 @@ class VirtualLink(Generic[T]):
             self.carry(now)
             now += 0.005
             if now - begun > _CONNECT_TIMEOUT:
-                raise TimeoutError(f"no session within {_CONNECT_TIMEOUT:g} s over {self.to_operator}")
+                raise TimeoutError(
+                    f"no session within {_CONNECT_TIMEOUT:g} s over {self.to_operator}"
+                )
         return now
 
     def carry(self, now: float) -> list[T]:
@@ -93,8 +103,12 @@ class VirtualLink(Generic[T]):
             self.to_operator.push(datagram, now=now)
         for datagram, _ in self._answering.outgoing():
             self.to_robot.push(datagram, now=now)
-        to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)]
-        to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)]
+        to_operator = [
+            (datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)
+        ]
+        to_robot = [
+            (datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)
+        ]
         received += self.operator.receive(to_operator, now=now)
         self.robot.receive(to_robot, now=now, operator=self.number)
         return bool(to_operator or to_robot)

@@ -67,10 +67,25 @@ LONGEST_RECONNECTION = 3.0
 GROWTH = 60.0
 """Megabytes that the process may grow in the last three quarters of a night, whose restarts leave telemetry behind."""
 
-EVENTS = ("network", "network", "no way,", "address of robot,", "kill", "freeze", "freeze", "sleep of", "", "", "")
+EVENTS = (
+    "network",
+    "network",
+    "no way,",
+    "address of robot,",
+    "kill",
+    "freeze",
+    "freeze",
+    "sleep of",
+    "",
+    "",
+    "",
+)
 
 TONE = np.tile(
-    (0.3 * np.sin(2 * np.pi * 300 * np.arange(PERIOD * 2) / LIVE_SAMPLE_RATE)).astype(np.float32)[:, None], (1, 2)
+    (0.3 * np.sin(2 * np.pi * 300 * np.arange(PERIOD * 2) / LIVE_SAMPLE_RATE)).astype(
+        np.float32
+    )[:, None],
+    (1, 2),
 )
 
 
@@ -163,18 +178,33 @@ class Machine:
     restarts: int = 0
 
     def runs(self, now: float) -> bool:
-        return self.side is not None and now >= self.frozen_until and now >= self.asleep_until
+        return (
+            self.side is not None
+            and now >= self.frozen_until
+            and now >= self.asleep_until
+        )
 
 
 class Night:
     """``hours`` of virtual time with ``sound`` seconds of sound; `run` raises `BrokenPromiseError`."""
 
     def __init__(self, seed: int, *, hours: float, sound: float, folder: Path) -> None:
-        self._dice, self.seed, self._hours, self._sound = random.Random(seed), seed, hours, sound
+        self._dice, self.seed, self._hours, self._sound = (
+            random.Random(seed),
+            seed,
+            hours,
+            sound,
+        )
         self._folder, self._name = folder, f"night-{threading.get_native_id()}-{seed}"
-        chosen = ["detector.model=paper", "detector.threshold_dbfs=-26", "detector.check_microphones=false"]
+        chosen = [
+            "detector.model=paper",
+            "detector.threshold_dbfs=-26",
+            "detector.check_microphones=false",
+        ]
         settings = change(Settings(), [*chosen, "link.codec=pcm16"])
-        robot, operator = pair_on_one_machine(settings, folder / "keys", name=self._name)
+        robot, operator = pair_on_one_machine(
+            settings, folder / "keys", name=self._name
+        )
         self._settings = {"robot": robot, "operator": operator}
         called: Address = ("127.0.0.1", operator.link.port)
         self.now = 1_000.0
@@ -217,8 +247,12 @@ class Night:
                 if strokes and self.now >= strokes[0][1]:
                     strokes.pop(0)
                 short = stroke or self.now < self._lively_until
-                following = min([end, *(begin for begin, _ in strokes[:1]), *events[:1]])
-                step = STEP if short else min(QUIET_STEP, max(STEP, following - self.now))
+                following = min(
+                    [end, *(begin for begin, _ in strokes[:1]), *events[:1]]
+                )
+                step = (
+                    STEP if short else min(QUIET_STEP, max(STEP, following - self.now))
+                )
                 self.now = round(self.now + step, 5)
                 self._turn(stroke)
                 if not before and self.now > end - 2700 * self._hours:
@@ -239,7 +273,9 @@ class Night:
 
     def _promise(self, kept: bool, what: str) -> None:
         if not kept:
-            raise BrokenPromiseError(f"seed {self.seed}, {self.now - 1_000:.3f} s into the night: {what}; {self.story}")
+            raise BrokenPromiseError(
+                f"seed {self.seed}, {self.now - 1_000:.3f} s into the night: {what}; {self.story}"
+            )
 
     def _plan(self) -> tuple[list[tuple[float, float]], list[float]]:
         """Return the spans with sound, and the moments of events: most of them within or just after a stroke."""
@@ -255,7 +291,10 @@ class Night:
             for begin, end in strokes
             for _ in range(self._dice.choice((1, 1, 2)))
         ]
-        events += [self.now + self._dice.uniform(1, span) for _ in range(round(4 * self._hours) + 2)]
+        events += [
+            self.now + self._dice.uniform(1, span)
+            for _ in range(round(4 * self._hours) + 2)
+        ]
         return strokes, sorted(events)
 
     def _happen(self) -> None:
@@ -268,15 +307,26 @@ class Night:
             case 0 | 1:
                 self._change_network()
             case 2:
-                self._way_until = self.now + self._dice.choice((0.2, 1.0, 4.0, 30.0, 600.0))
-                self._lively_until = self._way_until + LIVELY if self._way_until < self.now + 60 else self.now + LIVELY
+                self._way_until = self.now + self._dice.choice(
+                    (0.2, 1.0, 4.0, 30.0, 600.0)
+                )
+                self._lively_until = (
+                    self._way_until + LIVELY
+                    if self._way_until < self.now + 60
+                    else self.now + LIVELY
+                )
             case 3:
-                self._machines["robot"].address = (f"192.0.2.{self._dice.randrange(1, 250)}", 5_000)
+                self._machines["robot"].address = (
+                    f"192.0.2.{self._dice.randrange(1, 250)}",
+                    5_000,
+                )
             case 4:
                 self._kill(which)
                 machine.starts_at = self.now + RESTART_DELAY + self._dice.uniform(0, 2)
             case 5 | 6:
-                machine.frozen_until = self.now + self._dice.choice((0.02, 0.08, 0.5, 1.5, 4.0))
+                machine.frozen_until = self.now + self._dice.choice(
+                    (0.02, 0.08, 0.5, 1.5, 4.0)
+                )
             case 7:
                 machine.asleep_until = self.now + self._dice.choice((2.0, 60.0, 1800.0))
             case 8:
@@ -284,7 +334,9 @@ class Night:
             case 9:
                 self._ask(Request("mute"))
             case _:
-                self._ask(Request("ceiling", self._dice.choice((0.0, 0.05, 0.3, 0.5, 0.9))))
+                self._ask(
+                    Request("ceiling", self._dice.choice((0.0, 0.05, 0.3, 0.5, 0.9)))
+                )
         self._tell(f"{EVENTS[event]} {which}" if EVENTS[event] else "request")
         if self._dice.random() < 0.6:
             self._ask(Request("arm"))
@@ -292,16 +344,25 @@ class Night:
                 self._ask(Request("ceiling", 0.5))
 
     def _tell(self, what: str) -> None:
-        self.story = "; ".join([*self.story.split("; ")[-3:], f"{self.now - 1_000:.3f} {what}"])
+        self.story = "; ".join(
+            [*self.story.split("; ")[-3:], f"{self.now - 1_000:.3f} {what}"]
+        )
 
     def _change_network(self) -> None:
         dice = self._dice
         profile = NetworkProfile(
-            loss=dice.choice((0.0, 0.01, 0.05)), burst=dice.choice((1.0, 2.0)), delay=dice.choice((0.0, 0.005, 0.04)),
-            jitter=dice.choice((0.0, 0.002)), duplicates=dice.choice((0.0, 0.02)), overtaking=dice.random() < 0.5,
-        )  # fmt: skip
+            loss=dice.choice((0.0, 0.01, 0.05)),
+            burst=dice.choice((1.0, 2.0)),
+            delay=dice.choice((0.0, 0.005, 0.04)),
+            jitter=dice.choice((0.0, 0.002)),
+            duplicates=dice.choice((0.0, 0.02)),
+            overtaking=dice.random() < 0.5,
+        )
         self._tell(f"{profile.loss:g} of {profile.burst:g} lost, {profile.delay:g} s")
-        self._way = {name: ImpairedLink(profile, seed=dice.randrange(1 << 30)) for name in self._machines}
+        self._way = {
+            name: ImpairedLink(profile, seed=dice.randrange(1 << 30))
+            for name in self._machines
+        }
 
     @contextmanager
     def _virtual(self) -> Iterator[None]:
@@ -325,11 +386,16 @@ class Night:
 
         with contextlib.ExitStack() as stack:
             for where, name, instead in (
-                (time, "monotonic", clock), (Side, "_start", unstarted), (Side, "_prepare_thread", nothing),
-                (robot_side, "name_thread", nothing), (robot_side, "prioritize_thread", nothing),
-                (operator_side, "UdpSocket", port("operator")), (robot_side, "UdpSocket", port("robot")),
-                (wiring, "open_actuator", actuator), (wiring, "REHEARSAL", 0.01),
-            ):  # fmt: skip
+                (time, "monotonic", clock),
+                (Side, "_start", unstarted),
+                (Side, "_prepare_thread", nothing),
+                (robot_side, "name_thread", nothing),
+                (robot_side, "prioritize_thread", nothing),
+                (operator_side, "UdpSocket", port("operator")),
+                (robot_side, "UdpSocket", port("robot")),
+                (wiring, "open_actuator", actuator),
+                (wiring, "REHEARSAL", 0.01),
+            ):
                 stack.enter_context(mock.patch.object(where, name, instead))
             yield
 
@@ -356,7 +422,9 @@ class Night:
 
     def _forget(self, name: str) -> None:
         """Remove the telemetry of a process that was killed: `remove_memory` sees that this one lives."""
-        (memory.folder() / f"{memory.PREFIX}{self._run_of(name)}").unlink(missing_ok=True)
+        (memory.folder() / f"{memory.PREFIX}{self._run_of(name)}").unlink(
+            missing_ok=True
+        )
 
     def _run_of(self, name: str) -> str:
         return self._name if name == "operator" else f"{self._name}-robot"
@@ -367,7 +435,10 @@ class Night:
         machine.side, machine.starts_at = None, math.inf
         machine.port = Port(machine.address)
         if name == "operator":
-            self._quiet_since, self._armed = min(self._quiet_since, self.now) if not self._armed else self.now, False
+            self._quiet_since, self._armed = (
+                min(self._quiet_since, self.now) if not self._armed else self.now,
+                False,
+            )
 
     def _ask(self, request: Request) -> None:
         """Ask the operator's process; a frozen one is not asked."""
@@ -376,8 +447,13 @@ class Night:
             return
         side: Operator = machine.side
         self._as(machine)
-        refused = [action for finger in side._fingers for action in finger.apply([request])]
-        self._promise(bool(refused) == (request.action == "ceiling" and request.value > 0.5), f"{request} {refused}")
+        refused = [
+            action for finger in side._fingers for action in finger.apply([request])
+        ]
+        self._promise(
+            bool(refused) == (request.action == "ceiling" and request.value > 0.5),
+            f"{request} {refused}",
+        )
         if request.action in ("stop", "mute") and self._armed:
             self._armed, self._quiet_since = False, self.now
         elif request.action == "arm":
@@ -398,7 +474,11 @@ class Night:
             start = self._position % PERIOD
             if robot.runs(self.now):
                 self._as(robot)
-                robot.side._send(AudioBlock(TONE[start : start + PERIOD], LIVE_SAMPLE_RATE, self._position))
+                robot.side._send(
+                    AudioBlock(
+                        TONE[start : start + PERIOD], LIVE_SAMPLE_RATE, self._position
+                    )
+                )
             self._position += PERIOD
         for back in (False, True):
             self._carry(back)
@@ -435,21 +515,33 @@ class Night:
                 now = self._as(machine)
                 side = machine.side
                 side.ended.clear()
-                side._follow_network(0) if isinstance(side, Robot) else side._follow_network()
+                side._follow_network(0) if isinstance(
+                    side, Robot
+                ) else side._follow_network()
                 side.ended.clear()
                 if back:
                     side.housekeep(now)
 
     def _check_connection(self, robot: Machine, operator: Machine) -> None:
-        usable = robot.runs(self.now) and operator.runs(self.now) and self.now >= self._way_until
+        usable = (
+            robot.runs(self.now)
+            and operator.runs(self.now)
+            and self.now >= self._way_until
+        )
         if not usable:
             self._usable_since = math.inf
             return
         if math.isinf(self._usable_since):
-            self._usable_since, self._lively_until = self.now, max(self._lively_until, self.now + LIVELY)
+            self._usable_since, self._lively_until = (
+                self.now,
+                max(self._lively_until, self.now + LIVELY),
+            )
         connected = robot.side._group.peers and operator.side._session.peer
         waited = self.now - self._usable_since
-        self._promise(bool(connected) or waited <= LONGEST_RECONNECTION, f"not connected after {waited:.2f} s")
+        self._promise(
+            bool(connected) or waited <= LONGEST_RECONNECTION,
+            f"not connected after {waited:.2f} s",
+        )
 
     def _check_vibration(self, machine: Machine) -> None:
         side, now = machine.side, self.now
@@ -457,7 +549,11 @@ class Night:
             return
         server: Server = side._actuator
         awake = now >= machine.asleep_until
-        out = server.period(on_time=machine.runs(now)) if awake else np.zeros(PERIOD, np.float32)
+        out = (
+            server.period(on_time=machine.runs(now))
+            if awake
+            else np.zeros(PERIOD, np.float32)
+        )
         if awake and side._watcher is not None:
             match self._watchdog.check(side._watcher.pulse(), now=now):
                 case Verdict.LATE:
@@ -469,26 +565,45 @@ class Night:
         gate = side._fingers[0].gate
         self._promise(peak <= 0.5 + 1e-6, f"a peak of {peak:.3f}")
         if now - self._lowered_at > SOON:
-            self._promise(peak <= gate.limits.ceiling + 1e-5, f"{peak:.3f} over the ceiling {gate.limits.ceiling}")
-        self._promise(self._armed == gate.armed or not machine.runs(now), f"armed: {gate.armed}, not {self._armed}")
+            self._promise(
+                peak <= gate.limits.ceiling + 1e-5,
+                f"{peak:.3f} over the ceiling {gate.limits.ceiling}",
+            )
+        self._promise(
+            self._armed == gate.armed or not machine.runs(now),
+            f"armed: {gate.armed}, not {self._armed}",
+        )
         if not self._armed and now - self._quiet_since > SOON:
             self._promise(peak == 0.0, f"{peak:.3f} while stopped")
         # Samples count, not time: what was frozen or asleep goes on with its fade where it stood.
         passed = STEP * machine.runs(now)
         fresh = side._fingers[0].renderer._slot is not self._command
         self._command = side._fingers[0].renderer._slot
-        self._unheard, self._uncommanded = self._unheard + passed, 0.0 if fresh else self._uncommanded + passed
-        self._promise(peak == 0.0 or self._uncommanded <= SOON, f"{peak:.3f} {self._uncommanded:.3f} s after a command")
+        self._unheard, self._uncommanded = (
+            self._unheard + passed,
+            0.0 if fresh else self._uncommanded + passed,
+        )
+        self._promise(
+            peak == 0.0 or self._uncommanded <= SOON,
+            f"{peak:.3f} {self._uncommanded:.3f} s after a command",
+        )
         heard = self._unheard <= SOON + CONCEALED
-        self._promise(peak == 0.0 or heard, f"{peak:.3f} {self._unheard:.3f} s after the last sound")
+        self._promise(
+            peak == 0.0 or heard,
+            f"{peak:.3f} {self._unheard:.3f} s after the last sound",
+        )
         if now < machine.frozen_until:
             self._frozen_for = self._frozen_for + now - self._checked_at
         else:
             self._frozen_for = 0.0
-        self._promise(peak == 0.0 or self._frozen_for <= SOON, f"{peak:.3f} of a frozen process")
+        self._promise(
+            peak == 0.0 or self._frozen_for <= SOON, f"{peak:.3f} of a frozen process"
+        )
         self._checked_at = now
         self.felt += peak > 0.01
-        if self.felt == self._freeze_at:  # once a night in the middle of a vibration, which only the watchdog ends then
+        if (
+            self.felt == self._freeze_at
+        ):  # once a night in the middle of a vibration, which only the watchdog ends then
             self._freeze_at, machine.frozen_until = -1, now + 0.15
             self._tell("freeze while it vibrates")
 
@@ -496,7 +611,10 @@ class Night:
         replay = Replay(read_log(self._folder / "night.mcap"))
         for _ in replay.steps():
             pass
-        self._promise(replay.comparison.different == 0, f"replay: {replay.comparison.different} predictions differ")
+        self._promise(
+            replay.comparison.different == 0,
+            f"replay: {replay.comparison.different} predictions differ",
+        )
         self.compared = replay.comparison.equal
 
 

@@ -16,7 +16,9 @@ def main(path: str) -> None:
         for prediction in step.predictions:
             if prediction.touch != previous:
                 name = Touch(prediction.touch).name.lower()
-                print(f"{prediction.end:8.3f} s  {name:6}  roughness {prediction.roughness:.2f}")
+                print(
+                    f"{prediction.end:8.3f} s  {name:6}  roughness {prediction.roughness:.2f}"
+                )
             previous = prediction.touch
     for note in recording.notes:
         print(f"note: {note}")

@@ -26,11 +26,15 @@ class Strength:
 def main(path: str) -> None:
     """Print the commands for a recording."""
     with FileSource(path) as source:
-        pipeline = open_pipeline(sample_rate=source.sample_rate, channels=source.channels)
+        pipeline = open_pipeline(
+            sample_rate=source.sample_rate, channels=source.channels
+        )
         pipeline.profile = Strength()
         for block in source:
             for command in pipeline.push(block).commands:
-                print(f"{command.time:8.3f} s  {command.frequency:.0f} Hz  {command.amplitude:.2f}")
+                print(
+                    f"{command.time:8.3f} s  {command.frequency:.0f} Hz  {command.amplitude:.2f}"
+                )
 
 
 if __name__ == "__main__":

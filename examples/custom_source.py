@@ -33,6 +33,8 @@ class NoiseBursts:
 
 if __name__ == "__main__":
     with NoiseBursts() as source:
-        pipeline = open_pipeline(sample_rate=source.sample_rate, channels=source.channels)
+        pipeline = open_pipeline(
+            sample_rate=source.sample_rate, channels=source.channels
+        )
         steps = [pipeline.push(block) for block in source]
     print([prediction.touch.name for step in steps for prediction in step.predictions])

@@ -21,7 +21,11 @@ def main(path: str) -> None:
     periods = []
     for number in range(150):
         if number < 100:
-            oscillator.submit(HapticCommand(amplitude=1.0, frequency=60.0, time=number * PERIOD / SAMPLE_RATE))
+            oscillator.submit(
+                HapticCommand(
+                    amplitude=1.0, frequency=60.0, time=number * PERIOD / SAMPLE_RATE
+                )
+            )
         out = np.zeros(PERIOD, np.float32)
         oscillator.render(out)
         periods.append(out)

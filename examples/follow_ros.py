@@ -11,7 +11,9 @@ from tactophone.faces.bridges import ros_topics as messages
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
 domain = DomainParticipant(0)
-reader = DataReader(domain, Topic(domain, "rt/tactophone/index/vibration", messages.Float32MultiArray))
+reader = DataReader(
+    domain, Topic(domain, "rt/tactophone/index/vibration", messages.Float32MultiArray)
+)
 until = time.monotonic() + seconds
 while time.monotonic() < until:
     for sample in reader.take(N=10):

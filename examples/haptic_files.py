@@ -41,12 +41,17 @@ Point = tuple[float, float, float]
 """Time in s, amplitude 0-1, frequency in Hz."""
 
 
-def envelope(commands: Iterable[HapticCommand], *, duration: float = 0.0) -> list[Point]:
+def envelope(
+    commands: Iterable[HapticCommand], *, duration: float = 0.0
+) -> list[Point]:
     """Return the points of a stream of at least ``duration`` s, from time 0, each command held until the next."""
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
     for command in commands:
         _, amplitude, frequency = points[-1]
-        target = (command.amplitude if command.amplitude > SILENT_AMPLITUDE else 0.0, command.frequency)
+        target = (
+            command.amplitude if command.amplitude > SILENT_AMPLITUDE else 0.0,
+            command.frequency,
+        )
         if target == (amplitude, frequency):
             continue
         if target[0] == 0.0:
@@ -72,8 +77,14 @@ def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
         "signals": {
             "continuous": {
                 "envelopes": {
-                    "amplitude": [{"time": _time(time), "amplitude": _digits(level)} for time, level, _ in points],
-                    "frequency": [{"time": _time(time), "frequency": _relative(hertz)} for time, _, hertz in points],
+                    "amplitude": [
+                        {"time": _time(time), "amplitude": _digits(level)}
+                        for time, level, _ in points
+                    ],
+                    "frequency": [
+                        {"time": _time(time), "frequency": _relative(hertz)}
+                        for time, _, hertz in points
+                    ],
                 }
             }
         },
@@ -104,7 +115,11 @@ def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
             ("HapticSharpnessControl", lambda point: _relative(point[2])),
         )
     ]
-    return {"Version": 1.0, "Metadata": {"Project": "tactophone"}, "Pattern": [event, *curves]}
+    return {
+        "Version": 1.0,
+        "Metadata": {"Project": "tactophone"},
+        "Pattern": [event, *curves],
+    }
 
 
 HJIF_TICKS = 10_000
@@ -126,28 +141,48 @@ def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
         for time, level, hertz in points
     ]
     band = {
-        "band_type": "VectorialWave", "lower_frequency_limit": round(LOWEST_HZ),
+        "band_type": "VectorialWave",
+        "lower_frequency_limit": round(LOWEST_HZ),
         "upper_frequency_limit": round(HIGHEST_HZ),
         "effects": [
-            {"id": 0, "position": 0, "phase": 0.0, "base_signal": "Sine", "effect_type": "Basis",
-             "keyframes": keyframes}
+            {
+                "id": 0,
+                "position": 0,
+                "phase": 0.0,
+                "base_signal": "Sine",
+                "effect_type": "Basis",
+                "keyframes": keyframes,
+            }
         ],
-    }  # fmt: skip
+    }
     channel = {
-        "id": 0, "description": "fingertip", "gain": 1.0, "mixing_coefficient": 1.0, "body_part_mask": 0,
+        "id": 0,
+        "description": "fingertip",
+        "gain": 1.0,
+        "mixing_coefficient": 1.0,
+        "body_part_mask": 0,
         "bands": [band],
-    }  # fmt: skip
+    }
     return {
-        "version": "2023", "profile": "Main", "level": 1, "date": "2026-11-24", "timescale": HJIF_TICKS,
+        "version": "2023",
+        "profile": "Main",
+        "level": 1,
+        "date": "2026-11-24",
+        "timescale": HJIF_TICKS,
         "description": "commands of tactophone, after its limits",
         "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
         "perceptions": [
-            {"id": 0, "avatar_id": 1, "description": "roughness", "perception_modality": "Vibrotactile",
-             "effect_library": [],
-             "channels": [channel]}
+            {
+                "id": 0,
+                "avatar_id": 1,
+                "description": "roughness",
+                "perception_modality": "Vibrotactile",
+                "effect_library": [],
+                "channels": [channel],
+            }
         ],
         "syncs": [],
-    }  # fmt: skip
+    }
 
 
 FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
@@ -157,7 +192,9 @@ FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
 }
 
 
-def write_haptic_file(path: Path, commands: Iterable[HapticCommand], *, duration: float = 0.0) -> Path:
+def write_haptic_file(
+    path: Path, commands: Iterable[HapticCommand], *, duration: float = 0.0
+) -> Path:
     """Write a command stream in the format of the file's ending; raises `ConfigError` for another ending."""
     if path.suffix not in FORMATS:
         raise ConfigError(f"{path}: haptic files end in {', '.join(FORMATS)}")
@@ -166,14 +203,17 @@ def write_haptic_file(path: Path, commands: Iterable[HapticCommand], *, duration
     return path
 
 
-def _curve(name: str, points: Sequence[Point], value: Callable[[Point], float]) -> dict[str, Any]:
+def _curve(
+    name: str, points: Sequence[Point], value: Callable[[Point], float]
+) -> dict[str, Any]:
     start = _time(points[0][0])
     return {
         "ParameterCurve": {
             "ParameterID": name,
             "Time": start,
             "ParameterCurveControlPoints": [
-                {"Time": _time(point[0] - start), "ParameterValue": value(point)} for point in points
+                {"Time": _time(point[0] - start), "ParameterValue": value(point)}
+                for point in points
             ],
         }
     }
@@ -189,14 +229,22 @@ def _digits(amplitude: float) -> float:
 
 def _relative(hertz: float) -> float:
     """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by ratio."""
-    share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(HIGHEST_HZ / LOWEST_HZ)
+    share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(
+        HIGHEST_HZ / LOWEST_HZ
+    )
     return round(min(share, 1.0), 4)
 
 
 def main() -> None:
     timeline = read_timeline(Path(sys.argv[1]))
-    rows = zip(timeline["amplitude"], timeline["frequency"], timeline["time"], strict=True)
-    print(write_haptic_file(Path(sys.argv[2]), [HapticCommand(*map(float, row)) for row in rows]))
+    rows = zip(
+        timeline["amplitude"], timeline["frequency"], timeline["time"], strict=True
+    )
+    print(
+        write_haptic_file(
+            Path(sys.argv[2]), [HapticCommand(*map(float, row)) for row in rows]
+        )
+    )
 
 
 if __name__ == "__main__":

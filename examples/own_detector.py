@@ -10,7 +10,16 @@ from collections import Counter
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 
-from tactophone import AudioBlock, ContactThreshold, FileSource, Limits, Pipeline, Prediction, Touch, open_profile
+from tactophone import (
+    AudioBlock,
+    ContactThreshold,
+    FileSource,
+    Limits,
+    Pipeline,
+    Prediction,
+    Touch,
+    open_profile,
+)
 
 
 class Own:
@@ -34,8 +43,15 @@ class Own:
             window, self.rest = self.rest[: self.size], self.rest[self.size :]
             chances = tuple(map(float, self.model.predict_proba([features(window)])[0]))
             level = 10 * np.log10(np.mean(np.square(window, dtype=float)) + 1e-20)
-            touch = Touch(int(np.argmax(chances))) if level > self.threshold.dbfs else Touch.NONE
-            bounds, self.start = (self.start / self.rate, (self.start + self.size) / self.rate), self.start + self.size
+            touch = (
+                Touch(int(np.argmax(chances)))
+                if level > self.threshold.dbfs
+                else Touch.NONE
+            )
+            bounds, self.start = (
+                (self.start / self.rate, (self.start + self.size) / self.rate),
+                self.start + self.size,
+            )
             roughness = chances[2] / (chances[1] + chances[2] + 1e-9)
             found.append(Prediction(chances, touch, roughness, level, *bounds))
         return found
@@ -61,10 +77,16 @@ def windows(path: str) -> list[np.ndarray]:
 
 if __name__ == "__main__":
     *labelled, path = sys.argv[1:]
-    taught = [(row, touch) for touch, name in enumerate(labelled) for row in windows(name)]
+    taught = [
+        (row, touch) for touch, name in enumerate(labelled) for row in windows(name)
+    ]
     model = LogisticRegression(max_iter=1000).fit(*map(list, zip(*taught, strict=True)))
     with FileSource(path) as source:
-        pipeline = Pipeline(Own(model, source.sample_rate), open_profile("paper"), Limits())
+        pipeline = Pipeline(
+            Own(model, source.sample_rate), open_profile("paper"), Limits()
+        )
         for block in source:
             for prediction in pipeline.push(block).predictions:
-                print(f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  {prediction.roughness:.2f}")
+                print(
+                    f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  {prediction.roughness:.2f}"
+                )

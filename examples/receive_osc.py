@@ -8,7 +8,10 @@ from pythonosc.osc_server import ThreadingOSCUDPServer
 
 port, seconds = int(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
 dispatcher = Dispatcher()
-dispatcher.map("/tactophone/*", lambda address, *values: print(address, *(f"{value:.2f}" for value in values)))
+dispatcher.map(
+    "/tactophone/*",
+    lambda address, *values: print(address, *(f"{value:.2f}" for value in values)),
+)
 with ThreadingOSCUDPServer(("127.0.0.1", port), dispatcher) as server:
     server.timeout = 0.1
     until = time.monotonic() + seconds

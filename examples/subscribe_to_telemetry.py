@@ -16,8 +16,13 @@ def main(name: str, seconds: str = "10") -> None:
     deadline = time.monotonic() + float(seconds)
     while time.monotonic() < deadline:
         snapshot = watcher.snapshot()
-        received, lost = snapshot.counters["packets_received"], snapshot.counters["packets_lost"]
-        roughness = snapshot.steps[-1]["roughness"] if len(snapshot.steps) else float("nan")
+        received, lost = (
+            snapshot.counters["packets_received"],
+            snapshot.counters["packets_lost"],
+        )
+        roughness = (
+            snapshot.steps[-1]["roughness"] if len(snapshot.steps) else float("nan")
+        )
         print(f"roughness {roughness:.2f}  {received} packets received, {lost} lost")
         time.sleep(0.2)
 

@@ -30,10 +30,18 @@ def pictures(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     powers = np.abs(np.fft.rfft(slices * np.hanning(size))) ** 2 / size
     edges = np.geomspace(60, min(8000, rate / 2), BANDS + 1)
     bins = np.searchsorted(edges, np.fft.rfftfreq(size, 1 / rate)).clip(1, BANDS) - 1
-    bands = np.stack([powers[:, bins == band].sum(axis=1) for band in range(BANDS)], axis=1)
+    bands = np.stack(
+        [powers[:, bins == band].sum(axis=1) for band in range(BANDS)], axis=1
+    )
     wide, step = round(WINDOW / SLICE), round(HOP / SLICE)
-    shown = sliding_window_view(np.log(bands + 1e-9), wide, axis=0)[::step].transpose(0, 2, 1).astype(np.float32)
-    level = 10 * np.log10(sliding_window_view((slices**2).mean(axis=1), wide)[::step].mean(axis=1) + 1e-12)
+    shown = (
+        sliding_window_view(np.log(bands + 1e-9), wide, axis=0)[::step]
+        .transpose(0, 2, 1)
+        .astype(np.float32)
+    )
+    level = 10 * np.log10(
+        sliding_window_view((slices**2).mean(axis=1), wide)[::step].mean(axis=1) + 1e-12
+    )
     return WINDOW + HOP * np.arange(len(shown)), shown, level
 
 
@@ -49,20 +57,33 @@ class TyreNetwork:
         surfaces = sorted({recording.surface for recording in recordings})
         sizes, images = [len(each) for each in kept], np.concatenate(kept)
         rough = np.repeat([bool(recording.rough) for recording in recordings], sizes)
-        surface = np.repeat([surfaces.index(recording.surface) for recording in recordings], sizes)
+        surface = np.repeat(
+            [surfaces.index(recording.surface) for recording in recordings], sizes
+        )
         centre, scale = images.mean(), images.std()
         torch.manual_seed(0)
         network = nn.Sequential(
-            nn.Conv2d(1, 16, 3, padding=1), nn.ReLU(), nn.MaxPool2d(2), nn.Conv2d(16, 32, 3, padding=1), nn.ReLU(),
-            nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(32, 1),
-        )  # fmt: skip
-        optimiser, draw = torch.optim.AdamW(network.parameters(), 2e-3), np.random.default_rng(0)
+            nn.Conv2d(1, 16, 3, padding=1),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+            nn.Conv2d(16, 32, 3, padding=1),
+            nn.ReLU(),
+            nn.AdaptiveAvgPool2d(1),
+            nn.Flatten(),
+            nn.Linear(32, 1),
+        )
+        optimiser, draw = (
+            torch.optim.AdamW(network.parameters(), 2e-3),
+            np.random.default_rng(0),
+        )
         weights = even_weights(rough, surface)
         for _ in range(400):
             which = draw.choice(len(images), 128, p=weights / weights.sum())
             seen = torch.from_numpy((images[which] - centre) / scale)[:, None]
             wanted = torch.from_numpy(rough[which].astype(np.float32))
-            loss = nn.functional.binary_cross_entropy_with_logits(network(seen)[:, 0], wanted)
+            loss = nn.functional.binary_cross_entropy_with_logits(
+                network(seen)[:, 0], wanted
+            )
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
@@ -70,13 +91,26 @@ class TyreNetwork:
         def predict(recording: Recording) -> TakePredictions:
             time, shown, level = pictures(recording)
             with torch.no_grad():
-                share = torch.sigmoid(network(torch.from_numpy((shown - centre) / scale)[:, None])[:, 0]).numpy()
-            probabilities = np.stack([np.zeros_like(share), 1 - share, share], axis=1).astype(np.float32)
-            return TakePredictions(recording, time, probabilities, level > floor + CONTACT_DB)
+                share = torch.sigmoid(
+                    network(torch.from_numpy((shown - centre) / scale)[:, None])[:, 0]
+                ).numpy()
+            probabilities = np.stack(
+                [np.zeros_like(share), 1 - share, share], axis=1
+            ).astype(np.float32)
+            return TakePredictions(
+                recording, time, probabilities, level > floor + CONTACT_DB
+            )
 
         return predict
 
 
 if __name__ == "__main__":
-    folds = split(open_dataset(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "leave-one-surface-out")
-    print(make_report(cross_validate(TyreNetwork(), folds)).rules["two-class"]["balanced_accuracy"])
+    folds = split(
+        open_dataset(sys.argv[1]),
+        sys.argv[2] if len(sys.argv) > 2 else "leave-one-surface-out",
+    )
+    print(
+        make_report(cross_validate(TyreNetwork(), folds)).rules["two-class"][
+            "balanced_accuracy"
+        ]
+    )

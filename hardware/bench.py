@@ -51,7 +51,11 @@ CLEAR_DB = 20.0
 """A hit stands so far over silence."""
 
 STEPS = (
-    ("silence", 3.0, "Silence: the finger clamped, its pad up, touching nothing; contact gain turned down for a ball"),
+    (
+        "silence",
+        3.0,
+        "Silence: the finger clamped, its pad up, touching nothing; contact gain turned down for a ball",
+    ),
     ("motors", 3.0, "Motors: let the robot's motors run, touching nothing"),
     (
         "ball",
@@ -59,7 +63,11 @@ STEPS = (
         "Ball: drop a steel ball of 2 g (8 mm) on the pad from 50 mm, about once a second; peaks near -6 dBFS",
     ),
     ("tap", 4.0, "Tap: tap on the pad with a pencil, about once a second"),
-    ("weight", 8.0, "Weight: stand 100 g on the pad and tap it from above with a pencil, about once a second"),
+    (
+        "weight",
+        8.0,
+        "Weight: stand 100 g on the pad and tap it from above with a pencil, about once a second",
+    ),
 )
 """Name, seconds and instruction of each step."""
 
@@ -86,32 +94,64 @@ class BenchResult:
         expected = np.sqrt(STIFFNESS / (PAD + WEIGHT)) / (2 * np.pi)
         band = np.sqrt(STIFFNESS_RATIO)
         lines = (
-            ("ball, highest peak", f"{self.ball_dbfs:.1f} dBFS", f"{BALL_DBFS[0]:g} to {BALL_DBFS[1]:g} dBFS"),
-            ("ball, treble over bass", f"{self.brightness_db:+.1f} dB",
-             f"{BRIGHTNESS_DB[0]:+g} to {BRIGHTNESS_DB[1]:+g} dB"),
-            ("tap over silence", f"{self.tap_over_silence_db:.0f} dB", f"{CLEAR_DB:g} dB or more"),
-            ("resonance under 100 g", f"{self.resonance_hz:.0f} Hz",
-             f"{expected / band:.0f} to {expected * band:.0f} Hz"),
-            ("compliance of the bed", f"{1e6 / self.stiffness:.0f} µm/N",
-             f"{1e6 / STIFFNESS / STIFFNESS_RATIO:.0f} to {1e6 / STIFFNESS * STIFFNESS_RATIO:.0f} µm/N"),
-            ("motors over silence", f"{self.motors_db:.1f} dB", f"{MOTORS_DB:g} dB or less"),
-        )  # fmt: skip
-        return [{"test": test, "measured": found, "expected": wanted} for test, found, wanted in lines]
+            (
+                "ball, highest peak",
+                f"{self.ball_dbfs:.1f} dBFS",
+                f"{BALL_DBFS[0]:g} to {BALL_DBFS[1]:g} dBFS",
+            ),
+            (
+                "ball, treble over bass",
+                f"{self.brightness_db:+.1f} dB",
+                f"{BRIGHTNESS_DB[0]:+g} to {BRIGHTNESS_DB[1]:+g} dB",
+            ),
+            (
+                "tap over silence",
+                f"{self.tap_over_silence_db:.0f} dB",
+                f"{CLEAR_DB:g} dB or more",
+            ),
+            (
+                "resonance under 100 g",
+                f"{self.resonance_hz:.0f} Hz",
+                f"{expected / band:.0f} to {expected * band:.0f} Hz",
+            ),
+            (
+                "compliance of the bed",
+                f"{1e6 / self.stiffness:.0f} µm/N",
+                f"{1e6 / STIFFNESS / STIFFNESS_RATIO:.0f} to {1e6 / STIFFNESS * STIFFNESS_RATIO:.0f} µm/N",
+            ),
+            (
+                "motors over silence",
+                f"{self.motors_db:.1f} dB",
+                f"{MOTORS_DB:g} dB or less",
+            ),
+        )
+        return [
+            {"test": test, "measured": found, "expected": wanted}
+            for test, found, wanted in lines
+        ]
 
 
 def run_bench(
-    settings: Settings, *, step: Step = record_act, begin: Callable[[AudioInput], None] = ignore
+    settings: Settings,
+    *,
+    step: Step = record_act,
+    begin: Callable[[AudioInput], None] = ignore,
 ) -> BenchResult:
     """Record the steps and measure them; the simulated finger's are rendered. ``begin``: when the source is open."""
     if settings.capture.source == "finger":
         from bench_sounds import BuiltFinger, bench_sounds  # beside this file
 
-        sounds = bench_sounds(BuiltFinger(), weight=WEIGHT, seed=settings.simulation.seed)
+        sounds = bench_sounds(
+            BuiltFinger(), weight=WEIGHT, seed=settings.simulation.seed
+        )
         return measure_bench(sounds, LIVE_SAMPLE_RATE)
     with AudioInput(settings, CHECKED_OBJECT) as audio:
         begin(audio)
         blocks = iter(audio)
-        sounds = {name: step(audio, blocks, SimulatedAct("rest", long), words) for name, long, words in STEPS}
+        sounds = {
+            name: step(audio, blocks, SimulatedAct("rest", long), words)
+            for name, long, words in STEPS
+        }
         return measure_bench(sounds, audio.source.sample_rate)
 
 
@@ -119,25 +159,43 @@ def measure_bench(sounds: Mapping[str, FloatArray], rate: int) -> BenchResult:
     """Measure the contact channel of the sounds of `STEPS`, each float32 ``(samples, channels)``."""
     heard = {name: sound[:, 0].astype(np.float64) for name, sound in sounds.items()}
     silence = _level(heard["silence"])
-    balls, taps, weights = (_hits(heard[name], silence, rate) for name in ("ball", "tap", "weight"))
-    resonance = float(np.median([_resonance(hit, rate) for hit in weights])) if weights else float("nan")
+    balls, taps, weights = (
+        _hits(heard[name], silence, rate) for name in ("ball", "tap", "weight")
+    )
+    resonance = (
+        float(np.median([_resonance(hit, rate) for hit in weights]))
+        if weights
+        else float("nan")
+    )
     peaks = [20 * np.log10(np.abs(hit).max()) for hit in balls]
     measured = BenchResult(
         ball_dbfs=float(max(peaks, default=float("nan"))),
-        brightness_db=float(np.median([_brightness(hit, rate) for hit in balls])) if balls else float("nan"),
-        tap_over_silence_db=max((_level(hit[: rate // 50]) - silence for hit in taps), default=float("nan")),
+        brightness_db=float(np.median([_brightness(hit, rate) for hit in balls]))
+        if balls
+        else float("nan"),
+        tap_over_silence_db=max(
+            (_level(hit[: rate // 50]) - silence for hit in taps), default=float("nan")
+        ),
         resonance_hz=resonance,
         stiffness=(2 * np.pi * resonance) ** 2 * (PAD + WEIGHT),
         motors_db=_level(heard["motors"]) - silence,
     )
-    few = [name for name, hits in (("ball", balls), ("tap", taps), ("weight", weights)) if len(hits) < LEAST_HITS]
+    few = [
+        name
+        for name, hits in (("ball", balls), ("tap", taps), ("weight", weights))
+        if len(hits) < LEAST_HITS
+    ]
     findings = (*(_few(name) for name in few), *_faults(measured))
-    return BenchResult(**{name: getattr(measured, name) for name in measured.__slots__} | {"findings": findings})
+    return BenchResult(
+        **{name: getattr(measured, name) for name in measured.__slots__}
+        | {"findings": findings}
+    )
 
 
 def _few(name: str) -> Finding:
     return Finding(
-        f"no-{name}", f"{name}: fewer than {LEAST_HITS} blows were heard; check plug and gain, and repeat it"
+        f"no-{name}",
+        f"{name}: fewer than {LEAST_HITS} blows were heard; check plug and gain, and repeat it",
     )
 
 
@@ -173,23 +231,34 @@ def _faults(found: BenchResult) -> Iterator[Finding]:
             "runs beside a motor's",
         )
     if found.ball_dbfs > BALL_DBFS[1]:
-        yield Finding("loud-ball", "the ball clips: turn the contact gain down, and repeat the test")
+        yield Finding(
+            "loud-ball",
+            "the ball clips: turn the contact gain down, and repeat the test",
+        )
     if found.ball_dbfs < BALL_DBFS[0]:
-        yield Finding("faint-ball", "the ball is faint: turn the contact gain up, and repeat the test", fatal=False)
+        yield Finding(
+            "faint-ball",
+            "the ball is faint: turn the contact gain up, and repeat the test",
+            fatal=False,
+        )
 
 
 def _level(sound: NDArray[np.float64]) -> float:
     return float(10 * np.log10(max(float(np.mean(sound**2)), 1e-14)))
 
 
-def _hits(sound: NDArray[np.float64], silence: float, rate: int) -> list[NDArray[np.float64]]:
+def _hits(
+    sound: NDArray[np.float64], silence: float, rate: int
+) -> list[NDArray[np.float64]]:
     """Return 0.3 s from each blow: where 2 ms stand `CLEAR_DB` over silence, and no blow was for 0.3 s."""
     size, length = rate // 500, 3 * rate // 10
     powers = np.mean(sound[: len(sound) // size * size].reshape(-1, size) ** 2, axis=1)
     loud = np.flatnonzero(10 * np.log10(np.maximum(powers, 1e-14)) > silence + CLEAR_DB)
     starts: list[int] = []
     for cell in loud:
-        if (not starts or cell * size - starts[-1] >= length) and cell * size + length <= len(sound):
+        if (
+            not starts or cell * size - starts[-1] >= length
+        ) and cell * size + length <= len(sound):
             starts.append(int(cell) * size)
     return [sound[start : start + length] for start in starts]
 
@@ -198,13 +267,19 @@ def _brightness(hit: NDArray[np.float64], rate: int) -> float:
     """Return the level over 1.5 kHz less that from 100 to 800 Hz, over 40 ms, in dB."""
     power = np.abs(np.fft.rfft(hit[: rate // 25])) ** 2
     pitch = np.fft.rfftfreq(rate // 25, 1 / rate)
-    treble, bass = power[(pitch > 1500) & (pitch < 12_000)].sum(), power[(pitch > 100) & (pitch < 800)].sum()
+    treble, bass = (
+        power[(pitch > 1500) & (pitch < 12_000)].sum(),
+        power[(pitch > 100) & (pitch < 800)].sum(),
+    )
     return float(10 * np.log10(max(treble, 1e-14) / max(bass, 1e-14)))
 
 
 def _resonance(hit: NDArray[np.float64], rate: int) -> float:
     """Return the frequency in Hz at which a blow rings, from 20 to 400 Hz; the blow itself is left out."""
-    ringing = hit[rate // 100 :] * np.hanning(2 * len(hit[rate // 100 :]))[len(hit[rate // 100 :]) :]
+    ringing = (
+        hit[rate // 100 :]
+        * np.hanning(2 * len(hit[rate // 100 :]))[len(hit[rate // 100 :]) :]
+    )
     power = np.abs(np.fft.rfft(ringing, 8 * len(ringing))) ** 2
     pitch = np.fft.rfftfreq(8 * len(ringing), 1 / rate)
     band = (pitch >= 20) & (pitch <= 400)
@@ -213,7 +288,9 @@ def _resonance(hit: NDArray[np.float64], rate: int) -> float:
 
 def main(words: list[str] | None = None) -> int:
     parser = options.Parser(description=__doc__)
-    parser.add_argument("--yes", action="store_true", help="start each step without a key press")
+    parser.add_argument(
+        "--yes", action="store_true", help="start each step without a key press"
+    )
     options.add_json(parser, "print the result as JSON")
     options.add_settings(parser, "setup")
     options.add_finger(parser)
@@ -221,14 +298,31 @@ def main(words: list[str] | None = None) -> int:
     try:
         with console.single_keys() as has_keyboard, output.live_display() as live:
             steps = Steps(GuideScreen(live, has_keyboard), unattended=args.yes)
-            found = run_bench(options.settings_of(args), step=steps, begin=partial(steps.begin, 1))
+            found = run_bench(
+                options.settings_of(args), step=steps, begin=partial(steps.begin, 1)
+            )
     except TactophoneError as error:
         output.print_error(str(error))
         return 1
-    values = {"passed": found.passed, "findings": [finding.message for finding in found.findings]}
-    verdict = "good: the finger is built as expected" if found.passed else "correct this, and test again"
-    shown: list[output.Part] = [found.rows(), *findings_in_words(found.findings), verdict]
-    output.show(values | {row["test"]: row["measured"] for row in found.rows()}, shown, as_json=args.json)
+    values = {
+        "passed": found.passed,
+        "findings": [finding.message for finding in found.findings],
+    }
+    verdict = (
+        "good: the finger is built as expected"
+        if found.passed
+        else "correct this, and test again"
+    )
+    shown: list[output.Part] = [
+        found.rows(),
+        *findings_in_words(found.findings),
+        verdict,
+    ]
+    output.show(
+        values | {row["test"]: row["measured"] for row in found.rows()},
+        shown,
+        as_json=args.json,
+    )
     return 0 if found.passed else 1
 
 

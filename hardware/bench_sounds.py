@@ -41,24 +41,43 @@ class BuiltFinger:
     motors_db: float = 0.0
 
 
-def bench_sounds(built: BuiltFinger, *, weight: float, seed: int = 0) -> dict[str, FloatArray]:
+def bench_sounds(
+    built: BuiltFinger, *, weight: float, seed: int = 0
+) -> dict[str, FloatArray]:
     """Render silence, motors, ball, tap and weight; each float32 ``(samples, 2)`` at 48 kHz; ``weight`` in kg."""
     rng = np.random.default_rng([0xBE4C, seed])
-    struck = {"ball": (BALL_IMPULSE, 0.0), "tap": (TAP_IMPULSE, 0.0), "weight": (WEIGHT_IMPULSE, weight)}
+    struck = {
+        "ball": (BALL_IMPULSE, 0.0),
+        "tap": (TAP_IMPULSE, 0.0),
+        "weight": (WEIGHT_IMPULSE, weight),
+    }
     usual = Electronics().amplified(20 * np.log10(GAIN / Electronics().contact_gain))
     floors = 10 ** (np.array([usual.contact_noise_dbfs, usual.room_dbfs]) / 20)
     size = 3 * LIVE_SAMPLE_RATE
-    sounds = {name: rng.standard_normal((size, 2)) * floors for name in ("silence", "motors", *struck)}
+    sounds = {
+        name: rng.standard_normal((size, 2)) * floors
+        for name in ("silence", "motors", *struck)
+    }
     band = signal.butter(2, (80, 400), "bandpass", fs=LIVE_SAMPLE_RATE, output="sos")
     motors = signal.sosfilt(band, rng.standard_normal(size))
-    sounds["motors"][:, 0] += motors / motors.std() * 10 ** ((usual.motor_contact_dbfs + built.motors_db) / 20)
+    sounds["motors"][:, 0] += (
+        motors
+        / motors.std()
+        * 10 ** ((usual.motor_contact_dbfs + built.motors_db) / 20)
+    )
     for name, (impulse, mass) in struck.items():
         for start in np.arange(0.4, 2.6, 0.6) + rng.uniform(0, 0.1, 4):
             hit = _hit(built, impulse * rng.uniform(0.8, 1.2), mass)
             first = round(start * LIVE_SAMPLE_RATE)
-            sounds[name][first : first + len(hit), 0] += hit[: len(sounds[name]) - first]
-            sounds[name][first : first + len(hit), 1] += 0.1 * hit[: len(sounds[name]) - first]
-    return {name: np.clip(sound, -1, 1).astype(np.float32) for name, sound in sounds.items()}
+            sounds[name][first : first + len(hit), 0] += hit[
+                : len(sounds[name]) - first
+            ]
+            sounds[name][first : first + len(hit), 1] += (
+                0.1 * hit[: len(sounds[name]) - first]
+            )
+    return {
+        name: np.clip(sound, -1, 1).astype(np.float32) for name, sound in sounds.items()
+    }
 
 
 def _hit(built: BuiltFinger, impulse: float, mass: float) -> FloatArray:
@@ -71,8 +90,15 @@ def _hit(built: BuiltFinger, impulse: float, mass: float) -> FloatArray:
     omega = np.sqrt(built.stiffness / moved)
     bed = impulse * omega * np.exp(-damping * omega * time) * np.sin(omega * time)
     lasting = BLOW * (10 if mass else 1)  # a pencil is softer than steel
-    blow = impulse * np.pi / (2 * lasting) * np.sin(np.pi * np.minimum(time / lasting, 1))
+    blow = (
+        impulse * np.pi / (2 * lasting) * np.sin(np.pi * np.minimum(time / lasting, 1))
+    )
     heard = GAIN * Finger().normal_strain * (bed + blow)
-    for corner, kind in ((built.corner, "highpass"), *(((400.0, "lowpass"),) if built.air else ())):
-        heard = signal.sosfilt(signal.butter(1, corner, kind, fs=LIVE_SAMPLE_RATE, output="sos"), heard)
+    for corner, kind in (
+        (built.corner, "highpass"),
+        *(((400.0, "lowpass"),) if built.air else ()),
+    ):
+        heard = signal.sosfilt(
+            signal.butter(1, corner, kind, fs=LIVE_SAMPLE_RATE, output="sos"), heard
+        )
     return np.asarray(heard * (0.3 if built.air else 1.0))

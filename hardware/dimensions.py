@@ -79,7 +79,9 @@ class Finger:
 
     def __post_init__(self) -> None:
         if self.disc / 2 + FIT > self.inner:
-            raise ValueError(f"a disc of {self.disc:g} mm does not fit into a finger of {self.width:g} mm; widen it")
+            raise ValueError(
+                f"a disc of {self.disc:g} mm does not fit into a finger of {self.width:g} mm; widen it"
+            )
 
     @property
     def axis(self) -> Vector:
@@ -146,14 +148,18 @@ class Finger:
         """
         shape, face = self.core / (2 * self.bed), np.pi * self.core**2
         around = 2 * np.pi * self.core * self.overlap
-        return 1e-3 * float((1 + 2 * shape**2) * face / self.bed + around / self.side / 3)
+        return 1e-3 * float(
+            (1 + 2 * shape**2) * face / self.bed + around / self.side / 3
+        )
 
     @property
     def bed_shear(self) -> float:
         """The same across the pad's axis: the face in shear, and the silicone around the core pressed, bonded."""
         face, around = np.pi * self.core**2, np.pi * self.core * self.overlap
         shape = self.overlap / (2 * self.side)
-        return 1e-3 * float(face / self.bed / 3 + (1 + 2 * shape**2) * around / 2 / self.side)
+        return 1e-3 * float(
+            face / self.bed / 3 + (1 + 2 * shape**2) * around / 2 / self.side
+        )
 
 
 @dataclass(frozen=True)
@@ -191,7 +197,11 @@ class Board:
     def corners(self, finger: Finger) -> Vector:
         """Return the corners of the board, its tape and the microphone, shape ``(16, 3)``."""
         low = self.facet(finger)
-        top, port, half = low + self.tape + self.thickness, self.front - self.port, self.package / 2
+        top, port, half = (
+            low + self.tape + self.thickness,
+            self.front - self.port,
+            self.package / 2,
+        )
         boxes = (
             (low, top, self.front, self.front - self.length, self.width / 2),
             (top, top + self.capsule, port + half, port - half, half),
@@ -256,13 +266,17 @@ STICK = 10.0
 def cap_height(radius: float, nose: float, slope: float, land: float) -> float:
     """Height of a pad of this radius: its edge, its flank, and the ball that the flank touches."""
     turn = np.radians(slope)
-    return float(land + (radius - nose * np.sin(turn)) * np.tan(turn) + nose * (1 - np.cos(turn)))
+    return float(
+        land + (radius - nose * np.sin(turn)) * np.tan(turn) + nose * (1 - np.cos(turn))
+    )
 
 
 def towards(pitch: float, roll: float = 0.0) -> Vector:
     """Direction of the surface, in the finger's coordinates."""
     down, side = np.radians(pitch), np.radians(roll)
-    return np.array([np.sin(side), -np.cos(side) * np.cos(down), np.cos(side) * np.sin(down)])
+    return np.array(
+        [np.sin(side), -np.cos(side) * np.cos(down), np.cos(side) * np.sin(down)]
+    )
 
 
 def placed(name: str, points: Vector) -> Vector:
@@ -273,9 +287,18 @@ def placed(name: str, points: Vector) -> Vector:
     turned, moved = {
         "pad": (pad, np.zeros(3)),
         "ring": (pad, -finger.ring * finger.axis),
-        "phalanx": (np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, finger.nail, finger.end])),
-        "pouring_jig": (pad @ np.diag([1.0, -1, -1]), (finger.height + 3.5) * finger.axis),
-        "stick_adapter": (np.eye(3), np.array([0, bore_height(finger), finger.end - stick_length(finger)])),
+        "phalanx": (
+            np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+            np.array([0, finger.nail, finger.end]),
+        ),
+        "pouring_jig": (
+            pad @ np.diag([1.0, -1, -1]),
+            (finger.height + 3.5) * finger.axis,
+        ),
+        "stick_adapter": (
+            np.eye(3),
+            np.array([0, bore_height(finger), finger.end - stick_length(finger)]),
+        ),
     }[name]
     return np.asarray(points @ turned.T + moved)
 

@@ -52,7 +52,7 @@ from dimensions import (
     cap_height,
     stick_length,
     underside,
-)  # fmt: skip
+)
 
 STANDING = (Align.CENTER, Align.CENTER, Align.MIN)
 
@@ -76,9 +76,15 @@ def pad(finger: Finger) -> Part:
 
 def ring(finger: Finger) -> Part:
     """Return the ring that is glued to the pad's back, that side up, with six holes and a notch for the leads."""
-    part = Cylinder(finger.width / 2, finger.ring, align=STANDING) - Cylinder(finger.inner, finger.ring, align=STANDING)
+    part = Cylinder(finger.width / 2, finger.ring, align=STANDING) - Cylinder(
+        finger.inner, finger.ring, align=STANDING
+    )
     for turn in range(6):
-        part -= Rot(Z=60 * turn) * Pos(8, 0, finger.hole_height) * across(finger.hole / 2, 12)
+        part -= (
+            Rot(Z=60 * turn)
+            * Pos(8, 0, finger.hole_height)
+            * across(finger.hole / 2, 12)
+        )
     return part - Pos(0, -finger.width / 2, finger.ring) * Box(3, 6, 5)
 
 
@@ -90,25 +96,39 @@ def phalanx(finger: Finger, board: Board) -> Part:
     top = np.linalg.solve([[ay, az], [by, bz]], [-finger.flange, facet])
     behind = -finger.flange * finger.axis - half * finger.forward
     profile = [
-        (behind[1], behind[2]), (low, finger.end), (finger.nail, finger.end),
-        (finger.nail, facet * np.sqrt(2) - finger.nail), tuple(top),
-    ]  # fmt: skip
+        (behind[1], behind[2]),
+        (low, finger.end),
+        (finger.nail, finger.end),
+        (finger.nail, facet * np.sqrt(2) - finger.nail),
+        tuple(top),
+    ]
     # Drawn in the finger's y and z, extruded across.
     side = Plane(origin=(0, 0, 0), x_dir=(0, 1, 0), z_dir=(1, 0, 0))
-    body = extrude(side * make_face(Polyline(*map(_numbers, profile), close=True)), half, both=True)
+    body = extrude(
+        side * make_face(Polyline(*map(_numbers, profile), close=True)), half, both=True
+    )
     body &= _rounded(finger, low)
     toward = Plane(origin=(0, 0, 0), x_dir=(1, 0, 0), z_dir=_numbers(finger.axis))
     reach = finger.flange - finger.disc_height - finger.bed
-    body += toward * Pos(0, 0, -finger.flange - 3) * Cylinder(finger.core, reach + 3, align=STANDING)
+    body += (
+        toward
+        * Pos(0, 0, -finger.flange - 3)
+        * Cylinder(finger.core, reach + 3, align=STANDING)
+    )
     middle = -finger.core_hole * finger.axis
     body -= Pos(*_numbers(middle)) * _roofed(finger.hole / 2, 60)
     height = bore_height(finger)
     bore = Pos(0, 0, finger.end) * _bore(finger.pin / 2 + FIT, finger.pin_length)
     body -= Pos(0, height, 0) * bore
     body -= Pos(0, height, finger.end + 5) * _roofed(1.6, 60)
-    for edge in (-half, half):  # a tie around these holds the cable, so that a pull does not reach the disc
+    for edge in (
+        -half,
+        half,
+    ):  # a tie around these holds the cable, so that a pull does not reach the disc
         body -= Pos(edge, height, -18) * Box(3, 60, 4)
-    body -= Pos(0, low, finger.end / 2 - 8) * Box(4, 2, -finger.end)  # the leads' channel
+    body -= Pos(0, low, finger.end / 2 - 8) * Box(
+        4, 2, -finger.end
+    )  # the leads' channel
     return Location((0, -finger.end, finger.nail), (-90, 0, 0)) * body
 
 
@@ -130,7 +150,9 @@ def _teardrop(radius: float) -> Part:
     edge = radius / np.sqrt(2)
     from build123d import Circle
 
-    return Circle(radius) + Polygon((edge, edge), (0, 2 * edge), (-edge, edge), align=None)
+    return Circle(radius) + Polygon(
+        (edge, edge), (0, 2 * edge), (-edge, edge), align=None
+    )
 
 
 def across(radius: float, length: float) -> Part:
@@ -146,7 +168,9 @@ def _roofed(radius: float, length: float) -> Part:
 
 def _bore(radius: float, depth: float) -> Part:
     """Return a bore along z with its roof towards -y, that ends in a cone."""
-    return Rot(Z=180) * extrude(_teardrop(radius), depth) + Pos(0, 0, depth) * Cone(radius, 0, radius, align=STANDING)
+    return Rot(Z=180) * extrude(_teardrop(radius), depth) + Pos(0, 0, depth) * Cone(
+        radius, 0, radius, align=STANDING
+    )
 
 
 def pouring_jig(finger: Finger) -> Part:
@@ -157,17 +181,25 @@ def pouring_jig(finger: Finger) -> Part:
     turn = np.radians(finger.slope)
     straight = floor + finger.height - finger.land - FIT
     seat = [
-        (0, floor - 1), (1.5, floor - 1), (1.5, straight - (half + FIT - 1.5) * np.tan(turn)),
-        (half + FIT, straight), (half + FIT, deep + 1), (0, deep + 1),
-    ]  # fmt: skip
+        (0, floor - 1),
+        (1.5, floor - 1),
+        (1.5, straight - (half + FIT - 1.5) * np.tan(turn)),
+        (half + FIT, straight),
+        (half + FIT, deep + 1),
+        (0, deep + 1),
+    ]
     block = top - revolve(Plane.XZ * make_face(Polyline(*seat, close=True)), Axis.Z)
     for edge in (-1, 1):
-        block += Pos(edge * (half + 0.15 + 1.2), 0, deep) * Box(2.4, 2 * half, 5, align=STANDING)
+        block += Pos(edge * (half + 0.15 + 1.2), 0, deep) * Box(
+            2.4, 2 * half, 5, align=STANDING
+        )
     return block
 
 
 def _pin(finger: Finger) -> Part:
-    return Cylinder(finger.pin / 2, finger.pin_length, align=STANDING) - Pos(0, 0, 5) * across(1.6, 40)
+    return Cylinder(finger.pin / 2, finger.pin_length, align=STANDING) - Pos(
+        0, 0, 5
+    ) * across(1.6, 40)
 
 
 def stick_adapter(finger: Finger) -> Part:
@@ -177,8 +209,15 @@ def stick_adapter(finger: Finger) -> Part:
     sleeve += Pos(0, 0, 20) * Cone(outer, finger.pin / 2, height - 20, align=STANDING)
     hollow = Cylinder(STICK / 2 + FIT, 18, align=STANDING)
     hollow += Pos(0, 0, 18) * Cone(STICK / 2 + FIT, 0, STICK / 2 + FIT, align=STANDING)
-    part = sleeve + Pos(0, 0, height - 0.5) * Cylinder(finger.pin / 2, 1, align=STANDING)
-    return part + Pos(0, 0, height) * _pin(finger) - hollow - Pos(0, 0, 8) * across(1.6, 40)
+    part = sleeve + Pos(0, 0, height - 0.5) * Cylinder(
+        finger.pin / 2, 1, align=STANDING
+    )
+    return (
+        part
+        + Pos(0, 0, height) * _pin(finger)
+        - hollow
+        - Pos(0, 0, 8) * across(1.6, 40)
+    )
 
 
 def hand_adapter(finger: Finger) -> Part:
@@ -195,7 +234,9 @@ def blank_plate(plate: Plate) -> Part:
     part = Box(plate.width, plate.length, plate.height, align=STANDING)
     for x in (-1, 1):
         for y in (-1, 1):
-            part -= Pos(x * plate.across / 2, y * plate.along / 2, 0) * Cylinder(plate.hole / 2, 20)
+            part -= Pos(x * plate.across / 2, y * plate.along / 2, 0) * Cylinder(
+                plate.hole / 2, 20
+            )
     return part
 
 
@@ -208,22 +249,39 @@ def glove_plate(case: CoilCase) -> Part:
     """Return the blank plate with a rib, on which the case sits as on a finger; for an exoskeleton's fingertip."""
     rib = Rot(X=90) * Cylinder(case.saddle - FIT, case.length) & Box(12, 60, 60)
     over = Pos(0, 0, GLOVE.height) * Box(60, 60, 30, align=STANDING)
-    return blank_plate(GLOVE) + ((Pos(0, 0, GLOVE.height + 3 - case.saddle + FIT) * rib) & over)
+    return blank_plate(GLOVE) + (
+        (Pos(0, 0, GLOVE.height + 3 - case.saddle + FIT) * rib) & over
+    )
 
 
 def coil_case(case: CoilCase) -> Part:
     """Return the case; the coil slides in from above, the saddle fits the finger below (-y)."""
-    wide, high, long = case.width + 2 * FIT, case.height + 2 * FIT, case.length + FIT + SHELL
+    wide, high, long = (
+        case.width + 2 * FIT,
+        case.height + 2 * FIT,
+        case.length + FIT + SHELL,
+    )
     floor = -high / 2 - SHELL
     body = Box(wide + 2 * SHELL, high + 2 * SHELL, long, align=STANDING)
     body += Pos(0, floor + 0.5, 0) * Box(wide + 2 * SHELL, 5, long, align=STANDING)
-    body += Pos(0, floor + 1.2, 0) * Box(wide + 2 * SHELL + 12, 2.4, long, align=STANDING)
-    body -= Pos(0, floor - case.saddle + 0.3, -1) * Cylinder(case.saddle, long + 2, align=STANDING)
+    body += Pos(0, floor + 1.2, 0) * Box(
+        wide + 2 * SHELL + 12, 2.4, long, align=STANDING
+    )
+    body -= Pos(0, floor - case.saddle + 0.3, -1) * Cylinder(
+        case.saddle, long + 2, align=STANDING
+    )
     body -= Pos(0, 0, SHELL) * Box(wide, high, long, align=STANDING)
-    slot = [(-1.1, -case.strap / 2), (1.1, -case.strap / 2), (1.1, case.strap / 2), (0, case.strap / 2 + 1.2),
-            (-1.1, case.strap / 2)]  # fmt: skip
+    slot = [
+        (-1.1, -case.strap / 2),
+        (1.1, -case.strap / 2),
+        (1.1, case.strap / 2),
+        (0, case.strap / 2 + 1.2),
+        (-1.1, case.strap / 2),
+    ]
     for edge in (-1, 1):
-        through = extrude(Plane.XZ * make_face(Polyline(*slot, close=True)), 20, both=True)
+        through = extrude(
+            Plane.XZ * make_face(Polyline(*slot, close=True)), 20, both=True
+        )
         body -= Pos(edge * (wide / 2 + SHELL + 2.6), floor, long / 2) * through
     return body - Pos(0, 5, long) * Box(3, 10, 8)  # the leads leave beside the lid
 
@@ -262,7 +320,9 @@ def parts() -> dict[str, Part]:
 def source_hash() -> str:
     """Hash of what the parts are made from."""
     here = Path(__file__).parent
-    return hashlib.sha256(b"".join((here / f"{n}.py").read_bytes() for n in ("dimensions", "fingertip"))).hexdigest()
+    return hashlib.sha256(
+        b"".join((here / f"{n}.py").read_bytes() for n in ("dimensions", "fingertip"))
+    ).hexdigest()
 
 
 def assembly(made: dict[str, Part]) -> Compound:
@@ -272,7 +332,11 @@ def assembly(made: dict[str, Part]) -> Compound:
     shapes = []
     for name in ("pad", "ring", "phalanx", "stick_adapter"):
         origin, *axes = placed(name, np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]))
-        plane = Plane(_numbers(origin), x_dir=_numbers(axes[0] - origin), z_dir=_numbers(axes[1] - origin))
+        plane = Plane(
+            _numbers(origin),
+            x_dir=_numbers(axes[0] - origin),
+            z_dir=_numbers(axes[1] - origin),
+        )
         shape = Location(plane) * made[name]
         shape.label = name
         shapes.append(shape)
@@ -280,9 +344,17 @@ def assembly(made: dict[str, Part]) -> Compound:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="make the parts of both fingertips as STL, 3MF and STEP files")
+    parser = argparse.ArgumentParser(
+        description="make the parts of both fingertips as STL, 3MF and STEP files"
+    )
     default = Path(__file__).parent / "parts"
-    parser.add_argument("folder", nargs="?", type=Path, default=default, help="created if it does not exist")
+    parser.add_argument(
+        "folder",
+        nargs="?",
+        type=Path,
+        default=default,
+        help="created if it does not exist",
+    )
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     made, found = parts(), {}
@@ -296,11 +368,17 @@ def main() -> None:
         box = part.bounding_box()
         size = [round(edge, 1) for edge in (box.size.X, box.size.Y, box.size.Z)]
         mass = round(part.volume * PLASTIC, 1)
-        files = {kind: _hash(folder / f"{name}.{kind}") for kind in ("stl", "3mf", "step")}
+        files = {
+            kind: _hash(folder / f"{name}.{kind}") for kind in ("stl", "3mf", "step")
+        }
         found[name] = {"size_mm": size, "solid_g": mass, **files}
-        sys.stdout.write(f"{name}: {' x '.join(map(str, size))} mm, {mass} g solid in PLA\n")
+        sys.stdout.write(
+            f"{name}: {' x '.join(map(str, size))} mm, {mass} g solid in PLA\n"
+        )
     written = {"source": source_hash(), "parts": found}
-    (folder / "parts.json").write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+    (folder / "parts.json").write_text(
+        json.dumps(written, indent=1) + "\n", encoding="utf-8"
+    )
 
 
 def _hash(path: Path) -> str:

@@ -41,8 +41,12 @@ def draw() -> str:
         parts.append(
             f'<rect x="{left}" y="{top}" width="{WIDTH}" height="{HEIGHT}" rx="6" fill="#eef4f9" stroke="#0072B2"/>'
         )
-        parts.append(f'<text x="{middle}" y="{top + 21}" text-anchor="middle">{title}</text>')
-        parts.append(f'<text x="{middle}" y="{top + 39}" text-anchor="middle" font-size="11" fill="#555">{note}</text>')
+        parts.append(
+            f'<text x="{middle}" y="{top + 21}" text-anchor="middle">{title}</text>'
+        )
+        parts.append(
+            f'<text x="{middle}" y="{top + 39}" text-anchor="middle" font-size="11" fill="#555">{note}</text>'
+        )
     return "\n".join([*parts, "</svg>", ""])
 
 
@@ -55,12 +59,17 @@ def _wire(begin: tuple[int, int], end: tuple[int, int], words: str) -> list[str]
     else:
         right = begin[0] < end[0]
         points = (
-            begin[0] + WIDTH * right, begin[1] + HEIGHT / 2,
-            end[0] + WIDTH * (not right), end[1] + HEIGHT / 2,
-        )  # fmt: skip
+            begin[0] + WIDTH * right,
+            begin[1] + HEIGHT / 2,
+            end[0] + WIDTH * (not right),
+            end[1] + HEIGHT / 2,
+        )
         place, anchor = ((points[0] + points[2]) / 2, points[1] - 31), "middle"
         if points[1] != points[3]:
-            place, anchor = (points[0] + 10, points[1] + (-12 if points[1] < points[3] else 20)), "start"
+            place, anchor = (
+                (points[0] + 10, points[1] + (-12 if points[1] < points[3] else 20)),
+                "start",
+            )
     x0, y0, x1, y1 = points
     return [
         f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#555" stroke-width="1.5"/>',
@@ -69,9 +78,13 @@ def _wire(begin: tuple[int, int], end: tuple[int, int], words: str) -> list[str]
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="draw which part is connected to which, as SVG")
+    parser = argparse.ArgumentParser(
+        description="draw which part is connected to which, as SVG"
+    )
     default = Path(__file__).parent.parent / "docs" / "images" / "wiring.svg"
-    parser.add_argument("target", nargs="?", type=Path, default=default, metavar="OUT.svg")
+    parser.add_argument(
+        "target", nargs="?", type=Path, default=default, metavar="OUT.svg"
+    )
     target = parser.parse_args().target
     target.write_text(draw(), encoding="utf-8")
     sys.stdout.write(f"{target}\n")

@@ -22,21 +22,35 @@ APART = ("docs/", "README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 
 
 def git(*words: str) -> list[str]:
-    return subprocess.run(["git", *words], capture_output=True, text=True, check=True).stdout.split("\n")[:-1]
+    return subprocess.run(
+        ["git", *words], capture_output=True, text=True, check=True
+    ).stdout.split("\n")[:-1]
 
 
 def floor(path: str) -> str:
     parts = Path(path).parts
-    inside = parts[2:3] if parts[:2] == ("src", "tactophone") else parts[1:2] if parts[0] == "tests" else ()
+    inside = (
+        parts[2:3]
+        if parts[:2] == ("src", "tactophone")
+        else parts[1:2]
+        if parts[0] == "tests"
+        else ()
+    )
     return inside[0] if inside and inside[0] in BENEATH else ""
 
 
 since = git("merge-base", "HEAD", "origin/main")[0]
-changed = {*git("diff", "--name-only", since), *git("ls-files", "--others", "--exclude-standard")}
+changed = {
+    *git("diff", "--name-only", since),
+    *git("ls-files", "--others", "--exclude-standard"),
+}
 touched = {floor(path) for path in changed if not path.startswith(APART)}
 if "" in touched:
     print("tests src")
 else:
     run = [name for name, beneath in BENEATH.items() if touched & {name, *beneath}]
     beside = sorted(str(path) for path in Path("tests").glob("test_*.py"))
-    print(*(f"{root}/{name}" for root in ("tests", "src/tactophone") for name in run), *beside)
+    print(
+        *(f"{root}/{name}" for root in ("tests", "src/tactophone") for name in run),
+        *beside,
+    )

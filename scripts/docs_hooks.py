@@ -10,7 +10,9 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
-SHARED = Path(__file__).parent.parent / "src" / "tactophone" / "faces" / "web" / "static"
+SHARED = (
+    Path(__file__).parent.parent / "src" / "tactophone" / "faces" / "web" / "static"
+)
 
 BLOCK = re.compile(r'<div class="[^"]*highlight"(?=><pre>(.*?)</pre></div>)', re.DOTALL)
 
@@ -27,9 +29,13 @@ def on_config(config: Any) -> Any:
 def on_files(files: Files, *, config: Any) -> Files:
     """Add the mark and the palette of the pages; the site's dark scheme is called slate."""
     palette = (SHARED.parents[2] / "core" / "palette.css").read_text(encoding="utf-8")
-    palette = palette.replace(':root[data-theme="dark"]', '[data-md-color-scheme="slate"]')
+    palette = palette.replace(
+        ':root[data-theme="dark"]', '[data-md-color-scheme="slate"]'
+    )
     files.append(File.generated(config, "assets/palette.css", content=palette))
-    files.append(File.generated(config, "assets/mark.svg", abs_src_path=str(SHARED / "mark.svg")))
+    files.append(
+        File.generated(config, "assets/mark.svg", abs_src_path=str(SHARED / "mark.svg"))
+    )
     return files
 
 
@@ -37,12 +43,18 @@ def on_page_content(content: str, **_: Any) -> str:
     """Return a page without ``::`` before code and without roles such as ``:class:``; its blocks copy what is typed."""
     content = re.sub(r"::\s*</p>", ":</p>", content)
     content = re.sub(r":(class|func|data|meth|mod|attr):(?=<code>)", "", content)
-    return BLOCK.sub(_copied, content.replace("<code>~tactophone.", "<code>tactophone."))
+    return BLOCK.sub(
+        _copied, content.replace("<code>~tactophone.", "<code>tactophone.")
+    )
 
 
 def _copied(block: re.Match[str]) -> str:
     commands = COMMAND.findall(html.unescape(re.sub(r"<[^>]+>", "", block[1])))
-    return f'{block[0]} data-copy="{html.escape(chr(10).join(commands))}"' if commands else block[0]
+    return (
+        f'{block[0]} data-copy="{html.escape(chr(10).join(commands))}"'
+        if commands
+        else block[0]
+    )
 
 
 BROWSER_PAGE = Path(__file__).parent.parent / "examples" / "browser" / "build.py"
@@ -53,4 +65,6 @@ def on_post_build(config: Any, **_: Any) -> None:
     try:
         runpy.run_path(str(BROWSER_PAGE))["build"](Path(config.site_dir, "browser"))
     except FileNotFoundError as error:
-        logging.getLogger("mkdocs.hooks").warning("the site lacks browser/index.html: %s", error)
+        logging.getLogger("mkdocs.hooks").warning(
+            "the site lacks browser/index.html: %s", error
+        )

@@ -39,22 +39,51 @@ class Canvas:
         self.image = Image.new("RGBA", (SIZE[0] * SCALE, SIZE[1] * SCALE), f"{INK}00")
         self._draw = ImageDraw.Draw(self.image)
 
-    def box(self, left: float, top: float, right: float, bottom: float, radius: float, fill: str) -> None:
+    def box(
+        self,
+        left: float,
+        top: float,
+        right: float,
+        bottom: float,
+        radius: float,
+        fill: str,
+    ) -> None:
         place = [SCALE * edge for edge in (left, top, right, bottom)]
         self._draw.rounded_rectangle(place, SCALE * radius, fill)
 
     def dot(self, x: float, y: float, radius: float, fill: str) -> None:
-        self._draw.ellipse([SCALE * edge for edge in (x - radius, y - radius, x + radius, y + radius)], fill)
+        self._draw.ellipse(
+            [SCALE * edge for edge in (x - radius, y - radius, x + radius, y + radius)],
+            fill,
+        )
 
     def arc(self, x: float, y: float, radius: float, fill: str, width: float) -> None:
-        place = [SCALE * edge for edge in (x - radius, y - radius, x + radius, y + radius)]
+        place = [
+            SCALE * edge for edge in (x - radius, y - radius, x + radius, y + radius)
+        ]
         self._draw.arc(place, -35, 35, fill, round(SCALE * width))
 
     def bar(self, x: float, low: float, high: float, fill: str) -> None:
-        self._draw.line([SCALE * x, SCALE * low, SCALE * x, SCALE * high], fill, SCALE * 2)
+        self._draw.line(
+            [SCALE * x, SCALE * low, SCALE * x, SCALE * high], fill, SCALE * 2
+        )
 
-    def text(self, x: float, y: float, words: str, size: int, fill: str = INK, anchor: str = "mm") -> None:
-        self._draw.text((SCALE * x, SCALE * y), words, fill, ImageFont.load_default(SCALE * size), anchor=anchor)
+    def text(
+        self,
+        x: float,
+        y: float,
+        words: str,
+        size: int,
+        fill: str = INK,
+        anchor: str = "mm",
+    ) -> None:
+        self._draw.text(
+            (SCALE * x, SCALE * y),
+            words,
+            fill,
+            ImageFont.load_default(SCALE * size),
+            anchor=anchor,
+        )
 
 
 def finger_path() -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +103,10 @@ def draw(folder: Path) -> list[Image.Image]:
     times = np.array([float(row["time"]) for row in rows])
     touches = [Touch[row["touch"].upper()] for row in rows]
     places, stones = finger_path()
-    shown = [min(int(np.searchsorted(times, k / 40)), len(rows) - 1) for k in range(int(times[-1] * 40))]
+    shown = [
+        min(int(np.searchsorted(times, k / 40)), len(rows) - 1)
+        for k in range(int(times[-1] * 40))
+    ]
     low, high = places.min(), places.max()
     across = 60 + 230 * (places - low) / (high - low)
     touched = [across[stones == stone] for stone in np.unique(stones[stones >= 0])[:2]]
@@ -92,7 +124,9 @@ def draw(folder: Path) -> list[Image.Image]:
         for number, under in enumerate(touched):
             left, right = under.min() - 24, under.max() + 24
             canvas.box(left, FLOOR - 40, right, FLOOR, 16, STONE)
-            for bump, place in enumerate(np.arange(left + 14, right - 10, 10.3) if number else ()):
+            for bump, place in enumerate(
+                np.arange(left + 14, right - 10, 10.3) if number else ()
+            ):
                 canvas.dot(place, FLOOR - 40 + 2.5 * (bump % 3), 5 + bump % 2, STONE)
         x = across[k]
         y = FLOOR - 44 if stones[k] >= 0 else FLOOR - 66
@@ -102,35 +136,67 @@ def draw(folder: Path) -> list[Image.Image]:
         if touch is not Touch.NONE:
             for ring in range(5):
                 radius = 20 + (28 * ring + 140 * now) % 140
-                canvas.arc(370, FLOOR - 90, radius, colour, 3 if touch is Touch.ROUGH else 1.5)
+                canvas.arc(
+                    370, FLOOR - 90, radius, colour, 3 if touch is Touch.ROUGH else 1.5
+                )
         shake = 26 * amplitude * (1 if k % 2 else -1)
         for glow in (3, 2, 1) if touch is not Touch.NONE else ():
-            canvas.dot(720 + shake, 150, 46 + 11 * glow, f"{colour}{round(255 * (0.28 / glow + 0.05)):02x}")
+            canvas.dot(
+                720 + shake,
+                150,
+                46 + 11 * glow,
+                f"{colour}{round(255 * (0.28 / glow + 0.05)):02x}",
+            )
         canvas.box(682 + shake, 106, 758 + shake, 262, 38, SKIN)
         canvas.box(700 + shake, 112, 740 + shake, 150, 17, "#f6e3d6")
         canvas.box(690 + shake, 160, 750 + shake, 182, 6, colour)
         frequency = f"{float(rows[row]['frequency']):.0f} Hz" if amplitude else "silent"
-        canvas.text(784, 232, WORDS[touch], 19, INK if touch is not Touch.NONE else PALE, "lm")
+        canvas.text(
+            784, 232, WORDS[touch], 19, INK if touch is not Touch.NONE else PALE, "lm"
+        )
         canvas.text(784, 254, frequency, 14, PALE, "lm")
         for step in range(int(SHOWN * 40)):
             moment = round(now * 40) - int(SHOWN * 40) + step
             if 0 <= moment < len(shown):
-                tall, felt = 1 + 90 * float(rows[shown[moment]]["amplitude"]), touches[shown[moment]]
+                tall, felt = (
+                    1 + 90 * float(rows[shown[moment]]["amplitude"]),
+                    touches[shown[moment]],
+                )
                 shade = TOUCH_COLOURS[felt] if felt is not Touch.NONE else GREY
                 canvas.bar(40 + 5 * step, 330 - tall, 330 + tall, shade)
         canvas.text(40, 388, "drive of the voice coil", 11, PALE, "lm")
         canvas.text(840, 388, "a simulated run, as it was rendered", 11, PALE, "rm")
-        smoothed = canvas.image.convert("RGBa").resize(SIZE, Image.Resampling.LANCZOS).convert("RGBA")
-        frames.append(smoothed.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).convert("RGBA"))
+        smoothed = (
+            canvas.image.convert("RGBa")
+            .resize(SIZE, Image.Resampling.LANCZOS)
+            .convert("RGBA")
+        )
+        frames.append(
+            smoothed.quantize(COLOURS, method=Image.Quantize.FASTOCTREE).convert("RGBA")
+        )
     return frames
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="draw the README's moving picture from a demonstration")
-    parser.add_argument("demo", nargs="?", type=Path, default=Path("demo"), help="folder that `tactophone demo` wrote")
+    parser = argparse.ArgumentParser(
+        description="draw the README's moving picture from a demonstration"
+    )
+    parser.add_argument(
+        "demo",
+        nargs="?",
+        type=Path,
+        default=Path("demo"),
+        help="folder that `tactophone demo` wrote",
+    )
     parser.add_argument("--out", type=Path, default=Path("docs/images/tactophone.webp"))
     args = parser.parse_args()
     pictures = draw(args.demo)
     pictures[0].save(
-        args.out, save_all=True, append_images=pictures[1:], duration=1000 // RATE, loop=0, lossless=True, method=3
+        args.out,
+        save_all=True,
+        append_images=pictures[1:],
+        duration=1000 // RATE,
+        loop=0,
+        lossless=True,
+        method=3,
     )

@@ -30,26 +30,59 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TARGETS = {  # the file, and the tests of its room; those that kill most come first
-    "limits": ("signal/haptics/limits.py", "test_limits.py test_mapping.py test_profiles.py"),
+    "limits": (
+        "signal/haptics/limits.py",
+        "test_limits.py test_mapping.py test_profiles.py",
+    ),
     "watchdog": ("live/runtime/watchdog.py", "test_watchdog.py"),
     "decision": ("signal/perception/decision.py", "test_decision.py test_engine.py"),
-    "gate": ("live/runtime/output_gate.py", "test_output_gate.py test_finger_output.py"),
+    "gate": (
+        "live/runtime/output_gate.py",
+        "test_output_gate.py test_finger_output.py",
+    ),
     "security": ("faces/web/security.py", "test_security.py"),
-    "oscillator": ("signal/haptics/oscillator.py", "test_oscillator.py test_playback.py test_waveform.py"),
+    "oscillator": (
+        "signal/haptics/oscillator.py",
+        "test_oscillator.py test_playback.py test_waveform.py",
+    ),
     "session": (
         "net/link/session.py",
         "test_session_bounds.py test_session.py test_renewal.py test_hostile_callers.py test_session_states.py",
     ),
 }
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Add: ast.Sub, ast.Sub: ast.Add,
-    ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult, ast.Pow: ast.Mult,
-    ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr, ast.LShift: ast.RShift, ast.RShift: ast.LShift, ast.And: ast.Or,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitOr: ast.BitAnd,
+    ast.BitAnd: ast.BitOr,
+    ast.LShift: ast.RShift,
+    ast.RShift: ast.LShift,
+    ast.And: ast.Or,
     ast.Or: ast.And,
-}  # fmt: skip
+}
 NOT_CODE = {"annotation", "returns", "decorator_list", "type_params"}
-TEXTS = (ast.Compare, ast.MatchValue, ast.Dict, ast.List, ast.Tuple)  # a string in one of these is no message
+TEXTS = (
+    ast.Compare,
+    ast.MatchValue,
+    ast.Dict,
+    ast.List,
+    ast.Tuple,
+)  # a string in one of these is no message
 
 
 class Mutant(NamedTuple):
@@ -76,7 +109,9 @@ class _Finder(importlib.abc.MetaPathFinder):
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
         if fullname == self._loader.name:
-            return importlib.util.spec_from_file_location(fullname, self._loader.path, loader=self._loader)
+            return importlib.util.spec_from_file_location(
+                fullname, self._loader.path, loader=self._loader
+            )
         return None
 
 
@@ -88,7 +123,9 @@ def variants(node: ast.AST, parent: ast.AST, field: str) -> Iterator[ast.AST]:
                 changed = copy.deepcopy(node)
                 changed.ops[place] = SWAPS[type(op)]()  # type: ignore[call-overload]
                 yield changed
-        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op) if type(op) in SWAPS:
+        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op) if (
+            type(op) in SWAPS
+        ):
             changed = copy.deepcopy(node)
             changed.op = SWAPS[type(op)]()  # type: ignore[assignment]
             yield changed
@@ -97,7 +134,9 @@ def variants(node: ast.AST, parent: ast.AST, field: str) -> Iterator[ast.AST]:
         case ast.Constant(value=bool(value)):
             yield ast.Constant(not value)
         case ast.Constant(value=int(value) | float(value)):
-            yield ast.Constant(value + 1 if isinstance(value, int) or not value else 2 * value)
+            yield ast.Constant(
+                value + 1 if isinstance(value, int) or not value else 2 * value
+            )
         case ast.Constant(value=str(value)) if isinstance(parent, TEXTS):
             yield ast.Constant(value + "x")
         case ast.Name(id="min" | "max" as name) if field == "func":
@@ -111,7 +150,9 @@ def places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int, ast.AST]]:
     for field, value in ast.iter_fields(node):
         if field in NOT_CODE:
             continue
-        for index, child in enumerate(value) if isinstance(value, list) else [(-1, value)]:
+        for index, child in (
+            enumerate(value) if isinstance(value, list) else [(-1, value)]
+        ):
             if isinstance(child, ast.AST) and not _is_text(child):
                 yield node, field, index, child
                 yield from places(child)
@@ -132,7 +173,11 @@ def mutants(source: str) -> Iterator[Mutant]:
     for parent, field, index, node in list(places(tree)):
         for new in variants(node, parent, field):
             siblings = getattr(parent, field)
-            setattr(parent, field, [*siblings[:index], new, *siblings[index + 1 :]] if index >= 0 else new)
+            setattr(
+                parent,
+                field,
+                [*siblings[:index], new, *siblings[index + 1 :]] if index >= 0 else new,
+            )
             line = getattr(node, "lineno", getattr(parent, "lineno", 0))
             yield Mutant(line, ast.unparse(node), ast.unparse(new), copy.deepcopy(tree))
             setattr(parent, field, siblings)
@@ -150,8 +195,18 @@ def survives(path: Path, tree: ast.Module, tests: list[str], limit: float) -> bo
         name = module_name(path)
         sys.meta_path.insert(0, _Finder(_Loader(name, str(path), tree)))
         importlib.import_module(name)
-        failed = int(pytest.main(["-x", "-m", "not realtime and not package and not slow", "-p", "no:rerunfailures",
-                                  *tests]))  # fmt: skip
+        failed = int(
+            pytest.main(
+                [
+                    "-x",
+                    "-m",
+                    "not realtime and not package and not slow",
+                    "-p",
+                    "no:rerunfailures",
+                    *tests,
+                ]
+            )
+        )
     except BaseException:
         failed = 1
     os._exit(failed)
@@ -165,7 +220,10 @@ def tests_of(name: str) -> list[str]:
     """Paths of the file, for its examples, and of its tests."""
     file, tests = TARGETS[name]
     room = ROOT / "tests" / Path(file).parent
-    return [str(ROOT / "src/tactophone" / file), *(str(room / test) for test in tests.split())]
+    return [
+        str(ROOT / "src/tactophone" / file),
+        *(str(room / test) for test in tests.split()),
+    ]
 
 
 def run(name: str, share: float, seed: int) -> tuple[int, int]:
@@ -185,25 +243,50 @@ def run(name: str, share: float, seed: int) -> tuple[int, int]:
             alive += 1
             print(f"{file}:{mutant.line} {mutant.old} -> {mutant.new}", flush=True)
     killed = len(chosen) - alive
-    print(f"{file}: {len(chosen)} mutants, {killed} killed, {alive} survived ({killed / len(chosen):.0%})", flush=True)
+    print(
+        f"{file}: {len(chosen)} mutants, {killed} killed, {alive} survived ({killed / len(chosen):.0%})",
+        flush=True,
+    )
     return len(chosen), alive
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=str(__doc__).split("\n", maxsplit=1)[0])
-    parser.add_argument("--files", default=",".join(TARGETS), help="names, with commas between them")
-    parser.add_argument("--share", type=float, default=1.0, help="of each file's mutants, chosen at random")
+    parser = argparse.ArgumentParser(
+        description=str(__doc__).split("\n", maxsplit=1)[0]
+    )
+    parser.add_argument(
+        "--files", default=",".join(TARGETS), help="names, with commas between them"
+    )
+    parser.add_argument(
+        "--share",
+        type=float,
+        default=1.0,
+        help="of each file's mutants, chosen at random",
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     if unknown := set(options.files.split(",")) - TARGETS.keys():
-        parser.error(f"no file is called {', '.join(unknown)}: name some of {', '.join(TARGETS)}")
+        parser.error(
+            f"no file is called {', '.join(unknown)}: name some of {', '.join(TARGETS)}"
+        )
     os.chdir(ROOT)
     os.environ["HYPOTHESIS_PROFILE"] = "few"
-    hypothesis.settings.register_profile("few", max_examples=20, derandomize=True, deadline=None)
+    hypothesis.settings.register_profile(
+        "few", max_examples=20, derandomize=True, deadline=None
+    )
     # Every mutant has the libraries of all tests then, and imports our own modules anew.
     with contextlib.redirect_stdout(io.StringIO()):
-        pytest.main(["--collect-only", *(test for name in options.files.split(",") for test in tests_of(name))])
-    for module in [module for module in sys.modules if module.split(".")[0] in ("tactophone", "tests")]:
+        pytest.main(
+            [
+                "--collect-only",
+                *(test for name in options.files.split(",") for test in tests_of(name)),
+            ]
+        )
+    for module in [
+        module
+        for module in sys.modules
+        if module.split(".")[0] in ("tactophone", "tests")
+    ]:
         del sys.modules[module]
     for name in options.files.split(","):
         run(name, options.share, options.seed)

@@ -13,10 +13,14 @@ KINDS = ("works", "partly", "no")
 
 def points() -> list[dict[str, str]]:
     """Return all points; each state begins with one of `KINDS`."""
-    found: list[dict[str, str]] = tomllib.loads(PAGE.with_suffix(".toml").read_text(encoding="utf-8"))["point"]
+    found: list[dict[str, str]] = tomllib.loads(
+        PAGE.with_suffix(".toml").read_text(encoding="utf-8")
+    )["point"]
     for point in found:
         if kind(point) not in KINDS:
-            raise ValueError(f"point {point['number']}: state {point['state']!r} must begin with {', '.join(KINDS)}")
+            raise ValueError(
+                f"point {point['number']}: state {point['state']!r} must begin with {', '.join(KINDS)}"
+            )
     return found
 
 
@@ -30,7 +34,9 @@ def written(page: str) -> str:
     for section in dict.fromkeys(row["section"] for row in rows):
         cells = ("number", "paper", "here", "command", "state")
         own = (row for row in rows if row["section"] == section)
-        table = HEAD + "".join("| " + " | ".join(str(row[cell]) for cell in cells) + " |\n" for row in own)
+        table = HEAD + "".join(
+            "| " + " | ".join(str(row[cell]) for cell in cells) + " |\n" for row in own
+        )
         begin = page.index(f"## {section}\n")
         start = page.index("| # |", begin)
         end = page.index("\n\n", start) + 1

@@ -14,14 +14,25 @@ this page). None has a switch: those are settings (`tactophone settings`). Chang
 `make room ROOM=perception`.
 """
 UNITS = (
-    ("dBFS", r"_DBFS\b"), ("dB", r"_DB\b"), ("share", r"_SHARE\b"),
-)  # fmt: skip
+    ("dBFS", r"_DBFS\b"),
+    ("dB", r"_DB\b"),
+    ("share", r"_SHARE\b"),
+)
 """By the names of a constant; then by how its sentence begins, or by what stands after *in* or in brackets."""
 
 FIRST_WORDS = {
-    "Seconds": "s", "Milliseconds": "ms", "Hz": "Hz", "Share": "share", "Quantile": "share", "Steps": "steps",
-    "Windows": "windows", "Levels": "levels", "Samples": "samples", "Bytes": "bytes", "Hops": "hops",
-}  # fmt: skip
+    "Seconds": "s",
+    "Milliseconds": "ms",
+    "Hz": "Hz",
+    "Share": "share",
+    "Quantile": "share",
+    "Steps": "steps",
+    "Windows": "windows",
+    "Levels": "levels",
+    "Samples": "samples",
+    "Bytes": "bytes",
+    "Hops": "hops",
+}
 STATED = r"\bin (dB/s|dBFS|dB|Hz|ms|s)\b|\((dB|Hz|ms|s)\)"
 
 
@@ -31,7 +42,9 @@ def unit_of(names: str, sentence: str) -> str:
     for unit, sign in UNITS:
         if all(re.search(sign, name) for name in parts):
             return unit
-    if len(parts) > 1 and any(re.search(sign, name) for _, sign in UNITS for name in parts):
+    if len(parts) > 1 and any(
+        re.search(sign, name) for _, sign in UNITS for name in parts
+    ):
         return ""
     if (word := sentence.partition(" ")[0].strip(";,.")) in FIRST_WORDS:
         each = "/s" * sentence.startswith(f"{word} a second")
@@ -46,15 +59,29 @@ def rows(path: Path) -> list[tuple[str, str, str, str]]:
     for node, after in zip(body, [*body[1:], None], strict=True):
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
-        described = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        described = isinstance(after, ast.Expr) and isinstance(
+            after.value, ast.Constant
+        )
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
-        name, value = ast.unparse(target).strip("()"), ", ".join(map(ast.unparse, values))
-        if not described or not re.fullmatch(r"[A-Z_0-9, ]+", name) or not re.search(r"\d", value) or len(value) > 40:
+        name, value = (
+            ast.unparse(target).strip("()"),
+            ", ".join(map(ast.unparse, values)),
+        )
+        if (
+            not described
+            or not re.fullmatch(r"[A-Z_0-9, ]+", name)
+            or not re.search(r"\d", value)
+            or len(value) > 40
+        ):
             continue
         words = " ".join(str(after.value.value).split())  # type: ignore[union-attr]
         ends = [match.end() for match in re.finditer(r"[.:;](?= [A-Z`]|$)", words)]
-        whole = (words[:end] for end in ends if words[:end].count("(") == words[:end].count(")"))
+        whole = (
+            words[:end]
+            for end in ends
+            if words[:end].count("(") == words[:end].count(")")
+        )
         sentence = next(whole, words).rstrip(":;").replace("|", "\\|")
         found.append((name, value, unit_of(name, sentence), sentence))
     return found
@@ -64,9 +91,19 @@ def page() -> str:
     parts = [HEAD]
     for path in sorted(ROOM.glob("*.py")):
         if table := rows(path):
-            lines = [f"| `{name}` | {value} | {unit} | {words} |" for name, value, unit, words in table]
+            lines = [
+                f"| `{name}` | {value} | {unit} | {words} |"
+                for name, value, unit, words in table
+            ]
             parts.append(
-                "\n".join([f"## `{path.name}`\n", "| name | value | unit | meaning |", "|---|---|---|---|", *lines])
+                "\n".join(
+                    [
+                        f"## `{path.name}`\n",
+                        "| name | value | unit | meaning |",
+                        "|---|---|---|---|",
+                        *lines,
+                    ]
+                )
             )
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
 

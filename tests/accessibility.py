@@ -12,7 +12,9 @@ from tests.node import NODE
 
 AXE = NODE / "node_modules" / "axe-core" / "axe.min.js"
 
-needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="needs axe-core: npm install --prefix tests/node")
+needs_axe = pytest.mark.skipif(
+    not AXE.is_file(), reason="needs axe-core: npm install --prefix tests/node"
+)
 
 SIZES = (390, 768, 1280)
 

@@ -11,7 +11,14 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio", "--no-first-run")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--no-first-run",
+)
 """No sandbox, because containers forbid it its name spaces; it only ever sees our own page."""
 
 RULES = "MAP phone.test 127.0.0.1, MAP other.test 127.0.0.1"
@@ -28,12 +35,20 @@ def chromium() -> Iterator[webdriver.Chrome]:
 
 def start_chromium(*flags: str) -> webdriver.Chrome:
     """Start a browser with further flags; the caller quits it."""
-    program, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    program, driver = (
+        shutil.which("chromium") or shutil.which("google-chrome"),
+        shutil.which("chromedriver"),
+    )
     if program is None or driver is None:
         pytest.skip("no Chromium or Chrome with chromedriver here")
     options = webdriver.ChromeOptions()
     options.binary_location = program
-    for flag in (*flags, *FLAGS, "--autoplay-policy=no-user-gesture-required", f"--host-resolver-rules={RULES}"):
+    for flag in (
+        *flags,
+        *FLAGS,
+        "--autoplay-policy=no-user-gesture-required",
+        f"--host-resolver-rules={RULES}",
+    ):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     return webdriver.Chrome(options, Service(driver))
@@ -53,7 +68,12 @@ def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
 def resize(browser: webdriver.Chrome, width: int, height: int) -> None:
     """Take the size of a window, or of a phone."""
     phone = width < 500
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 2 if phone else 1, "mobile": phone}
+    metrics = {
+        "width": width,
+        "height": height,
+        "deviceScaleFactor": 2 if phone else 1,
+        "mobile": phone,
+    }
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 
 
@@ -62,12 +82,16 @@ def text(browser: webdriver.Chrome, name: str) -> str:
     return browser.find_element(By.ID, name).text
 
 
-def wait(browser: webdriver.Chrome, true: Callable[[], object], seconds: float = 10) -> None:
+def wait(
+    browser: webdriver.Chrome, true: Callable[[], object], seconds: float = 10
+) -> None:
     """Wait until it is true, and fail if that takes too long."""
     WebDriverWait(browser, seconds, poll_frequency=0.02).until(lambda _: true())
 
 
-def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True, step: int = 20) -> None:
+def stroke(
+    browser: webdriver.Chrome, stone: int, *, lift: bool = True, step: int = 20
+) -> None:
     """Press on a stone and move back and forth over it, 16 times for ``step`` ms."""
     stage = browser.find_element(By.ID, "stage")
     width, height = stage.rect["width"], stage.rect["height"]

@@ -22,7 +22,9 @@ hypothesis.settings.register_profile("random", max_examples=1000, deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
-collect_ignore_glob = ["data/*"]  # programs that make the data: they need what the tests do not
+collect_ignore_glob = [
+    "data/*"
+]  # programs that make the data: they need what the tests do not
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -44,7 +46,10 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Fail at the third test that had to be repeated, over all sessions that write into one list."""
-    if not (path := os.environ.get("TACTOPHONE_RERUN_LIST")) or "PYTEST_XDIST_WORKER" in os.environ:
+    if (
+        not (path := os.environ.get("TACTOPHONE_RERUN_LIST"))
+        or "PYTEST_XDIST_WORKER" in os.environ
+    ):
         return
     with Path(path).open("a+", encoding="utf-8") as file:
         file.writelines(f"{name}\n" for name in _rerun)
@@ -56,7 +61,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Say how many reruns were needed."""
     if _rerun:
-        terminalreporter.write_line(f"{len(_rerun)} reruns were needed; `make test` fails at {MOST_RERUNS + 1} in all:")
+        terminalreporter.write_line(
+            f"{len(_rerun)} reruns were needed; `make test` fails at {MOST_RERUNS + 1} in all:"
+        )
         for name in _rerun:
             terminalreporter.write_line(f"  {name}")
 
@@ -86,7 +93,9 @@ def jack_server() -> Iterator[DummyServer]:
 
 
 @pytest.fixture
-def portaudio(jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def portaudio(
+    jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
     """PortAudio on the test's own JACK server; it must forget that server before the server ends, or it aborts."""
     monkeypatch.setenv("JACK_DEFAULT_SERVER", jack_server.name)
     monkeypatch.setenv("JACK_NO_START_SERVER", "1")

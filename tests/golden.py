@@ -17,9 +17,21 @@ from tactophone.signal.pipeline import Pipeline, open_pipeline
 FOLDER = Path(__file__).parent / "data" / "golden_run"
 
 COLUMNS = (
-    "arrived", "start", "end", "none", "smooth", "rough", "touch", "roughness", "level_dbfs", "event", "event_time",
-    "time", "amplitude", "frequency",
-)  # fmt: skip
+    "arrived",
+    "start",
+    "end",
+    "none",
+    "smooth",
+    "rough",
+    "touch",
+    "roughness",
+    "level_dbfs",
+    "event",
+    "event_time",
+    "time",
+    "amplitude",
+    "frequency",
+)
 """Of ``predictions.csv``; times in s, the last three are the command's and empty where there was none."""
 
 Row = dict[str, float | str]
@@ -50,7 +62,9 @@ class PlainSession:
 
 
 def pipeline() -> Pipeline:
-    return open_pipeline("", sample_rate=48_000, channels=2, profile="paper", events=True)
+    return open_pipeline(
+        "", sample_rate=48_000, channels=2, profile="paper", events=True
+    )
 
 
 def event_of(entry: dict[str, Any]) -> Connected | PacketReceived:
@@ -74,18 +88,33 @@ def play() -> list[Row]:
             session.polled = [event_of(event) for event in entry["events"]]
             steps = endpoint.poll(now)
         else:
-            steps = endpoint.receive([(json.dumps(event).encode(), ("", 0)) for event in entry["events"]], now=now)
+            steps = endpoint.receive(
+                [(json.dumps(event).encode(), ("", 0)) for event in entry["events"]],
+                now=now,
+            )
         for _, step in steps:
             for place, prediction in enumerate(step.predictions if step else ()):
                 none, smooth, rough = prediction.probabilities
                 event = prediction.events[-1] if prediction.events else None
                 command = step.commands[place] if step and step.commands else None
                 values = (
-                    now, prediction.start, prediction.end, none, smooth, rough, prediction.touch.name.lower(),
-                    prediction.roughness, prediction.level_dbfs, event.kind if event else "",
-                    event.time if event else "", *((command.time, command.amplitude, command.frequency) if command
-                    else ("", "", "")),
-                )  # fmt: skip
+                    now,
+                    prediction.start,
+                    prediction.end,
+                    none,
+                    smooth,
+                    rough,
+                    prediction.touch.name.lower(),
+                    prediction.roughness,
+                    prediction.level_dbfs,
+                    event.kind if event else "",
+                    event.time if event else "",
+                    *(
+                        (command.time, command.amplitude, command.frequency)
+                        if command
+                        else ("", "", "")
+                    ),
+                )
                 rows.append(dict(zip(COLUMNS, values, strict=True)))
     return rows
 
@@ -103,7 +132,10 @@ def write(rows: list[Row]) -> None:
     with (FOLDER / "predictions.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
-        rounded = ({name: f"{v:.8g}" if isinstance(v, float) else v for name, v in row.items()} for row in rows)
+        rounded = (
+            {name: f"{v:.8g}" if isinstance(v, float) else v for name, v in row.items()}
+            for row in rows
+        )
         writer.writerows(rounded)
 
 

@@ -12,7 +12,13 @@ import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 from tactophone.lab.training.export import join, magnitudes
-from tactophone.signal.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
+from tactophone.signal.perception.model_file import (
+    CARD_KEY,
+    FEATURES,
+    LOG_PROBABILITIES,
+    Gate,
+    ModelCard,
+)
 
 CARD = ModelCard(
     name="tiny",
@@ -47,7 +53,9 @@ def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Pat
         [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, [1, 3])],
         [numpy_helper.from_array(weights, "weights")],
     )
-    classifier = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    classifier = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
     model = join(magnitudes(card.channels), classifier)
     helper.set_model_props(model, {CARD_KEY: card.to_json()})
     onnx.save(model, str(path))
@@ -56,5 +64,9 @@ def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Pat
 
 def classifier(path: Path) -> Any:
     """Open what follows the features in a model file: a session from features to log-probabilities."""
-    graph = onnx.utils.Extractor(onnx.load(str(path))).extract_model([FEATURES], [LOG_PROBABILITIES])
-    return onnxruntime.InferenceSession(graph.SerializeToString(), providers=["CPUExecutionProvider"])
+    graph = onnx.utils.Extractor(onnx.load(str(path))).extract_model(
+        [FEATURES], [LOG_PROBABILITIES]
+    )
+    return onnxruntime.InferenceSession(
+        graph.SerializeToString(), providers=["CPUExecutionProvider"]
+    )

@@ -9,19 +9,37 @@ from tactophone.core.types import AudioBlock, FloatArray
 ODD_SIZES = (1, 17, 480, 509)
 
 
-def tone(frequency: float, *, amplitude: float = 0.5, duration: float = 1.0, sample_rate: int = 48_000) -> FloatArray:
+def tone(
+    frequency: float,
+    *,
+    amplitude: float = 0.5,
+    duration: float = 1.0,
+    sample_rate: int = 48_000,
+) -> FloatArray:
     """One channel of a sine, shape ``(samples, 1)``."""
     time = np.arange(round(duration * sample_rate)) / sample_rate
-    return (amplitude * np.sin(2 * np.pi * frequency * time)).astype(np.float32)[:, None]
+    return (amplitude * np.sin(2 * np.pi * frequency * time)).astype(np.float32)[
+        :, None
+    ]
 
 
-def noise(*, level_dbfs: float = -20.0, duration: float = 1.0, channels: int = 2, seed: int = 0) -> FloatArray:
+def noise(
+    *,
+    level_dbfs: float = -20.0,
+    duration: float = 1.0,
+    channels: int = 2,
+    seed: int = 0,
+) -> FloatArray:
     """White Gaussian noise at 48 kHz, shape ``(samples, channels)``."""
-    samples = np.random.default_rng(seed).standard_normal((round(duration * 48_000), channels))
+    samples = np.random.default_rng(seed).standard_normal(
+        (round(duration * 48_000), channels)
+    )
     return (samples * 10 ** (level_dbfs / 20)).astype(np.float32)
 
 
-def blocks(samples: FloatArray, size: int, *, sample_rate: int = 48_000) -> Iterator[AudioBlock]:
+def blocks(
+    samples: FloatArray, size: int, *, sample_rate: int = 48_000
+) -> Iterator[AudioBlock]:
     """Cut sound into blocks of a size."""
     for start in range(0, len(samples), size):
         yield AudioBlock(samples[start : start + size], sample_rate, start)

@@ -25,7 +25,12 @@ def scrape(*, rough: bool, seed: int, channels: int = 2) -> FloatArray:
     if rough:
         places = rng.choice(np.flatnonzero(touched), 60, replace=False)
         bumps[places] = rng.uniform(2, 4, 60)
-        bumps = np.convolve(bumps, np.exp(-np.arange(40) / 8) * np.cos(np.arange(40)), mode="same") * 0.1
+        bumps = (
+            np.convolve(
+                bumps, np.exp(-np.arange(40) / 8) * np.cos(np.arange(40)), mode="same"
+            )
+            * 0.1
+        )
     contact = (hiss + bumps) * touched + rng.standard_normal(size) * 1e-4
     air = 0.2 * contact + rng.standard_normal(size) * 1e-4
     return np.stack([contact, air], axis=1)[:, :channels].astype(np.float32)
@@ -33,16 +38,26 @@ def scrape(*, rough: bool, seed: int, channels: int = 2) -> FloatArray:
 
 def surfaces(folder: Path, *, each: int = 4, channels: int = 2) -> Dataset:
     """Write some smooth and as many rough surfaces, a recording each, with the times of contact."""
-    return Dataset("scrapes", folder, tuple(_surface(folder, number, channels) for number in range(2 * each)))
+    return Dataset(
+        "scrapes",
+        folder,
+        tuple(_surface(folder, number, channels) for number in range(2 * each)),
+    )
 
 
 def _surface(folder: Path, number: int, channels: int) -> Recording:
     rough = bool(number % 2)
     path = folder / f"{number}.wav"
-    soundfile.write(path, scrape(rough=rough, seed=number, channels=channels), RATE, subtype="FLOAT")
+    soundfile.write(
+        path, scrape(rough=rough, seed=number, channels=channels), RATE, subtype="FLOAT"
+    )
     word = "rough" if rough else "smooth"
     begin, end = TOUCHED
-    segments = (Segment(0, begin, "none"), Segment(begin, end, word), Segment(end, DURATION, "none"))
+    segments = (
+        Segment(0, begin, "none"),
+        Segment(begin, end, word),
+        Segment(end, DURATION, "none"),
+    )
     names = ("contact", "air")[:channels]
     return Recording(
         path,

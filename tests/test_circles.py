@@ -11,15 +11,24 @@ SRC = Path(__file__).parent.parent / "src"
 
 def imports() -> dict[str, set[str]]:
     """Return the modules of the package that each one imports, in functions and ``TYPE_CHECKING`` too."""
-    paths = {".".join(path.relative_to(SRC).with_suffix("").parts): path for path in SRC.rglob("*.py")}
+    paths = {
+        ".".join(path.relative_to(SRC).with_suffix("").parts): path
+        for path in SRC.rglob("*.py")
+    }
     modules = {name.removesuffix(".__init__"): path for name, path in paths.items()}
     found: dict[str, set[str]] = {}
     for name, path in modules.items():
         targets = found.setdefault(name, set())
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom) and node.module:
-                both = ({f"{node.module}.{alias.name}", node.module} for alias in node.names)
-                targets |= {max(each & modules.keys(), key=len) for each in both if each & modules.keys()}
+                both = (
+                    {f"{node.module}.{alias.name}", node.module} for alias in node.names
+                )
+                targets |= {
+                    max(each & modules.keys(), key=len)
+                    for each in both
+                    if each & modules.keys()
+                }
             elif isinstance(node, ast.Import):
                 targets |= {alias.name for alias in node.names} & modules.keys()
         targets.discard(name)

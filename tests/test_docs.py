@@ -26,10 +26,25 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, built as `make docs` builds it."""
     pytest.importorskip("mkdocs")
     folder = tmp_path_factory.mktemp("site")
-    strict = [] if needs_node.args[0] else ["--strict"]  # without npm's packages the page that listens is missing
-    command = [sys.executable, "-m", "mkdocs", "build", *strict, "--site-dir", str(folder)]
+    strict = (
+        [] if needs_node.args[0] else ["--strict"]
+    )  # without npm's packages the page that listens is missing
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        *strict,
+        "--site-dir",
+        str(folder),
+    ]
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=120, env={"NO_MKDOCS_2_WARNING": "1"}
+        command,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={"NO_MKDOCS_2_WARNING": "1"},
     )
     assert done.returncode == 0, done.stderr
     return folder
@@ -45,16 +60,32 @@ def test_the_site_has_three_shelves_and_the_python_api(site: Path) -> None:
 @pytest.mark.slow
 def test_the_site_holds_the_page_that_listens(site: Path) -> None:
     assert (site / "browser" / "stylus.onnx").is_file()
-    for page, link in (("index.html", "browser/index.html"), ("guide/browser.html", "../browser/index.html")):
+    for page, link in (
+        ("index.html", "browser/index.html"),
+        ("guide/browser.html", "../browser/index.html"),
+    ):
         assert f'href="{link}"' in (site / page).read_text()
 
 
 @pytest.mark.slow
-def test_a_page_has_the_mark_the_palette_a_toggle_neighbours_and_copies_what_is_typed(site: Path) -> None:
+def test_a_page_has_the_mark_the_palette_a_toggle_neighbours_and_copies_what_is_typed(
+    site: Path,
+) -> None:
     page = (site / "quickstart" / "lab.html").read_text()
-    assert {"mark.svg", "palette.css"} <= {path.name for path in (site / "assets").iterdir()}
-    assert '[data-md-color-scheme="slate"]' in (site / "assets" / "palette.css").read_text()
-    for part in ("assets/mark.svg", "assets/palette.css", "Change to dark", 'rel="prev"', 'rel="next"'):
+    assert {"mark.svg", "palette.css"} <= {
+        path.name for path in (site / "assets").iterdir()
+    }
+    assert (
+        '[data-md-color-scheme="slate"]'
+        in (site / "assets" / "palette.css").read_text()
+    )
+    for part in (
+        "assets/mark.svg",
+        "assets/palette.css",
+        "Change to dark",
+        'rel="prev"',
+        'rel="next"',
+    ):
         assert part in page
     assert 'data-copy="tactophone replay run.mcap"' in page  # neither prompt nor output
     assert "Edit this page" not in page  # nobody has said where the repository is
@@ -66,21 +97,28 @@ def test_a_reader_of_the_site_fetches_nothing_from_elsewhere(site: Path) -> None
         r"""<(?:script|link|img|iframe)[^>]*(?:src|href)=["']?(?:https?:)?//|@import|url\(["']?https?:"""
     )
     for page in site.rglob("*.html"):
-        found = [match[0] for match in remote.finditer(page.read_text()) if 'rel="canonical"' not in match[0]]
+        found = [
+            match[0]
+            for match in remote.finditer(page.read_text())
+            if 'rel="canonical"' not in match[0]
+        ]
         assert not found, page
 
 
 def test_links_between_pages_of_the_repository_lead_somewhere() -> None:
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
-            assert "://" in target or (page.parent / target).exists(), f"{page.relative_to(ROOT)}: {target}"
+            assert "://" in target or (page.parent / target).exists(), (
+                f"{page.relative_to(ROOT)}: {target}"
+            )
 
 
 def test_files_and_tests_that_pages_name_exist() -> None:
     missing = []
     for page in PAGES:
         for name, _, test in re.findall(
-            r"(?<![:/])\b((?:tests|benchmarks|examples|scripts)/[\w/-]+\.py)(::(\w+))?", page.read_text()
+            r"(?<![:/])\b((?:tests|benchmarks|examples|scripts)/[\w/-]+\.py)(::(\w+))?",
+            page.read_text(),
         ):
             path = ROOT / name
             if not path.is_file() or (test and f"def {test}(" not in path.read_text()):
@@ -90,19 +128,29 @@ def test_files_and_tests_that_pages_name_exist() -> None:
 
 def test_tests_that_pages_name_without_their_file_exist() -> None:
     known = {
-        name for path in (ROOT / "tests").rglob("*.py") for name in re.findall(r"def (test_\w+)", path.read_text())
+        name
+        for path in (ROOT / "tests").rglob("*.py")
+        for name in re.findall(r"def (test_\w+)", path.read_text())
     }
-    named = {(page.name, name) for page in PAGES for name in re.findall(r"`(test_\w+)`", page.read_text())}
+    named = {
+        (page.name, name)
+        for page in PAGES
+        for name in re.findall(r"`(test_\w+)`", page.read_text())
+    }
     assert len(named) > 20
     assert not {(page, name) for page, name in named if name not in known}
 
 
 def paper_points() -> list[dict[str, Any]]:
-    return tomllib.loads((ROOT / "docs" / "reference" / "paper.toml").read_text())["point"]
+    return tomllib.loads((ROOT / "docs" / "reference" / "paper.toml").read_text())[
+        "point"
+    ]
 
 
 def test_the_page_about_the_paper_is_what_its_points_make() -> None:
-    spec = importlib.util.spec_from_file_location("paper_page", ROOT / "scripts" / "paper_page.py")
+    spec = importlib.util.spec_from_file_location(
+        "paper_page", ROOT / "scripts" / "paper_page.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     script = importlib.util.module_from_spec(spec)
@@ -113,8 +161,14 @@ def test_the_page_about_the_paper_is_what_its_points_make() -> None:
     assert len(set(numbers)) == len(numbers)
 
 
-@pytest.mark.parametrize("point", [p for p in paper_points() if p.get("run")], ids=lambda point: str(point["number"]))
-def test_each_cheap_command_of_the_page_about_the_paper_runs(point: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "point",
+    [p for p in paper_points() if p.get("run")],
+    ids=lambda point: str(point["number"]),
+)
+def test_each_cheap_command_of_the_page_about_the_paper_runs(
+    point: dict[str, Any],
+) -> None:
     for words in re.findall(r"`tactophone ([^`]+)`", point["command"]):
         assert main(shlex.split(words)) == 0
 
@@ -130,14 +184,21 @@ def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -
 
 def commands_of(page: Path) -> list[list[str]]:
     """Return the words of each call of the program in the page's blocks of code, but for those with placeholders."""
-    blocks = re.findall(r"^```(?:console)?\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
-    calls = re.findall(r"(?:^|\s)(?:[./\w]*/)?tactophone ([a-z][^#|&>()\n]+)", "\n".join(blocks).replace("\\\n", " "))
+    blocks = re.findall(
+        r"^```(?:console)?\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL
+    )
+    calls = re.findall(
+        r"(?:^|\s)(?:[./\w]*/)?tactophone ([a-z][^#|&>()\n]+)",
+        "\n".join(blocks).replace("\\\n", " "),
+    )
     calls = [re.split(r"\s{2,}|;", call)[0] for call in calls]
     return [shlex.split(call) for call in calls if not re.search(r"\.\.\.|\[|{", call)]
 
 
 @pytest.mark.parametrize(
-    "page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda page: page.name
+    "page",
+    [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))],
+    ids=lambda page: page.name,
 )
 def test_the_command_line_takes_each_command_that_a_page_shows(page: Path) -> None:
     for words in commands_of(page):
@@ -159,8 +220,15 @@ def test_the_readme_begins_with_a_picture_and_two_commands() -> None:
 
 
 def test_the_readmes_figures_are_those_of_the_scores_and_of_the_models_cards() -> None:
-    readme, scores = (ROOT / "README.md").read_text(), (ROOT / "docs" / "research" / "scores.md").read_text()
-    shown = dict(re.findall(r"^\| .*?\(`(\w+)`\) \| `\w+` \| \*\*([\d.]+)\*\*", readme, re.MULTILINE))
+    readme, scores = (
+        (ROOT / "README.md").read_text(),
+        (ROOT / "docs" / "research" / "scores.md").read_text(),
+    )
+    shown = dict(
+        re.findall(
+            r"^\| .*?\(`(\w+)`\) \| `\w+` \| \*\*([\d.]+)\*\*", readme, re.MULTILINE
+        )
+    )
     assert shown.keys() == {"pad", "stylus"}
     simulated = read_model(model_path("texture")).card.scores["simulated, held out"]
     assert f"{simulated['balanced_accuracy, as rendered'][0]:.2f}" == shown["pad"]
@@ -174,7 +242,19 @@ def test_the_code_of_the_readme_prints_what_it_says(
 ) -> None:
     readme = (ROOT / "README.md").read_text()
     monkeypatch.chdir(tmp_path)
-    words = ["simulate", "dataset", "sound", "--objects", "0", "--takes", "wiggle", "--seconds", "4", "--gain", "-6"]
+    words = [
+        "simulate",
+        "dataset",
+        "sound",
+        "--objects",
+        "0",
+        "--takes",
+        "wiggle",
+        "--seconds",
+        "4",
+        "--gain",
+        "-6",
+    ]
     assert main(words) == 0
     (tmp_path / "sound/00-lava-stone/held/wiggle.flac").rename(tmp_path / "finger.wav")
     capsys.readouterr()
@@ -185,22 +265,40 @@ def test_the_code_of_the_readme_prints_what_it_says(
 
 
 @pytest.mark.parametrize("page", ["safety", "threat-model"])
-def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(page: str) -> None:
+def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(
+    page: str,
+) -> None:
     texts = {path: path.read_text() for path in (ROOT / "tests").rglob("*.py")}
     defined = set(re.findall(r"def (test_\w+)", "".join(texts.values())))
     lines = (ROOT / "docs/reference" / f"{page}.md").read_text().splitlines()
-    heads = [number for number, line in enumerate(lines) if line.rstrip().endswith("| test |")]
+    heads = [
+        number
+        for number, line in enumerate(lines)
+        if line.rstrip().endswith("| test |")
+    ]
     assert heads
     for head in heads:
-        for line in itertools.takewhile(lambda text: text.startswith("|"), lines[head + 2 :]):
+        for line in itertools.takewhile(
+            lambda text: text.startswith("|"), lines[head + 2 :]
+        ):
             named = re.findall(r"`([^`]+)`", line.rstrip("| ").rpartition(" | ")[2])
             files = [
-                name.split("::")[0] for name in named if name.startswith(("tests/", "benchmarks/", "integrations/"))
+                name.split("::")[0]
+                for name in named
+                if name.startswith(("tests/", "benchmarks/", "integrations/"))
             ]
-            tests = [name.rpartition("::")[2] for name in named if name.rpartition("::")[2].startswith("test_")]
+            tests = [
+                name.rpartition("::")[2]
+                for name in named
+                if name.rpartition("::")[2].startswith("test_")
+            ]
             assert files or tests, line
             for file in files:
                 assert (ROOT / file.split()[0]).exists(), file
             for test in tests:
-                known = test in defined or any(path.name == test for path in texts) or test.endswith("_when")
+                known = (
+                    test in defined
+                    or any(path.name == test for path in texts)
+                    or test.endswith("_when")
+                )
                 assert known, f"{test} in: {line}"

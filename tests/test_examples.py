@@ -44,7 +44,9 @@ def test_a_recording_is_classified(recording: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_network_on_pictures_of_the_sound_is_scored_on_surfaces_that_it_never_met(tmp_path: Path) -> None:
+def test_a_network_on_pictures_of_the_sound_is_scored_on_surfaces_that_it_never_met(
+    tmp_path: Path,
+) -> None:
     lines = ["file_name,surface,label"]
     rng = np.random.default_rng(0)
     for number, label in enumerate(("smooth", "rough") * 2):
@@ -59,12 +61,17 @@ def test_a_network_on_pictures_of_the_sound_is_scored_on_surfaces_that_it_never_
 
 
 def test_a_model_runs_without_this_package(recording: Path) -> None:
-    rows = [line.split() for line in run("run_anywhere.py", model_path("stylus"), recording).splitlines()]
+    rows = [
+        line.split()
+        for line in run("run_anywhere.py", model_path("stylus"), recording).splitlines()
+    ]
     assert [rows[0][5], len(rows)] == ["none", 97]
     assert {row[5] for row in rows[60:]} <= {"smooth", "rough"}
 
 
-def test_the_oscillator_obeys_its_limits_and_fades_without_commands(tmp_path: Path) -> None:
+def test_the_oscillator_obeys_its_limits_and_fades_without_commands(
+    tmp_path: Path,
+) -> None:
     run("drive_oscillator.py", tmp_path / "vibration.wav")
     vibration, rate = soundfile.read(tmp_path / "vibration.wav", dtype="float32")
     assert 0.25 < np.abs(vibration[: rate // 2]).max() <= np.float32(0.3)
@@ -73,7 +80,9 @@ def test_the_oscillator_obeys_its_limits_and_fades_without_commands(tmp_path: Pa
 
 def test_telemetry_is_printed(tmp_path: Path) -> None:
     with Telemetry(f"test-{tmp_path.name}") as telemetry:
-        assert "packets received" in run("subscribe_to_telemetry.py", telemetry.name, "0.1")
+        assert "packets received" in run(
+            "subscribe_to_telemetry.py", telemetry.name, "0.1"
+        )
 
 
 def test_a_custom_profile_makes_commands(recording: Path) -> None:
@@ -87,7 +96,11 @@ def test_a_detector_of_scikit_learn_tells_what_it_was_taught(tmp_path: Path) -> 
     pytest.importorskip("sklearn")
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=0.1, size=(48_000, 1))
-    sounds = {"none": 1e-4 * noise, "smooth": np.cumsum(noise, axis=0) / 100, "rough": noise}
+    sounds = {
+        "none": 1e-4 * noise,
+        "smooth": np.cumsum(noise, axis=0) / 100,
+        "rough": noise,
+    }
     for name, sound in sounds.items():
         soundfile.write(tmp_path / f"{name}.wav", sound.clip(-1, 1), 48_000)
     paths = [tmp_path / f"{name}.wav" for name in sounds]
@@ -108,7 +121,9 @@ def test_live_sound_calls_back(recording: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_recording_becomes_a_data_frame(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_becomes_a_data_frame(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("pandas")
     monkeypatch.chdir(tmp_path)
     assert "window_end" in run("wav_to_data_frame.py", recording)
@@ -159,7 +174,9 @@ def test_osc_messages_are_printed(tmp_path: Path) -> None:
     with (
         Telemetry(f"test-{tmp_path.name}") as telemetry,
         OscBridge(telemetry.name, f"127.0.0.1:{port}") as bridge,
-        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+        repeated(
+            lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())
+        ),
     ):
         printed = run("receive_osc.py", str(port), "1")
     assert "/tactophone/index/vibration 0.50 60.00" in printed
@@ -174,7 +191,9 @@ def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> No
     with (
         Telemetry(name) as telemetry,
         FoxgloveBridge(name, "127.0.0.1:0", token="secret") as bridge,
-        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+        repeated(
+            lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())
+        ),
     ):
         printed = run("watch_foxglove.py", f"ws://127.0.0.1:{bridge.port}/secret/", "3")
     assert printed.count("rough  0.5") == 3
@@ -190,7 +209,9 @@ def test_the_vibration_on_ros_is_printed(tmp_path: Path) -> None:
     with (
         Telemetry(name) as telemetry,
         RosBridge(name, domain=0) as bridge,
-        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+        repeated(
+            lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())
+        ),
     ):
         printed = run("follow_ros.py", "5")
     assert "amplitude 0.50, 60 Hz" in printed

@@ -19,7 +19,9 @@ def test_the_golden_run_gives_the_same_predictions_and_commands() -> None:
         if name in WORDS:
             assert [row[name] for row in found] == [row[name] for row in expected], name
             continue
-        assert [row[name] == "" for row in found] == [row[name] == "" for row in expected], name
+        assert [row[name] == "" for row in found] == [
+            row[name] == "" for row in expected
+        ], name
         here = [row[name] for row in found if row[name] != ""]
         there = [float(row[name]) for row in expected if row[name] != ""]
         assert here == pytest.approx(there, abs=CLOSE, rel=CLOSE / 2), name

@@ -14,10 +14,14 @@ from tactophone.core.types import HapticCommand
 STREAM = [
     HapticCommand(amplitude, frequency, 0.0107 * n)
     for n, (amplitude, frequency) in enumerate(
-        [(0.0, 120.0)] * 5 + [(0.028, 120.0)] * 3 + [(0.5, 60.0)] * 4
-        + [(0.3 + 0.2 * math.sin(k), 60 + 5.3 * k) for k in range(40)] + [(0.0, 60.0)] * 5 + [(1e-5, 50.0)]
+        [(0.0, 120.0)] * 5
+        + [(0.028, 120.0)] * 3
+        + [(0.5, 60.0)] * 4
+        + [(0.3 + 0.2 * math.sin(k), 60 + 5.3 * k) for k in range(40)]
+        + [(0.0, 60.0)] * 5
+        + [(1e-5, 50.0)]
     )
-]  # fmt: skip
+]
 
 
 def held(commands: list[HapticCommand], time: float) -> tuple[float, float]:
@@ -28,7 +32,10 @@ def held(commands: list[HapticCommand], time: float) -> tuple[float, float]:
 def decode_haptic(content: dict[str, Any]) -> list[haptic_files.Point]:
     envelopes = content["signals"]["continuous"]["envelopes"]
     pairs = zip(envelopes["amplitude"], envelopes["frequency"], strict=True)
-    return [(level["time"], level["amplitude"], hertz(pitch["frequency"])) for level, pitch in pairs]
+    return [
+        (level["time"], level["amplitude"], hertz(pitch["frequency"]))
+        for level, pitch in pairs
+    ]
 
 
 def decode_ahap(content: dict[str, Any]) -> list[haptic_files.Point]:
@@ -37,22 +44,36 @@ def decode_ahap(content: dict[str, Any]) -> list[haptic_files.Point]:
         if curve := entry.get("ParameterCurve"):
             for point in curve["ParameterCurveControlPoints"]:
                 time = round(curve["Time"] + point["Time"], 4)
-                values.setdefault(curve["ParameterID"], {})[time] = point["ParameterValue"]
-    intensity, sharpness = values["HapticIntensityControl"], values["HapticSharpnessControl"]
+                values.setdefault(curve["ParameterID"], {})[time] = point[
+                    "ParameterValue"
+                ]
+    intensity, sharpness = (
+        values["HapticIntensityControl"],
+        values["HapticSharpnessControl"],
+    )
     return [(time, level, hertz(sharpness[time])) for time, level in intensity.items()]
 
 
 def decode_hjif(content: dict[str, Any]) -> list[haptic_files.Point]:
-    frames = content["perceptions"][0]["channels"][0]["bands"][0]["effects"][0]["keyframes"]
+    frames = content["perceptions"][0]["channels"][0]["bands"][0]["effects"][0][
+        "keyframes"
+    ]
     scale = content["timescale"]
     return [
-        (frame["relative_position"] / scale, frame["amplitude_modulation"], frame["frequency_modulation"])
+        (
+            frame["relative_position"] / scale,
+            frame["amplitude_modulation"],
+            frame["frequency_modulation"],
+        )
         for frame in frames
     ]
 
 
 def hertz(relative: float) -> float:
-    return float(haptic_files.LOWEST_HZ * (haptic_files.HIGHEST_HZ / haptic_files.LOWEST_HZ) ** relative)
+    return float(
+        haptic_files.LOWEST_HZ
+        * (haptic_files.HIGHEST_HZ / haptic_files.LOWEST_HZ) ** relative
+    )
 
 
 @pytest.mark.parametrize(
@@ -64,14 +85,19 @@ def hertz(relative: float) -> float:
     ],
 )
 def test_decoding_returns_the_stream_within_1_db_and_2_percent(encode, decode) -> None:  # type: ignore[no-untyped-def]
-    content = json.loads(json.dumps(encode(haptic_files.envelope(STREAM, duration=0.8))))
+    content = json.loads(
+        json.dumps(encode(haptic_files.envelope(STREAM, duration=0.8)))
+    )
     times, levels, pitches = map(np.array, zip(*decode(content), strict=True))
     assert (np.diff(times) >= 0).all()
     assert times[-1] == pytest.approx(0.8)
     for n in range(len(STREAM) - 1):
         moment = (STREAM[n].time + STREAM[n + 1].time) / 2
         amplitude, frequency = held(STREAM, moment)
-        level, pitch = np.interp(moment, times, levels), np.interp(moment, times, pitches)
+        level, pitch = (
+            np.interp(moment, times, levels),
+            np.interp(moment, times, pitches),
+        )
         if amplitude > haptic_files.SILENT_AMPLITUDE:
             assert abs(20 * math.log10(level / amplitude)) < 1
             assert pitch == pytest.approx(frequency, rel=0.02)
@@ -84,14 +110,21 @@ def test_a_haptic_file_keeps_the_rules_of_its_format() -> None:
     envelopes = content["signals"]["continuous"]["envelopes"]
     assert content["version"] == {"major": 1, "minor": 0, "patch": 0}
     assert len(envelopes["amplitude"]) >= 2
-    for points, key in ((envelopes["amplitude"], "amplitude"), (envelopes["frequency"], "frequency")):
+    for points, key in (
+        (envelopes["amplitude"], "amplitude"),
+        (envelopes["frequency"], "frequency"),
+    ):
         assert points[0]["time"] == 0
         assert all(0 <= point[key] <= 1 for point in points)
 
 
 def test_an_ahap_curve_has_no_more_points_than_core_haptics_plays() -> None:
     content = haptic_files.encode_ahap(haptic_files.envelope(STREAM))
-    curves = [entry["ParameterCurve"] for entry in content["Pattern"] if "ParameterCurve" in entry]
+    curves = [
+        entry["ParameterCurve"]
+        for entry in content["Pattern"]
+        if "ParameterCurve" in entry
+    ]
     assert len(curves) > 4
     assert all(2 <= len(curve["ParameterCurveControlPoints"]) <= 16 for curve in curves)
 
@@ -112,10 +145,18 @@ def test_hjif_holds_what_mpegs_reference_loader_asks_for() -> None:
     for perception in content["perceptions"]:
         assert isinstance(perception["effect_library"], list)
         assert perception["avatar_id"] in avatars
-        for band in (band for channel in perception["channels"] for band in channel["bands"]):
+        for band in (
+            band for channel in perception["channels"] for band in channel["bands"]
+        ):
             whole = [band["lower_frequency_limit"], band["upper_frequency_limit"]]
-            frames = [frame for effect in band["effects"] for frame in effect["keyframes"]]
-            whole += [frame[name] for frame in frames for name in ("relative_position", "frequency_modulation")]
+            frames = [
+                frame for effect in band["effects"] for frame in effect["keyframes"]
+            ]
+            whole += [
+                frame[name]
+                for frame in frames
+                for name in ("relative_position", "frequency_modulation")
+            ]
             assert all(isinstance(number, int) for number in whole)
             assert np.all(np.diff([frame["relative_position"] for frame in frames]) > 0)
     assert content["timescale"] <= 48_000

@@ -16,10 +16,14 @@ esac
 """
 
 
-def install(folder: Path, *, other: str = "pass", said: str = "", code: int = 0) -> "subprocess.CompletedProcess[str]":
+def install(
+    folder: Path, *, other: str = "pass", said: str = "", code: int = 0
+) -> "subprocess.CompletedProcess[str]":
     """Run `scripts/install demo` with a Python that says it is another, and whose pip warns as real ones do."""
     for name, text in {
-        "venv/bin/python": PYTHON.format(python=sys.executable, other=other, said=said, code=code),
+        "venv/bin/python": PYTHON.format(
+            python=sys.executable, other=other, said=said, code=code
+        ),
         "bin/dpkg-query": "#!/bin/sh\necho install ok installed\n",
         "bin/apt-cache": "#!/bin/sh\n",
         **{
@@ -31,17 +35,33 @@ def install(folder: Path, *, other: str = "pass", said: str = "", code: int = 0)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
         path.chmod(0o755)
-    environment = {**os.environ, "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"}
+    environment = {
+        **os.environ,
+        "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}",
+    }
     command = [ROOT / "scripts" / "install", "demo", folder / "venv"]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(
+        command,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
 
 
 @pytest.mark.parametrize(
     ("other", "named"),
     [
         ('sys.platform = "darwin"; platform.system = lambda: "Darwin"', "Darwin"),
-        ('sys.version_info = (3, 10); platform.python_version = lambda: "3.10.13"', "3.10.13"),
-        ('sys.version_info = (3, 15); platform.python_version = lambda: "3.15.0"', "3.15.0"),
+        (
+            'sys.version_info = (3, 10); platform.python_version = lambda: "3.10.13"',
+            "3.10.13",
+        ),
+        (
+            'sys.version_info = (3, 15); platform.python_version = lambda: "3.15.0"',
+            "3.15.0",
+        ),
         ('platform.python_implementation = lambda: "PyPy"', "PyPy"),
         ('platform.libc_ver = lambda: ("", "")', "Linux"),
         ('platform.machine = lambda: "armv7l"', "armv7l"),
@@ -53,7 +73,9 @@ def test_a_system_that_will_not_do_is_told_so_in_a_line_before_any_download(
     done = install(tmp_path, other=other, said="pip was run")
     (line,) = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (1, "")
-    assert line.startswith("make demo needs CPython 3.11 to 3.14 on 64-bit Linux with glibc; this is ")
+    assert line.startswith(
+        "make demo needs CPython 3.11 to 3.14 on 64-bit Linux with glibc; this is "
+    )
     assert named in line
     assert "docs/guide/installation.md" in line
     assert not (tmp_path / "downloaded").exists()

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
-PACKAGES = sorted(path.parent for path in (Path(__file__).parents[1] / "integrations").glob("*/pyproject.toml"))
+PACKAGES = sorted(
+    path.parent
+    for path in (Path(__file__).parents[1] / "integrations").glob("*/pyproject.toml")
+)
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)

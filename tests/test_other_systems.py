@@ -66,11 +66,30 @@ assert len(tactophone.classify(sys.argv[1]).times) > 10
 """
 
 
-def without_unix(code: str, *words: str, cwd: Path, warnings: str = "default") -> "subprocess.CompletedProcess[str]":
+def without_unix(
+    code: str, *words: str, cwd: Path, warnings: str = "default"
+) -> "subprocess.CompletedProcess[str]":
     paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
     environment = {**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "cp1252"}
-    command = [sys.executable, "-X", "warn_default_encoding", "-W", warnings, "-c", HIDING + code, *words]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False, env=environment)
+    command = [
+        sys.executable,
+        "-X",
+        "warn_default_encoding",
+        "-W",
+        warnings,
+        "-c",
+        HIDING + code,
+        *words,
+    ]
+    return subprocess.run(
+        command,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env=environment,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -105,5 +124,7 @@ def test_the_modules_and_the_api_load_without_a_warning(folder: Path) -> None:
 def test_a_verb_that_needs_no_live_sound_runs(folder: Path, words: str) -> None:
     for command in words.split("; "):
         done = without_unix(RUN, *command.split(), cwd=folder)
-        assert done.returncode in ((0, 1) if words == "dataset check set" else (0,)), done.stderr[-2000:]
+        assert done.returncode in ((0, 1) if words == "dataset check set" else (0,)), (
+            done.stderr[-2000:]
+        )
         assert "Traceback" not in done.stderr

@@ -54,7 +54,16 @@ WORDS = {
 }
 """Arguments with which each verb gets past parsing."""
 
-WORKING = {"feel", "model", "status", "devices", "settings", "evaluate", "roughness", "dataset"}
+WORKING = {
+    "feel",
+    "model",
+    "status",
+    "devices",
+    "settings",
+    "evaluate",
+    "roughness",
+    "dataset",
+}
 """Verbs that succeed with the core alone."""
 
 
@@ -63,10 +72,14 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``tactophone`` in a fresh environment, from the wheel, without extras."""
     folder = tmp_path_factory.mktemp("package")
     pip = [sys.executable, "-m", "pip", "--quiet"]
-    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
+    subprocess.run(
+        [*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True
+    )
     venv.create(folder / "venv", with_pip=False)
     python = folder / "venv" / "bin" / "python"
-    subprocess.run([*pip, "--python", python, "install", next(folder.glob("*.whl"))], check=True)
+    subprocess.run(
+        [*pip, "--python", python, "install", next(folder.glob("*.whl"))], check=True
+    )
     return python.with_name("tactophone")
 
 
@@ -75,17 +88,33 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A working folder with a recording of noise and a small data set."""
     folder = tmp_path_factory.mktemp("work")
     audiofolder(folder / "set")
-    soundfile.write(folder / "finger.wav", np.random.default_rng(0).normal(scale=0.1, size=(24_000, 2)), 48_000)
-    np.save(folder / "heights.npy", np.random.default_rng(0).normal(scale=1e-6, size=1000))
+    soundfile.write(
+        folder / "finger.wav",
+        np.random.default_rng(0).normal(scale=0.1, size=(24_000, 2)),
+        48_000,
+    )
+    np.save(
+        folder / "heights.npy", np.random.default_rng(0).normal(scale=1e-6, size=1000)
+    )
     return folder
 
 
 @pytest.mark.package
 @pytest.mark.parametrize("verb", VERBS)
-def test_without_extras_each_verb_works_or_names_the_extra(program: Path, folder: Path, verb: str) -> None:
-    helped = subprocess.run([program, verb, "--help"], capture_output=True, text=True, check=False)
+def test_without_extras_each_verb_works_or_names_the_extra(
+    program: Path, folder: Path, verb: str
+) -> None:
+    helped = subprocess.run(
+        [program, verb, "--help"], capture_output=True, text=True, check=False
+    )
     assert helped.returncode == 0, helped.stderr
-    done = subprocess.run([program, verb, *WORDS[verb]], cwd=folder, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [program, verb, *WORDS[verb]],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert "Traceback" not in done.stderr
     assert done.returncode == (0 if verb in WORKING else 1), done.stderr
     if verb in EXTRAS_OF_VERB:
@@ -96,20 +125,41 @@ def test_without_extras_each_verb_works_or_names_the_extra(program: Path, folder
 
 @pytest.mark.package
 def test_the_readmes_install_line_fits_the_wheel(program: Path) -> None:
-    line = re.search(r"^pip install '\.\[([\w,]+)\]'$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    line = re.search(
+        r"^pip install '\.\[([\w,]+)\]'$",
+        (ROOT / "README.md").read_text(),
+        re.MULTILINE,
+    )
     assert line
     wheel = next(program.parents[2].glob("*.whl"))
-    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--no-index", "--no-deps", f"{wheel}[{line[1]}]"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--dry-run",
+        "--no-index",
+        "--no-deps",
+        f"{wheel}[{line[1]}]",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "does not provide the extra" not in done.stderr
     with zipfile.ZipFile(wheel) as opened:
-        metadata = next(opened.read(name).decode() for name in opened.namelist() if name.endswith("METADATA"))
-    assert set(line[1].split(",")) <= set(re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE))
+        metadata = next(
+            opened.read(name).decode()
+            for name in opened.namelist()
+            if name.endswith("METADATA")
+        )
+    assert set(line[1].split(",")) <= set(
+        re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE)
+    )
 
 
 @pytest.mark.slow
 def test_every_optional_module_has_its_extra() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     declared = {
         re.split(r"[^\w-]", requirement)[0].lower().replace("_", "-"): extra
         for extra, requirements in extras.items()
@@ -118,16 +168,31 @@ def test_every_optional_module_has_its_extra() -> None:
     }
     distributions = packages_distributions()
     for module, extra in EXTRA_OF_MODULE.items():
-        for name in distributions.get(module, ()):  # Ray, for example, need not be installed here
+        for name in distributions.get(
+            module, ()
+        ):  # Ray, for example, need not be installed here
             assert declared[name.lower().replace("_", "-")] == extra
     assert set(declared.values()) == set(EXTRA_OF_MODULE.values())
 
 
-def test_a_release_states_where_source_issues_and_documentation_are(tmp_path: Path) -> None:
-    workflow = pytest.importorskip("yaml").safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text())
-    (step,) = (step for step in workflow["jobs"]["build"]["steps"] if "URL" in step.get("env", {}))
+def test_a_release_states_where_source_issues_and_documentation_are(
+    tmp_path: Path,
+) -> None:
+    workflow = pytest.importorskip("yaml").safe_load(
+        (ROOT / ".github" / "workflows" / "release.yml").read_text()
+    )
+    (step,) = (
+        step
+        for step in workflow["jobs"]["build"]["steps"]
+        if "URL" in step.get("env", {})
+    )
     (tmp_path / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
-    subprocess.run(["bash", "-ec", step["run"]], cwd=tmp_path, env={"URL": "https://host/owner/name"}, check=True)
+    subprocess.run(
+        ["bash", "-ec", step["run"]],
+        cwd=tmp_path,
+        env={"URL": "https://host/owner/name"},
+        check=True,
+    )
     urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
     assert urls["Source"] == "https://host/owner/name"
     assert urls["Issues"] == "https://host/owner/name/issues"
@@ -139,6 +204,10 @@ def test_the_libraries_of_a_call_are_imported_by_its_own_process_alone() -> None
     users = {
         path.relative_to(source).parent.as_posix()
         for path in source.rglob("*.py")
-        if re.search(r"^\s*(?:import|from) (?:wormhole|twisted|aioice)\b", path.read_text(), re.MULTILINE)
+        if re.search(
+            r"^\s*(?:import|from) (?:wormhole|twisted|aioice)\b",
+            path.read_text(),
+            re.MULTILINE,
+        )
     }
     assert users == {"net/call"}

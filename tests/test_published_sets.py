@@ -31,7 +31,9 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def server(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     folder = tmp_path / "served"
     folder.mkdir()
-    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
+    handler = functools.partial(
+        http.server.SimpleHTTPRequestHandler, directory=str(folder)
+    )
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as serving:
         thread = threading.Thread(target=serving.serve_forever)
         thread.start()
@@ -51,7 +53,10 @@ def archive(path: Path, *, name: str = "share/opus/stereo/00_long_light.wav") ->
 
 @pytest.mark.slow
 def test_the_authors_share_is_fetched_checked_and_read(
-    server: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    server: tuple[Path, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     folder, address = server
     sha256 = archive(folder / "share.zip")
@@ -92,7 +97,10 @@ def cluster(folder: Path) -> Path:
         soundfile.write(place / f"{name}.flac", rng.normal(0, 0.1, (4410, 2)), 44_100)
     (place / "notes.flac").write_bytes(b"none")
     space = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
-    texts = "".join(f"<si><t>{text}</t></si>" for text in ("id", "name", "Nyatoh", "Stainless steel"))
+    texts = "".join(
+        f"<si><t>{text}</t></si>"
+        for text in ("id", "name", "Nyatoh", "Stainless steel")
+    )
     rows = (
         '<row r="1"><c r="A1" t="s"><v>0</v></c><c r="B1" t="s"><v>1</v></c></row>'
         '<row r="2"><c r="A2"><v>0</v></c><c r="B2" t="s"><v>2</v></c><c r="C2"><v>0.4</v></c></row>'
@@ -100,22 +108,37 @@ def cluster(folder: Path) -> Path:
     )
     with zipfile.ZipFile(folder / "texture_list.xlsx", "w") as book:
         book.writestr("xl/sharedStrings.xml", f"<sst {space}>{texts}</sst>")
-        book.writestr("xl/worksheets/sheet1.xml", f"<worksheet {space}><sheetData>{rows}</sheetData></worksheet>")
+        book.writestr(
+            "xl/worksheets/sheet1.xml",
+            f"<worksheet {space}><sheetData>{rows}</sheetData></worksheet>",
+        )
     return folder
 
 
-def test_the_cluster_set_becomes_slides_of_one_air_microphone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cluster_set_becomes_slides_of_one_air_microphone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     theirs = cluster(tmp_path / "theirs")
-    (theirs / "labels.csv").write_text("surface,label\nNyatoh,rough\nStainless steel,smooth\n")
+    (theirs / "labels.csv").write_text(
+        "surface,label\nNyatoh,rough\nStainless steel,smooth\n"
+    )
     assert run(monkeypatch, "cluster", str(theirs), str(tmp_path / "ours")) == 0
     made = open_dataset(tmp_path / "ours")
     assert {(each.surface, each.label) for each in made.recordings} == {
-        ("Nyatoh", Touch.ROUGH), ("Stainless steel", Touch.SMOOTH), ("texture 74", None),
-    }  # fmt: skip
+        ("Nyatoh", Touch.ROUGH),
+        ("Stainless steel", Touch.SMOOTH),
+        ("texture 74", None),
+    }
     assert {each.channels for each in made.recordings} == {("air",)}
     first = next(each for each in made.recordings if each.take == "0_45_60_1000_1")
-    assert (first.known("speed_mm_s"), first.known("direction_deg"), first.known("force_mn")) == ("60", "45", "1000")
-    theirs_main = soundfile.read(theirs / "sensor_data/raw_audio/0_45_60_1000_1.flac")[0][:, 0]
+    assert (
+        first.known("speed_mm_s"),
+        first.known("direction_deg"),
+        first.known("force_mn"),
+    ) == ("60", "45", "1000")
+    theirs_main = soundfile.read(theirs / "sensor_data/raw_audio/0_45_60_1000_1.flac")[
+        0
+    ][:, 0]
     assert soundfile.read(first.path)[0] == pytest.approx(theirs_main, abs=2**-20)
 
 
@@ -131,7 +154,10 @@ def test_what_is_not_the_cluster_set_is_refused_in_a_line(tmp_path: Path) -> Non
 def biotac(root: Path) -> Path:
     pac = 2048 + 200 * np.sin(2 * np.pi * 110 * np.arange(22 * 100) / 2200)
     for name in ("mat1/mat1_1_bio.csv", "mat2/mat2_1_bio.csv"):
-        lines = (",".join(["0", *(f"{value:.0f}" for value in row)]) for row in pac.reshape(-1, 22))
+        lines = (
+            ",".join(["0", *(f"{value:.0f}" for value in row)])
+            for row in pac.reshape(-1, 22)
+        )
         write_text(root / "raw_data" / name, ",".join(["time", *PAC]), *lines)
     write_text(root / "raw_data" / "mat1" / "notes.csv", "a,b", "1,2")
     write_text(root / "labels.csv", "surface;label", "mat1;rough", "mat2;smooth")

@@ -20,8 +20,12 @@ PAGES = Path(__file__).parent.parent / "docs" / "quickstart"
 
 def commands(page: str) -> list[tuple[str, list[str]]]:
     """Each command of a page with its machine: robot, operator, or an empty text."""
-    blocks = re.findall(r"```console\n(.*?)```", (PAGES / page).read_text(), flags=re.DOTALL)
-    found = re.findall(r"^(\w*)\$ tactophone (.+)$", "\n".join(blocks), flags=re.MULTILINE)
+    blocks = re.findall(
+        r"```console\n(.*?)```", (PAGES / page).read_text(), flags=re.DOTALL
+    )
+    found = re.findall(
+        r"^(\w*)\$ tactophone (.+)$", "\n".join(blocks), flags=re.MULTILINE
+    )
     return [(machine, shlex.split(words)) for machine, words in found]
 
 
@@ -40,7 +44,13 @@ def test_a_researcher_gets_from_recordings_to_scores(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert {words[0] for _, words in commands("researcher.md")} == {"simulate", "dataset", "feel", "evaluate", "train"}
+    assert {words[0] for _, words in commands("researcher.md")} == {
+        "simulate",
+        "dataset",
+        "feel",
+        "evaluate",
+        "train",
+    }
     for _, words in commands("researcher.md"):
         assert main(words) == 0, words
     assert (tmp_path / "wiggle.feel.png").is_file()
@@ -55,7 +65,11 @@ def test_the_code_of_the_python_page_prints_what_the_page_shows(
     for _, words in commands("python.md"):
         assert main(words) == 0, words
     capsys.readouterr()
-    code = re.findall(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", (PAGES / "python.md").read_text(), re.DOTALL)
+    code = re.findall(
+        r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?",
+        (PAGES / "python.md").read_text(),
+        re.DOTALL,
+    )
     names: dict[str, object] = {"__name__": "quickstart"}
     for block, shown in code:
         exec(block, names)
@@ -65,14 +79,18 @@ def test_the_code_of_the_python_page_prints_what_the_page_shows(
 
 
 @pytest.mark.realtime
-def test_the_phones_page_answers_encrypted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_phones_page_answers_encrypted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tactophone.net.link.identity.IDENTITY_FOLDER", tmp_path)
     (_, pair), (_, serve) = commands("phone.md")
     assert main([*pair, "--identity", str(tmp_path)]) == 0
     extra = ["--name", "quickstart-phone", "--set", f"link.identity={tmp_path}"]
     with start([*serve, *extra], cwd=tmp_path) as process:
         assert process.stdout
-        address = next(line.split()[1] for line in process.stdout if line.startswith("page: "))
+        address = next(
+            line.split()[1] for line in process.stdout if line.startswith("page: ")
+        )
         trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
         with urllib.request.urlopen(address, context=trusting, timeout=20) as answer:
@@ -92,8 +110,23 @@ def test_a_lab_pairs_runs_and_replays(
     monkeypatch.chdir(tmp_path)
     port = free_port()
     stand_in = {
-        "setup": ["--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "2", "--yes"],
-        "receive": ["--actuator", "none", "--name", "quickstart-operator", "--set", f"link.port={port}"],
+        "setup": [
+            "--source",
+            "finger",
+            "--set",
+            "simulation.gain_db=-20",
+            "--seconds",
+            "2",
+            "--yes",
+        ],
+        "receive": [
+            "--actuator",
+            "none",
+            "--name",
+            "quickstart-operator",
+            "--set",
+            f"link.port={port}",
+        ],
         "send": ["--source", "finger", "--name", "quickstart-robot", "--duration", "4"],
     }
     operator = None

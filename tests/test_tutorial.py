@@ -16,7 +16,10 @@ from tactophone.cli import main
 
 DOCS = Path(__file__).parent.parent / "docs"
 TUTORIAL = DOCS / "guide" / "tutorial.md"
-FIGURES = {"recordings.png": "tutorial-recordings.png", "quiet.trade-off.png": "tutorial-trade-off.png"}
+FIGURES = {
+    "recordings.png": "tutorial-recordings.png",
+    "quiet.trade-off.png": "tutorial-trade-off.png",
+}
 
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
 
@@ -24,20 +27,28 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
 def close(printed: str, shown: str) -> bool:
     """Whether two numbers differ by less than a retrained model or another processor may: the time taken is free."""
     value = abs(float(shown))
-    return abs(float(printed) - float(shown)) <= (0.08 if "." in shown and value <= 1 else max(4.0, 0.15 * value))
+    return abs(float(printed) - float(shown)) <= (
+        0.08 if "." in shown and value <= 1 else max(4.0, 0.15 * value)
+    )
 
 
 def agree(printed: str, shown: str) -> bool:
     """Whether two lines have the same words, and numbers that are close."""
     return agree_in_words(printed, shown) and (
         "took" in shown
-        or all(close(*pair) for pair in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True))
+        or all(
+            close(*pair)
+            for pair in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True)
+        )
     )
 
 
 def agree_in_words(printed: str, shown: str) -> bool:
     """Whether two lines have the same words, and numbers in the same places."""
-    words = [re.sub(r"[\s─━]+", " ", NUMBER.sub("#", line)).strip() for line in (printed, shown)]
+    words = [
+        re.sub(r"[\s─━]+", " ", NUMBER.sub("#", line)).strip()
+        for line in (printed, shown)
+    ]
     return words[0] == words[1]
 
 
@@ -51,7 +62,9 @@ def agree_in_words(printed: str, shown: str) -> bool:
         ("good: written", "refused: clipped", False),
     ],
 )
-def test_figures_are_compared_with_a_tolerance(printed: str, shown: str, *, expected: bool) -> None:
+def test_figures_are_compared_with_a_tolerance(
+    printed: str, shown: str, *, expected: bool
+) -> None:
     assert agree(printed, shown) is expected
 
 
@@ -66,8 +79,12 @@ def test_the_tutorial_runs_from_top_to_bottom_and_prints_what_it_shows(
     assert settings
     Path("rod.toml").write_text(settings[1])
     renewed = page
-    blocks = "".join(re.findall(r"```console\n(.*?)```", page, flags=re.DOTALL)).splitlines()
-    starts = [number for number, line in enumerate(blocks) if line.startswith("$ tactophone ")]
+    blocks = "".join(
+        re.findall(r"```console\n(.*?)```", page, flags=re.DOTALL)
+    ).splitlines()
+    starts = [
+        number for number, line in enumerate(blocks) if line.startswith("$ tactophone ")
+    ]
     assert len(starts) > 15
     for first, after in itertools.pairwise([*starts, len(blocks)]):
         command, shown = blocks[first], blocks[first + 1 : after]
@@ -75,17 +92,23 @@ def test_the_tutorial_runs_from_top_to_bottom_and_prints_what_it_shows(
         promised = re.fullmatch(r"\[exit (\d)\]", shown[0]) if shown else None
         if promised:
             head.append(shown.pop(0))
-        assert main(shlex.split(command)[2:]) == (int(promised[1]) if promised else 0), command
+        assert main(shlex.split(command)[2:]) == (
+            int(promised[1]) if promised else 0
+        ), command
         printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
         if "..." in shown:  # the beginning alone is shown
             del shown[shown.index("...") :], printed[len(shown) :]
         if os.environ.get("RENEW") and shown:
-            renewed = renewed.replace("\n".join([*head, *shown]), "\n".join([*head, *printed]))
+            renewed = renewed.replace(
+                "\n".join([*head, *shown]), "\n".join([*head, *printed])
+            )
         elif shown:
             assert len(printed) == len(shown), command
             # Which rule four objects choose hangs on single bumps, which another processor rounds otherwise.
             same = agree_in_words if "quiet.onnx" in command else agree
-            assert not [pair for pair in zip(printed, shown, strict=True) if not same(*pair)], command
+            assert not [
+                pair for pair in zip(printed, shown, strict=True) if not same(*pair)
+            ], command
     assert not Path("never.toml").exists()
     assert Path("felt/wiggle.haptic.wav").is_file()
     for made, figure in FIGURES.items():

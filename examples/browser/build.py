@@ -16,15 +16,26 @@ PARTS = (
     *(HERE / name for name in ("index.html", "page.css", "page.js", "model.js")),
     STATIC.parents[2] / "core" / "palette.css",
     *(STATIC / name for name in ("capture.js", "fingertip.js", "speaker.js")),
-    REPOSITORY / "src" / "tactophone" / "signal" / "perception" / "models" / "stylus.onnx",
-    *(RUNTIME / name for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")),
+    REPOSITORY
+    / "src"
+    / "tactophone"
+    / "signal"
+    / "perception"
+    / "models"
+    / "stylus.onnx",
+    *(
+        RUNTIME / name
+        for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")
+    ),
 )
 
 
 def build(folder: Path) -> None:
     """Copy all parts into a folder; raises `FileNotFoundError` where the runtime was not installed."""
     if not RUNTIME.is_dir():
-        raise FileNotFoundError(f"{RUNTIME} is missing: npm install --prefix tests/node")
+        raise FileNotFoundError(
+            f"{RUNTIME} is missing: npm install --prefix tests/node"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     for part in PARTS:
         shutil.copy(part, folder)

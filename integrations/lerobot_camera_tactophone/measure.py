@@ -28,7 +28,9 @@ FPS, SECONDS, FOLDS = 30, 8.0, 5
 def take(number: int, obj):
     """Return pictures, truth and the detector's roughness at each frame, and s that drawing took."""
     scene, rng = single(obj), np.random.default_rng(number)
-    moves = take_moves(TAKES[number % len(TAKES)], scene.placed[0], duration=SECONDS, rng=rng)
+    moves = take_moves(
+        TAKES[number % len(TAKES)], scene.placed[0], duration=SECONDS, rng=rng
+    )
     finger = SimulatedFinger(scene, moves, seed=number, place=scene.placed[0].centre)
     pipeline, picture = open_pipeline(sample_rate=48_000, channels=2), Picture()
     pictures, truth, rough, spent, felt = [], [], [], 0.0, 0.0
@@ -38,7 +40,9 @@ def take(number: int, obj):
         begun = time.perf_counter()
         for prediction, command in zip(step.predictions, step.commands, strict=True):
             picture.feel(prediction, command.amplitude)
-            felt = prediction.probabilities[2] / max(1e-9, prediction.probabilities[1] + prediction.probabilities[2])
+            felt = prediction.probabilities[2] / max(
+                1e-9, prediction.probabilities[1] + prediction.probabilities[2]
+            )
         picture.hear(block.samples)
         pictures.append(picture.rgb)
         spent += time.perf_counter() - begun
@@ -51,11 +55,15 @@ def coded(pictures):
     """Return the pictures after LeRobot's default coding."""
     file = io.BytesIO()
     with av.open(file, "w", format="mp4") as output:
-        stream = output.add_stream("libsvtav1", FPS, options={"g": "2", "crf": "30", "preset": "12"})
+        stream = output.add_stream(
+            "libsvtav1", FPS, options={"g": "2", "crf": "30", "preset": "12"}
+        )
         stream.width = stream.height = pictures[0].shape[0]
         stream.pix_fmt = "yuv420p"
         for pixels in pictures:
-            output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
+            output.mux(
+                stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgb24"))
+            )
         output.mux(stream.encode())
     file.seek(0)
     with av.open(file) as video:
@@ -65,7 +73,9 @@ def coded(pictures):
 def features(pictures, rows):
     """Return means of blocks of 8 x 8 pixels of the newest half second."""
     grey = np.stack([pixels[:rows, -56:, 0] for pixels in pictures]).astype(float)
-    return grey.reshape(len(grey), rows // 8, 8, 7, 8).mean((2, 4)).reshape(len(grey), -1)
+    return (
+        grey.reshape(len(grey), rows // 8, 8, 7, 8).mean((2, 4)).reshape(len(grey), -1)
+    )
 
 
 def main() -> None:
@@ -86,7 +96,9 @@ def main() -> None:
         for fold in range(FOLDS):
             held = (groups * 7 % FOLDS) == fold
             scaler = StandardScaler().fit(x[touching & ~held])
-            probe = RidgeClassifier(alpha=1000).fit(scaler.transform(x[touching & ~held]), truth[touching & ~held] == 2)
+            probe = RidgeClassifier(alpha=1000).fit(
+                scaler.transform(x[touching & ~held]), truth[touching & ~held] == 2
+            )
             score[held] = probe.decision_function(scaler.transform(x[held]))
         probe_auc = roc_auc_score(truth[touching] == 2, score[touching])
         detector = roc_auc_score(truth[touching] == 2, rough[touching])
@@ -95,7 +107,9 @@ def main() -> None:
         words = f"{name}: AUC {probe_auc:.3f}, detector {detector:.3f}, ratio {probe_auc / detector:.3f}"
         print(f"{words} ({low:.2f} to {high:.2f} over surfaces)")
     share = 100 * spent / drawn * FPS
-    print(f"{len(surfaces)} surfaces, {int(touching.sum())} frames of contact; drawing: {share:.1f} % of a core")
+    print(
+        f"{len(surfaces)} surfaces, {int(touching.sum())} frames of contact; drawing: {share:.1f} % of a core"
+    )
 
 
 def interval(touching, groups, truth, score, rough):
@@ -103,10 +117,15 @@ def interval(touching, groups, truth, score, rough):
     rng, surfaces, ratios = np.random.default_rng(0), np.unique(groups), []
     for _ in range(200):
         drawn = rng.choice(surfaces, len(surfaces))
-        rows = np.concatenate([np.flatnonzero(touching & (groups == number)) for number in drawn])
+        rows = np.concatenate(
+            [np.flatnonzero(touching & (groups == number)) for number in drawn]
+        )
         is_rough = truth[rows] == Touch.ROUGH
         if 0 < is_rough.sum() < len(rows):
-            ratios.append(roc_auc_score(is_rough, score[rows]) / roc_auc_score(is_rough, rough[rows]))
+            ratios.append(
+                roc_auc_score(is_rough, score[rows])
+                / roc_auc_score(is_rough, rough[rows])
+            )
     return np.quantile(ratios, [0.025, 0.975])
 
 

@@ -57,22 +57,39 @@ def print_thirds() -> None:
         for name in STONES:
             sound, reference = beside(name, seconds)
             apart = thirds(sound) - thirds(reference)
-            words = (f"{each.mean():+.2f} (worst {np.abs(each).max():.2f})" for each in apart)
-            print(f"{name}, {seconds:.0f} s: contact {', air '.join(words)} dB", flush=True)
+            words = (
+                f"{each.mean():+.2f} (worst {np.abs(each).max():.2f})" for each in apart
+            )
+            print(
+                f"{name}, {seconds:.0f} s: contact {', air '.join(words)} dB",
+                flush=True,
+            )
 
 
 def moves_of(job: RenderJob) -> list[Move]:
     """Return the moves of a take, as the data set has them."""
-    seed = np.random.SeedSequence([job.options.seed, job.session, TAKES.index(job.take)])
+    seed = np.random.SeedSequence(
+        [job.options.seed, job.session, TAKES.index(job.take)]
+    )
     placed = single(job.object, job.mounting).placed[0]
-    return take_moves(job.take, placed, duration=job.options.duration, rng=np.random.default_rng(seed.spawn(1)[0]))
+    return take_moves(
+        job.take,
+        placed,
+        duration=job.options.duration,
+        rng=np.random.default_rng(seed.spawn(1)[0]),
+    )
 
 
 def finger_of(job: RenderJob, **words: object) -> SimulatedFinger:
     """Return the data set's finger, with its mounting and noise."""
-    scene, session = single(job.object, job.mounting), SessionVariation.draw(job.session, tip=job.options.tip)
+    scene, session = (
+        single(job.object, job.mounting),
+        SessionVariation.draw(job.session, tip=job.options.tip),
+    )
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
-    return SimulatedFinger(scene, session=session, seed=noise, place=scene.placed[0].centre, **words)
+    return SimulatedFinger(
+        scene, session=session, seed=noise, place=scene.placed[0].centre, **words
+    )
 
 
 class Alone:
@@ -97,8 +114,15 @@ class InMujoco:
     def __init__(self, job: RenderJob) -> None:
         (placed,) = single(job.object, job.mounting).placed
         self._model = stones_model([str(job.object.number)], placed.width)
-        self._data, self._step, self._moves, self._centre = mujoco.MjData(self._model), 0, moves_of(job), placed.centre
-        self._microphone = ContactMicrophone(self._model, self._data, "tip", mounting=job.mounting)
+        self._data, self._step, self._moves, self._centre = (
+            mujoco.MjData(self._model),
+            0,
+            moves_of(job),
+            placed.centre,
+        )
+        self._microphone = ContactMicrophone(
+            self._model, self._data, "tip", mounting=job.mounting
+        )
         self._microphone.finger = finger_of(job, hand=self._microphone)
         self.spent = self.physics = 0.0
 
@@ -108,12 +132,19 @@ class InMujoco:
             while len(self._moves) > 1 and self._moves[1].time <= self._step * STEP:
                 del self._moves[0]
             _, x, y, force = self._moves[0]
-            self._data.ctrl[:] = x - self._centre[0], y - self._centre[1], pressed(force, self._data.qpos[2])
+            self._data.ctrl[:] = (
+                x - self._centre[0],
+                y - self._centre[1],
+                pressed(force, self._data.qpos[2]),
+            )
             begun = time.process_time()
             mujoco.mj_step(self._model, self._data)
             stepped = time.process_time()
             self._microphone.step()
-            self.physics, self.spent = self.physics + stepped - begun, self.spent + time.process_time() - stepped
+            self.physics, self.spent = (
+                self.physics + stepped - begun,
+                self.spent + time.process_time() - stepped,
+            )
             self._step += 1
         begun = time.process_time()
         block = self._microphone.read()
@@ -132,17 +163,26 @@ def write(folder: Path, job: RenderJob, take: Alone | InMujoco) -> None:
 def scored(folder: Path, jobs: Sequence[RenderJob]) -> dict[str, float]:
     """Return the share of each surface that the shipped detector renders right."""
     write_manifest(folder, jobs)
-    predict, rule = recording_predictor("texture"), read_model(model_path("texture")).card.decision
+    predict, rule = (
+        recording_predictor("texture"),
+        read_model(model_path("texture")).card.decision,
+    )
     takes: dict[str, list] = {}
     for recording in open_dataset(folder).labelled().recordings:
         takes.setdefault(recording.surface, []).append(predict(recording))
-    return {name: rendered_scores(found, rule, draws=0).balanced_accuracy.value for name, found in takes.items()}
+    return {
+        name: rendered_scores(found, rule, draws=0).balanced_accuracy.value
+        for name, found in takes.items()
+    }
 
 
 def interval(shares: np.ndarray, rough: np.ndarray) -> str:
     """Return the mean of the two classes with a 95 % interval over surfaces."""
     rng, classes = np.random.default_rng(0), (shares[rough], shares[~rough])
-    drawn = [np.mean([rng.choice(each, len(each)).mean() for each in classes]) for _ in range(10_000)]
+    drawn = [
+        np.mean([rng.choice(each, len(each)).mean() for each in classes])
+        for _ in range(10_000)
+    ]
     low, high = np.quantile(drawn, [0.025, 0.975])
     return f"{np.mean([each.mean() for each in classes]):.3f} ({low:.3f} to {high:.3f})"
 
@@ -150,7 +190,10 @@ def interval(shares: np.ndarray, rough: np.ndarray) -> str:
 def print_detector_and_cost() -> None:
     """Print what the detector renders of the frozen objects, and the cost of each way, by processor time."""
     takes = [take for take in TAKES if take.name in QUIET]
-    jobs, spent = plan_dataset([find(str(number)) for number in FROZEN], OPTIONS, takes=takes), []
+    jobs, spent = (
+        plan_dataset([find(str(number)) for number in FROZEN], OPTIONS, takes=takes),
+        [],
+    )
     with TemporaryDirectory() as folder:
         alone, physics = Path(folder) / "alone", Path(folder) / "mujoco"
         for job in jobs:
@@ -163,13 +206,23 @@ def print_detector_and_cost() -> None:
     rough = np.array([labels[name] for name in own])
     shares = np.array([[own[name], theirs[name]] for name in own]).T
     for name, first, second, label in zip(own, *shares, rough, strict=True):
-        print(f"{name}, {'rough' if label else 'smooth'}: {first:.2f}, in MuJoCo {second:.2f}")
-    for name, each in (("alone", shares[0]), ("in MuJoCo", shares[1]), ("difference", shares[1] - shares[0])):
+        print(
+            f"{name}, {'rough' if label else 'smooth'}: {first:.2f}, in MuJoCo {second:.2f}"
+        )
+    for name, each in (
+        ("alone", shares[0]),
+        ("in MuJoCo", shares[1]),
+        ("difference", shares[1] - shares[0]),
+    ):
         print(f"as rendered, {name}: {interval(each, rough)}")
     reference, microphone, stepped = np.array(spent[2:]).T  # the first two compile
     low, ratio, high = np.quantile(microphone / reference, [0.25, 0.5, 0.75])
-    print(f"cost of step and read over the finger's: {ratio:.2f} (quartiles {low:.2f} to {high:.2f})")
-    print(f"with the physics: {(stepped + microphone).mean() / OPTIONS.duration:.2f} of real time")
+    print(
+        f"cost of step and read over the finger's: {ratio:.2f} (quartiles {low:.2f} to {high:.2f})"
+    )
+    print(
+        f"with the physics: {(stepped + microphone).mean() / OPTIONS.duration:.2f} of real time"
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,14 @@ Values and errors are imported at once, everything else when it is first used.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from tactophone.core.errors import ConfigError, DatasetError, DeviceError, ModelError, PacketError, TactophoneError
+from tactophone.core.errors import (
+    ConfigError,
+    DatasetError,
+    DeviceError,
+    ModelError,
+    PacketError,
+    TactophoneError,
+)
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
@@ -49,22 +56,58 @@ if TYPE_CHECKING:
     from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 __all__ = [
-    "AIR", "CONTACT", "LIVE_SAMPLE_RATE", "AudioBlock", "ConfigError", "ContactThreshold", "DatasetError", "Detector",
-    "DeviceError", "FileSource", "HapticCommand", "Limits", "Live", "ModelError", "OpenRecording", "Oscillator",
-    "PacketError", "Pipeline", "PipelineStep", "Prediction", "Profile", "Source", "Table", "TactophoneError", "Touch",
-    "Watcher", "__version__", "classify", "jack_source", "open_detector", "open_live", "open_pipeline", "open_profile",
-    "open_recording", "portaudio_source", "read_model",
-]  # fmt: skip
+    "AIR",
+    "CONTACT",
+    "LIVE_SAMPLE_RATE",
+    "AudioBlock",
+    "ConfigError",
+    "ContactThreshold",
+    "DatasetError",
+    "Detector",
+    "DeviceError",
+    "FileSource",
+    "HapticCommand",
+    "Limits",
+    "Live",
+    "ModelError",
+    "OpenRecording",
+    "Oscillator",
+    "PacketError",
+    "Pipeline",
+    "PipelineStep",
+    "Prediction",
+    "Profile",
+    "Source",
+    "Table",
+    "TactophoneError",
+    "Touch",
+    "Watcher",
+    "__version__",
+    "classify",
+    "jack_source",
+    "open_detector",
+    "open_live",
+    "open_pipeline",
+    "open_profile",
+    "open_recording",
+    "portaudio_source",
+    "read_model",
+]
 
 _MODULES = {
-    "app.live": ("Live", "open_live"), "app.recordings": ("OpenRecording", "open_recording"),
+    "app.live": ("Live", "open_live"),
+    "app.recordings": ("OpenRecording", "open_recording"),
     "app.tables": ("Table", "classify"),
-    "live.audio.files": ("FileSource",), "live.audio.sources": ("jack_source", "portaudio_source"),
-    "live.telemetry.watcher": ("Watcher",), "signal.haptics.limits": ("Limits",),
-    "signal.haptics.oscillator": ("Oscillator",), "signal.haptics.profiles": ("open_profile",),
-    "signal.perception.model_file": ("read_model",), "signal.perception.models": ("open_detector",),
+    "live.audio.files": ("FileSource",),
+    "live.audio.sources": ("jack_source", "portaudio_source"),
+    "live.telemetry.watcher": ("Watcher",),
+    "signal.haptics.limits": ("Limits",),
+    "signal.haptics.oscillator": ("Oscillator",),
+    "signal.haptics.profiles": ("open_profile",),
+    "signal.perception.model_file": ("read_model",),
+    "signal.perception.models": ("open_detector",),
     "signal.pipeline": ("Pipeline", "open_pipeline"),
-}  # fmt: skip
+}
 
 
 def __getattr__(name: str) -> Any:

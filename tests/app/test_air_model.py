@@ -6,7 +6,9 @@ import soundfile
 from tactophone.app.recordings import open_recording
 
 
-def test_a_model_for_an_air_microphone_decides_alike_with_and_without_a_contact_channel(tmp_path: Path) -> None:
+def test_a_model_for_an_air_microphone_decides_alike_with_and_without_a_contact_channel(
+    tmp_path: Path,
+) -> None:
     rng = np.random.default_rng(1)
     air = 0.001 * rng.standard_normal(96_000)
     air[32_000:80_000] += 0.05 * rng.standard_normal(48_000)

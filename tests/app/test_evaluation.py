@@ -11,13 +11,20 @@ from tactophone.lab.dataset.read import open_dataset
 from tests.lab.dataset.folders import audiofolder
 
 
-def test_python_scores_a_model_as_evaluate_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_scores_a_model_as_evaluate_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, done = audiofolder(tmp_path / "sound"), list[int]()
     report, warnings = evaluate_model(
-        "texture", open_dataset(folder), report=lambda what, part, total, name: done.append(part)
+        "texture",
+        open_dataset(folder),
+        report=lambda what, part, total, name: done.append(part),
     )
     assert main(["evaluate", "texture", "--data", str(folder), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)["texture"]
-    assert shown["rendered"]["balanced_accuracy"]["value"] == report.rendered.balanced_accuracy.value
+    assert (
+        shown["rendered"]["balanced_accuracy"]["value"]
+        == report.rendered.balanced_accuracy.value
+    )
     assert shown["updates"] == report.updates
     assert (warnings, done) == ([], list(range(1, 9)))

@@ -6,10 +6,15 @@ from tactophone.core.types import FloatArray
 from tests.sounds import noise
 
 
-def mains(frequency: float, rate: int, *, duration: float, harmonics: tuple[int, ...] = (1, 3)) -> FloatArray:
+def mains(
+    frequency: float, rate: int, *, duration: float, harmonics: tuple[int, ...] = (1, 3)
+) -> FloatArray:
     """Hum at -20 dBFS or so."""
     time = np.arange(round(duration * rate)) / rate
-    return np.sum([0.1 / k * np.cos(2 * np.pi * k * frequency * time + k) for k in harmonics], axis=0).astype("f4")
+    return np.sum(
+        [0.1 / k * np.cos(2 * np.pi * k * frequency * time + k) for k in harmonics],
+        axis=0,
+    ).astype("f4")
 
 
 def measured(samples: FloatArray, rate: int, *, size: int = 4096) -> Hum | None:
@@ -21,7 +26,9 @@ def measured(samples: FloatArray, rate: int, *, size: int = 4096) -> Hum | None:
 
 @pytest.mark.parametrize("rate", [8000, 16_000, 44_100, 48_000])
 @pytest.mark.parametrize("frequency", [50.0, 50.1, 59.95])
-def test_hum_is_found_at_its_true_frequency_and_subtracted(frequency: float, rate: int) -> None:
+def test_hum_is_found_at_its_true_frequency_and_subtracted(
+    frequency: float, rate: int
+) -> None:
     wanted = mains(frequency, rate, duration=6.3)
     sound = noise(level_dbfs=-40, duration=7, channels=1)[: len(wanted), 0]
     hum = measured(np.stack((wanted + sound, sound), axis=1), rate)
@@ -57,11 +64,18 @@ def test_its_waveform_does_not_depend_on_the_block_size() -> None:
 def test_what_is_no_hum_is_none() -> None:
     rate = 16_000
     time = np.arange(6 * rate) / rate
-    strokes = noise(level_dbfs=-20, duration=6, channels=1)[: len(time), 0] * np.sin(np.pi * time) ** 2
+    strokes = (
+        noise(level_dbfs=-20, duration=6, channels=1)[: len(time), 0]
+        * np.sin(np.pi * time) ** 2
+    )
     assert measured(strokes[:, None].astype("f4"), rate) is None
     # A mesh under a finger whose speed changes: a tone that passes 50 and 100 Hz.
-    tone = 0.1 * np.cos(2 * np.pi * np.cumsum(80 + 50 * np.sin(2 * np.pi * time / 3)) / rate)
+    tone = 0.1 * np.cos(
+        2 * np.pi * np.cumsum(80 + 50 * np.sin(2 * np.pi * time / 3)) / rate
+    )
     assert measured((tone + 0.1 * strokes)[:, None].astype("f4"), rate) is None
     assert measured(np.zeros((len(time), 1), "f4"), rate) is None
     assert measured(np.full((len(time), 1), np.nan, "f4"), rate) is None
-    assert measured(mains(50, rate, duration=2)[:, None], rate) is None, "too short to tell hum from a tone"
+    assert measured(mains(50, rate, duration=2)[:, None], rate) is None, (
+        "too short to tell hum from a tone"
+    )

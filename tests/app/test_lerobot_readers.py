@@ -34,7 +34,17 @@ def felt(tmp_path_factory: pytest.TempPathFactory) -> Path:
     before = robot_data(folder / "orig")
     for episode in range(3):
         out = folder / f"fel{episode}"
-        command = ["export", "lerobot", str(log), "--with", str(before), "--out", str(out), "--episode", str(episode)]
+        command = [
+            "export",
+            "lerobot",
+            str(log),
+            "--with",
+            str(before),
+            "--out",
+            str(out),
+            "--episode",
+            str(episode),
+        ]
         assert main(command) == 0
         before = out
     return before
@@ -53,7 +63,9 @@ def test_lerobot_reads_every_frame_and_makes_policy_features_of_it(felt: Path) -
 
     assert len(dataset) == 3 * FRAMES
     width = len(dataset.meta.features[FEATURE]["names"])
-    assert {dataset[place][FEATURE].shape for place in range(0, len(dataset), 10)} == {(width,)}
+    assert {dataset[place][FEATURE].shape for place in range(0, len(dataset), 10)} == {
+        (width,)
+    }
     assert dataset_to_policy_features(dataset.meta.features)[FEATURE].shape == (width,)
 
 
@@ -66,7 +78,9 @@ def test_lerobot_reads_every_frame_and_makes_policy_features_of_it(felt: Path) -
         ("merge_datasets", {}, 6 * FRAMES),
     ],
 )
-def test_lerobots_own_tools_edit_it(felt: Path, tmp_path: Path, tool: str, words: dict[str, Any], frames: int) -> None:
+def test_lerobots_own_tools_edit_it(
+    felt: Path, tmp_path: Path, tool: str, words: dict[str, Any], frames: int
+) -> None:
     dataset = opened(felt)
     tools = pytest.importorskip("lerobot.datasets.dataset_tools")
     out, first = tmp_path / "out", dataset
@@ -76,16 +90,22 @@ def test_lerobots_own_tools_edit_it(felt: Path, tmp_path: Path, tool: str, words
     edited = opened(out / "train" if tool == "split_dataset" else out)
     assert len(edited) == frames
     place = frames - 1
-    assert edited[place][FEATURE].tolist() == dataset[len(dataset) - 1][FEATURE].tolist()
+    assert (
+        edited[place][FEATURE].tolist() == dataset[len(dataset) - 1][FEATURE].tolist()
+    )
 
 
 @pytest.mark.parametrize("checker", CHECKERS)
-def test_a_checker_finds_in_the_copy_what_it_finds_in_the_original(felt: Path, checker: str) -> None:
+def test_a_checker_finds_in_the_copy_what_it_finds_in_the_original(
+    felt: Path, checker: str
+) -> None:
     pytest.importorskip(checker)
 
     def report(root: Path) -> str:
         command = [sys.executable, "-m", *CHECKERS[checker].split(), str(root)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=120
+        )
         assert done.stdout, done.stderr
         return done.stdout.replace(str(root), "DATASET")
 

@@ -49,7 +49,9 @@ class Steady:
         self.left = True
 
     def __iter__(self) -> Iterator[AudioBlock]:
-        noise = np.random.default_rng(0).normal(scale=0.1, size=(480, 1)).astype(np.float32)
+        noise = (
+            np.random.default_rng(0).normal(scale=0.1, size=(480, 1)).astype(np.float32)
+        )
         for start in range(0, 1 << 40, 480):
             yield AudioBlock(noise, RATE, start)
 
@@ -92,7 +94,9 @@ def test_what_a_callback_raises_is_raised_where_the_run_ends(how: str) -> None:
 def test_a_run_of_a_file_can_be_waited_for(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.wav", np.zeros((RATE // 4, 2)), RATE)
     ends: list[float] = []
-    with tactophone.open_live(f"file:{tmp_path / 'a.wav'}").start(lambda step: ends.append(step.block.end)) as run:
+    with tactophone.open_live(f"file:{tmp_path / 'a.wav'}").start(
+        lambda step: ends.append(step.block.end)
+    ) as run:
         assert run.wait(10)
     assert ends[-1] == RATE // 4
 
@@ -151,7 +155,9 @@ print(next(iter(tactophone.open_live("finger"))).block.size)
         ("finger", ("numba",), "sim"),
     ],
 )
-def test_a_missing_extra_names_its_pip_install(source: str, names: tuple[str, ...], extra: str) -> None:
+def test_a_missing_extra_names_its_pip_install(
+    source: str, names: tuple[str, ...], extra: str
+) -> None:
     code = f"""
 try:
     list(tactophone.open_live("{source}"))
@@ -159,7 +165,9 @@ except tactophone.TactophoneError as error:
     print(error)
 """
     no_wheel = any(sys.version_info >= WITHOUT_WHEEL.get(name, (4,)) for name in names)
-    wanted = "use Python 3.11 to 3.13" if no_wheel else f"pip install 'tactophone[{extra}]'"
+    wanted = (
+        "use Python 3.11 to 3.13" if no_wheel else f"pip install 'tactophone[{extra}]'"
+    )
     assert wanted in without(names, code)
 
 
@@ -184,7 +192,9 @@ list(tactophone.open_live("file:{tmp_path / "a.wav"}"))
 tactophone.classify("{tmp_path / "a.wav"}")
 print([name for name in sys.modules if name.startswith(("tactophone.cli", "argparse", "rich"))])
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 

@@ -13,6 +13,8 @@ from tactophone.core.settings import Settings, change
         (["capture.source=jack"], "", "pad"),
     ],
 )
-def test_one_air_microphone_has_the_model_for_it_and_that_models_tip(chosen: list[str], model: str, tip: str) -> None:
+def test_one_air_microphone_has_the_model_for_it_and_that_models_tip(
+    chosen: list[str], model: str, tip: str
+) -> None:
     settings = for_one_microphone(change(Settings(), chosen))
     assert (settings.detector.model, settings.capture.tip) == (model, tip)

@@ -15,7 +15,9 @@ def columns(samples: np.ndarray, size: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("size", [*ODD_SIZES[1:], 1_000_000])
 def test_any_block_size_gives_the_same_columns(size: int) -> None:
     samples = noise(duration=3)
-    for actual, expected in zip(columns(samples, size), columns(samples, 4096), strict=True):
+    for actual, expected in zip(
+        columns(samples, size), columns(samples, 4096), strict=True
+    ):
         np.testing.assert_array_equal(actual, expected)
 
 

@@ -18,13 +18,23 @@ pytest.importorskip("matplotlib")
 @pytest.mark.slow
 @pytest.mark.parametrize("channels", [1, 2])
 @pytest.mark.parametrize("duration", [0.01, 1.0])
-def test_a_figure_of_any_recording(tmp_path: Path, channels: int, duration: float) -> None:
-    soundfile.write(tmp_path / "a.wav", noise(duration=duration, channels=channels), 48_000)
+def test_a_figure_of_any_recording(
+    tmp_path: Path, channels: int, duration: float
+) -> None:
+    soundfile.write(
+        tmp_path / "a.wav", noise(duration=duration, channels=channels), 48_000
+    )
     model = str(write_tiny_model(tmp_path / "tiny.onnx", channels=channels))
     outputs = OutputFiles.in_folder(tmp_path, "a")
     source = FileSource(tmp_path / "a.wav")
-    _, renderer = process_recording(source, open_pipeline(model, sample_rate=48_000, channels=channels), outputs)
-    truth = [Segment(0.0, duration / 2, "rough"), Segment(duration / 2, duration, "none")] if channels == 2 else []
+    _, renderer = process_recording(
+        source, open_pipeline(model, sample_rate=48_000, channels=channels), outputs
+    )
+    truth = (
+        [Segment(0.0, duration / 2, "rough"), Segment(duration / 2, duration, "none")]
+        if channels == 2
+        else []
+    )
     figure = tmp_path / "a.png"
     draw_recording(
         figure,

@@ -15,13 +15,19 @@ FINGER = change(Settings(), ["capture.source=finger"])
 
 
 @pytest.mark.slow
-def test_a_simulated_finger_records_the_takes_that_the_folder_lacks(tmp_path: Path) -> None:
+def test_a_simulated_finger_records_the_takes_that_the_folder_lacks(
+    tmp_path: Path,
+) -> None:
     target = RecordedObject("honed slate", Touch.ROUGH, session="monday")
     plan = SessionPlan(tmp_path, Reference(), tuple(TAKES)[:2], duration=1.0)
     said: list[str] = []
     stages = set()
     takes = record_object(
-        FINGER, target, plan, follow=lambda recorder, _: stages.add(recorder.protocol.stage), report=said.append
+        FINGER,
+        target,
+        plan,
+        follow=lambda recorder, _: stages.add(recorder.protocol.stage),
+        report=said.append,
     )
     assert [take.take for take in takes] == [take.name for take in plan.takes]
     assert all(take.path.is_file() for take in takes)

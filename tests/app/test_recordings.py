@@ -18,13 +18,20 @@ from tactophone.signal.perception.models import model_path
 
 RATE = 48_000
 REAL = os.environ.get("TACTOPHONE_RECORDINGS", "")
-REAL_FILES = ["G1RhombAluminumMeshVersion2_01", "G7FineFoamVersion1_01", "G7FineFoamVersion2_01", "G3CeramicTile_01"]
+REAL_FILES = [
+    "G1RhombAluminumMeshVersion2_01",
+    "G7FineFoamVersion1_01",
+    "G7FineFoamVersion2_01",
+    "G3CeramicTile_01",
+]
 
 
 def sound(seed: int = 0, *, begins_in_contact: bool = False) -> FloatArray:
     samples = np.random.default_rng(seed).normal(scale=0.1, size=(2 * RATE, 2))
     samples[RATE:] *= 1e-3
-    return np.clip(samples if begins_in_contact else samples[::-1], -1, 1).astype(np.float32)
+    return np.clip(samples if begins_in_contact else samples[::-1], -1, 1).astype(
+        np.float32
+    )
 
 
 def with_fault(name: str, samples: FloatArray) -> FloatArray:
@@ -33,7 +40,9 @@ def with_fault(name: str, samples: FloatArray) -> FloatArray:
         case "offset":
             return samples + np.float32(0.05)
         case "hum":
-            return samples + np.float32(0.1) * np.sin(2 * np.pi * 50 * time).astype(np.float32)
+            return samples + np.float32(0.1) * np.sin(2 * np.pi * 50 * time).astype(
+                np.float32
+            )
         case "quiet":
             return samples * np.float32(0.005)
         case "one channel":
@@ -59,14 +68,25 @@ def decide_alike(path: Path, folder: Path, model: str, *, tip: str = "pad") -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("begins_in_contact", [False, True])
-@pytest.mark.parametrize("fault", ["none", "offset", "hum", "quiet", "one channel", "mono"])
-def test_feel_classify_and_evaluate_decide_alike(fault: str, begins_in_contact: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "fault", ["none", "offset", "hum", "quiet", "one channel", "mono"]
+)
+def test_feel_classify_and_evaluate_decide_alike(
+    fault: str, begins_in_contact: bool, tmp_path: Path
+) -> None:
     path = tmp_path / "a.wav"
-    soundfile.write(path, with_fault(fault, sound(begins_in_contact=begins_in_contact)), RATE, subtype="FLOAT")
+    soundfile.write(
+        path,
+        with_fault(fault, sound(begins_in_contact=begins_in_contact)),
+        RATE,
+        subtype="FLOAT",
+    )
     decide_alike(path, tmp_path, "texture")
 
 
-@pytest.mark.skipif(not REAL, reason="TACTOPHONE_RECORDINGS names no folder of real recordings")
+@pytest.mark.skipif(
+    not REAL, reason="TACTOPHONE_RECORDINGS names no folder of real recordings"
+)
 @pytest.mark.parametrize("name", REAL_FILES)
 def test_they_decide_alike_on_real_recordings(name: str, tmp_path: Path) -> None:
     path = Path(REAL, "lmt", f"{name}.flac")
@@ -75,14 +95,22 @@ def test_they_decide_alike_on_real_recordings(name: str, tmp_path: Path) -> None
     decide_alike(path, tmp_path, "stylus", tip="stylus")
 
 
-def test_a_recording_that_begins_in_contact_is_touch_from_its_beginning(tmp_path: Path) -> None:
-    soundfile.write(tmp_path / "a.wav", sound(begins_in_contact=True), RATE, subtype="FLOAT")
+def test_a_recording_that_begins_in_contact_is_touch_from_its_beginning(
+    tmp_path: Path,
+) -> None:
+    soundfile.write(
+        tmp_path / "a.wav", sound(begins_in_contact=True), RATE, subtype="FLOAT"
+    )
     table = tactophone.classify(tmp_path / "a.wav")
-    assert np.all(table.touch[(table.times > 0.3) & (table.times < 0.9)] != tactophone.Touch.NONE)
+    assert np.all(
+        table.touch[(table.times > 0.3) & (table.times < 0.9)] != tactophone.Touch.NONE
+    )
 
 
 def test_the_notes_say_what_was_corrected(tmp_path: Path) -> None:
-    soundfile.write(tmp_path / "a.wav", with_fault("offset", sound()), RATE, subtype="FLOAT")
+    soundfile.write(
+        tmp_path / "a.wav", with_fault("offset", sound()), RATE, subtype="FLOAT"
+    )
     recording = open_recording(tmp_path / "a.wav")
     assert "offset of +0.050" in recording.notes[0]
     assert tactophone.classify(tmp_path / "a.wav").notes == tuple(recording.notes)
@@ -118,14 +146,23 @@ def test_a_manifest_that_puts_air_first_is_heeded(tmp_path: Path) -> None:
     samples[:, 1] *= 0.1
     for folder, order in (("right", [0, 1]), ("exchanged", [1, 0])):
         (tmp_path / folder).mkdir()
-        soundfile.write(tmp_path / folder / "a.wav", samples[:, order], RATE, subtype="FLOAT")
+        soundfile.write(
+            tmp_path / folder / "a.wav", samples[:, order], RATE, subtype="FLOAT"
+        )
     manifest = "file_name,surface,label,channels\na.wav,slate,rough,air|contact\n"
     (tmp_path / "exchanged" / "metadata.csv").write_text(manifest)
-    right, exchanged = (tactophone.classify(tmp_path / folder / "a.wav") for folder in ("right", "exchanged"))
+    right, exchanged = (
+        tactophone.classify(tmp_path / folder / "a.wav")
+        for folder in ("right", "exchanged")
+    )
     assert right.predictions == exchanged.predictions
 
 
 def test_other_microphones_than_the_model_takes_are_refused(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "a.wav", sound(), RATE)
-    with pytest.raises(DatasetError, match="holds contact and contact, but contact and air are needed"):
-        recording_predictor("texture")(Recording(tmp_path / "a.wav", "any", channels=("contact", "contact")))
+    with pytest.raises(
+        DatasetError, match="holds contact and contact, but contact and air are needed"
+    ):
+        recording_predictor("texture")(
+            Recording(tmp_path / "a.wav", "any", channels=("contact", "contact"))
+        )

@@ -7,9 +7,18 @@ from tactophone.lab.dataset.values import Segment
 
 
 def test_a_run_is_scored_against_its_labels() -> None:
-    truth = (Segment(0, 1, "none"), Segment(1, 2, "smooth"), Segment(2, 3, "rough"), Segment(3, 4, "none"))
+    truth = (
+        Segment(0, 1, "none"),
+        Segment(1, 2, "smooth"),
+        Segment(2, 3, "rough"),
+        Segment(3, 4, "none"),
+    )
     time = np.arange(0.05, 4, 0.1)
-    touch = np.select([time < 1.1, time < 2.5, time < 3.1], [Touch.NONE, Touch.SMOOTH, Touch.ROUGH], Touch.NONE)
+    touch = np.select(
+        [time < 1.1, time < 2.5, time < 3.1],
+        [Touch.NONE, Touch.SMOOTH, Touch.ROUGH],
+        Touch.NONE,
+    )
     timeline = {"time": time, "touch": touch, "amplitude": (touch != Touch.NONE) * 0.5}
     scores = score_run(timeline, truth)
     assert scores.smooth_right == pytest.approx(0.9)

@@ -13,7 +13,12 @@ pytestmark = pytest.mark.realtime
 
 def test_python_runs_both_sides_and_records_them(tmp_path: Path) -> None:
     settings = change(Settings(), ["capture.source=finger", "output.actuator=none"])
-    last = loopback(settings, name=f"test-{tmp_path.name}", duration=4.0, record=[tmp_path / "run.csv"])
+    last = loopback(
+        settings,
+        name=f"test-{tmp_path.name}",
+        duration=4.0,
+        record=[tmp_path / "run.csv"],
+    )
     assert last.counters["packets_received"] > 100
     assert (tmp_path / "run.csv").stat().st_size > 1000
 

@@ -20,7 +20,9 @@ def source(*changes: str) -> Source:
 def test_a_recording_is_resampled_to_the_live_rate_and_looped(tmp_path: Path) -> None:
     tone = 0.5 * np.sin(2 * np.pi * 441 / 44_100 * np.arange(4410))
     soundfile.write(tmp_path / "tone.wav", tone, 44_100)
-    with source("capture.source=file", f"capture.device={tmp_path / 'tone.wav'}") as opened:
+    with source(
+        "capture.source=file", f"capture.device={tmp_path / 'tone.wav'}"
+    ) as opened:
         blocks = list(itertools.islice(opened, 100))
     assert {block.sample_rate for block in blocks} == {48_000}
     assert [block.start for block in blocks[1:]] == [block.end for block in blocks[:-1]]

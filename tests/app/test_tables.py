@@ -57,7 +57,9 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (tmp_path / "loud_touch.py").write_text(PACKAGE)
     metadata = tmp_path / "loud_touch-1.0.dist-info"
     metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: loud-touch\nVersion: 1.0\n")
+    (metadata / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: loud-touch\nVersion: 1.0\n"
+    )
     (metadata / "entry_points.txt").write_text(
         "[tactophone.detectors]\nloud = loud_touch:Loud\n[tactophone.actuators]\nglove = loud_touch:Silent\n"
     )
@@ -66,9 +68,13 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     sys.modules.pop("loud_touch", None)
 
 
-def test_a_recording_becomes_arrays_and_a_csv_file_as_feel_writes_it(recording: Path, tmp_path: Path) -> None:
+def test_a_recording_becomes_arrays_and_a_csv_file_as_feel_writes_it(
+    recording: Path, tmp_path: Path
+) -> None:
     table = tactophone.classify(recording)
-    assert len(table) == len(table.times) == len(table.touch) == len(table.roughness) > 50
+    assert (
+        len(table) == len(table.times) == len(table.touch) == len(table.roughness) > 50
+    )
     assert np.all(np.diff(table.times) >= 0)
     assert table.touch[table.times < 0.45].max() == tactophone.Touch.NONE
     assert set(table.touch[table.times > 0.8].tolist()) <= {1, 2}
@@ -76,7 +82,9 @@ def test_a_recording_becomes_arrays_and_a_csv_file_as_feel_writes_it(recording: 
     table.to_csv(tmp_path / "table.csv")
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["roughness"]) for row in rows] == pytest.approx(table.roughness.tolist(), abs=1e-6)
+    assert [float(row["roughness"]) for row in rows] == pytest.approx(
+        table.roughness.tolist(), abs=1e-6
+    )
     assert main(["feel", str(recording), "--out", str(tmp_path)]) == 0
     header = next((tmp_path / "finger.timeline.csv").open())
     assert header.strip().split(",") == list(rows[0])
@@ -111,7 +119,9 @@ def test_what_does_not_exist_is_one_line(recording: Path) -> None:
         tactophone.open_live("fingr")
     with pytest.raises(ModelError, match="channels = 3"):
         tactophone.open_pipeline(sample_rate=48_000, channels=3)
-    with pytest.raises(ConfigError, match=r"no column roughnes.*did you mean roughness"):
+    with pytest.raises(
+        ConfigError, match=r"no column roughnes.*did you mean roughness"
+    ):
         tactophone.classify(recording).column("roughnes")
 
 
@@ -123,15 +133,22 @@ def test_sound_of_three_channels_is_one_clear_error_everywhere() -> None:
         tactophone.open_detector("texture", sample_rate=48_000).push,
         FaultDetector(48_000).push,
     ):
-        with pytest.raises(ModelError, match=r"channels = 3, but a finger has 1 .* or 2"):
+        with pytest.raises(
+            ModelError, match=r"channels = 3, but a finger has 1 .* or 2"
+        ):
             push(block)
 
 
 @pytest.mark.usefixtures("package")
-def test_a_detector_and_an_actuator_of_another_package_are_found_by_name(recording: Path) -> None:
+def test_a_detector_and_an_actuator_of_another_package_are_found_by_name(
+    recording: Path,
+) -> None:
     table = tactophone.classify(recording, "loud")
     assert set(table.roughness) == {0.9}
-    settings = change(Settings(), ["detector.model=loud", "output.actuator=glove", "output.device=left"])
+    settings = change(
+        Settings(),
+        ["detector.model=loud", "output.actuator=glove", "output.device=left"],
+    )
     pipeline = open_pipeline_for(settings, channels=1)
     assert (pipeline.detector.name, pipeline.detector.given) == ("loud", (48_000, 1))  # type: ignore[attr-defined]
     assert tip_warning(settings) == ""

@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.vibration_wav import VIBRATION_TAIL, OutputFiles, RunSummary, process_recording
+from tactophone.app.vibration_wav import (
+    VIBRATION_TAIL,
+    OutputFiles,
+    RunSummary,
+    process_recording,
+)
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.pipeline import open_pipeline
@@ -21,12 +26,17 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "rough.wav"
 
 
-def process(recording: Path, *, block_size: int = 4096, ceiling: float = 1.0) -> tuple[RunSummary, OutputFiles]:
+def process(
+    recording: Path, *, block_size: int = 4096, ceiling: float = 1.0
+) -> tuple[RunSummary, OutputFiles]:
     model = str(write_tiny_model(recording.parent / "tiny.onnx"))
     outputs = OutputFiles.in_folder(recording.parent, f"out{block_size}", json=True)
     source = FileSource(recording, block_size=block_size)
     pipeline = open_pipeline(
-        model, sample_rate=source.sample_rate, channels=source.channels, limits=Limits(ceiling=ceiling)
+        model,
+        sample_rate=source.sample_rate,
+        channels=source.channels,
+        limits=Limits(ceiling=ceiling),
     )
     return process_recording(source, pipeline, outputs)[0], outputs
 
@@ -53,7 +63,9 @@ def test_the_summary_holds_the_totals(recording: Path) -> None:
     lines = list(csv.DictReader(outputs.timeline.open()))
     assert summary.duration == 2
     assert summary.updates == len(lines)
-    assert summary.contact == pytest.approx(sum(line["contact"] == "1" for line in lines) / len(lines))
+    assert summary.contact == pytest.approx(
+        sum(line["contact"] == "1" for line in lines) / len(lines)
+    )
     assert summary.rough > 0.9
     assert summary.loudest_dbfs == pytest.approx(-9, abs=0.1)
     assert summary.faults == {}

@@ -9,7 +9,9 @@ from tests.surfaces import surfaces
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", ["rate = 4000", "window = 0.128", "residual = false", "normalised = true"])
+@pytest.mark.parametrize(
+    "change", ["rate = 4000", "window = 0.128", "residual = false", "normalised = true"]
+)
 def test_an_ablation_predicts_at_the_live_times(tmp_path: Path, change: str) -> None:
     dataset, file = surfaces(tmp_path, each=1), tmp_path / "a.toml"
     file.write_text(

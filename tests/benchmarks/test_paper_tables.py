@@ -37,13 +37,22 @@ RATE = 16_000
 
 def authors(root: Path) -> Dataset:
     """The authors' layout: four objects to train on, two to test, and a day's two runs."""
-    places = [("opus/stereo/00_wiggle", 1), ("opus/stereo/01_wiggle", 1), ("opus/stereo/02_wiggle", 0),
-              ("opus/stereo/03_wiggle", 0), ("opus/stereo/22_wiggle", 1), ("opus/stereo/21_wiggle", 0),
-              ("finals_recordings/day_1_rough", 1), ("finals_recordings/day_1_smooth", 0)]  # fmt: skip
+    places = [
+        ("opus/stereo/00_wiggle", 1),
+        ("opus/stereo/01_wiggle", 1),
+        ("opus/stereo/02_wiggle", 0),
+        ("opus/stereo/03_wiggle", 0),
+        ("opus/stereo/22_wiggle", 1),
+        ("opus/stereo/21_wiggle", 0),
+        ("finals_recordings/day_1_rough", 1),
+        ("finals_recordings/day_1_smooth", 0),
+    ]
     for seed, (place, rough) in enumerate(places):
         path = root / f"{place}.wav"
         path.parent.mkdir(parents=True, exist_ok=True)
-        soundfile.write(path, 4 * scrape(rough=bool(rough), seed=seed), RATE, subtype="FLOAT")
+        soundfile.write(
+            path, 4 * scrape(rough=bool(rough), seed=seed), RATE, subtype="FLOAT"
+        )
     return open_dataset(root)
 
 
@@ -57,7 +66,9 @@ def predictions(dataset: Dataset) -> dict[str, list[TakePredictions]]:
     return predict_held_out(dataset, ["texture"], Cache(dataset.root / "cache"))
 
 
-def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segments(dataset: Dataset) -> None:
+def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segments(
+    dataset: Dataset,
+) -> None:
     rough = next(take for take in dataset.recordings if take.label is Touch.ROUGH)
     before, touch = loud_segments(rough)
     assert (before.contact, touch.label) == (False, Touch.ROUGH)
@@ -68,16 +79,25 @@ def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segment
 
 
 @pytest.mark.slow
-def test_table_one_stands_beside_the_papers_own(predictions: dict[str, list[TakePredictions]]) -> None:
+def test_table_one_stands_beside_the_papers_own(
+    predictions: dict[str, list[TakePredictions]],
+) -> None:
     lines = {line.name: line.values for line in table_one(predictions)}
-    assert list(lines) == ["paper's own, competition", "texture, competition", "paper's own, test", "texture, test"]
+    assert list(lines) == [
+        "paper's own, competition",
+        "texture, competition",
+        "paper's own, test",
+        "texture, test",
+    ]
     assert lines["paper's own, test"]["rough_as_rough"].value == 0.240
     shares = [lines["texture, test"][name].value for name in TABLE_SHARES]
     assert sum(shares) == pytest.approx(1)
     assert sum(PAPER_ONE["test"]) == pytest.approx(1, abs=0.005)
 
 
-def test_table_two_has_each_class_and_day(predictions: dict[str, list[TakePredictions]]) -> None:
+def test_table_two_has_each_class_and_day(
+    predictions: dict[str, list[TakePredictions]],
+) -> None:
     lines = {line.name: line.values for line in table_two(predictions)}
     assert tuple(lines["texture"]) == (*TWO_COLUMNS, IN_CONTACT)
     assert math.isnan(lines["texture"]["rough day 2"].value)
@@ -86,8 +106,14 @@ def test_table_two_has_each_class_and_day(predictions: dict[str, list[TakePredic
     assert lines["paper's own, fine-tuned"]["test smooth"].value == 0.999
 
 
-def test_intervals_are_of_takes_and_of_pieces_of_a_run(predictions: dict[str, list[TakePredictions]]) -> None:
-    (take,) = (take for take in predictions["texture"] if take.recording.path.stem == "day_1_rough")
+def test_intervals_are_of_takes_and_of_pieces_of_a_run(
+    predictions: dict[str, list[TakePredictions]],
+) -> None:
+    (take,) = (
+        take
+        for take in predictions["texture"]
+        if take.recording.path.stem == "day_1_rough"
+    )
     time = np.arange(0.0, 30.0, 0.01)
     wrong = (time > 10) & (time < 15)
     probabilities = np.where(wrong[:, None], (0, 1, 0), (0, 0, 1)).astype(np.float32)
@@ -97,7 +123,9 @@ def test_intervals_are_of_takes_and_of_pieces_of_a_run(predictions: dict[str, li
     assert score.low < score.value == pytest.approx(5 / 6, abs=0.01)
     assert score.high == 1
     # A take of a test object is drawn whole, so that one has no interval.
-    alone = replace(run, recording=replace(recording, session="", properties={"split": "test"}))
+    alone = replace(
+        run, recording=replace(recording, session="", properties={"split": "test"})
+    )
     score = table_two({"texture": [alone]})[-1].values["test rough"]
     assert math.isnan(score.low)
 
@@ -105,28 +133,42 @@ def test_intervals_are_of_takes_and_of_pieces_of_a_run(predictions: dict[str, li
 def test_both_gates_print_the_share_of_windows_in_contact(
     dataset: Dataset, predictions: dict[str, list[TakePredictions]]
 ) -> None:
-    tables = {gate: table_one(gated) for gate, gated in by_gate(predictions, dataset.recordings).items()}
+    tables = {
+        gate: table_one(gated)
+        for gate, gated in by_gate(predictions, dataset.recordings).items()
+    }
     assert list(tables) == list(GATES)
     authors_share, papers_share = (
-        next(line.values[IN_CONTACT].value for line in lines if line.name == "texture, test")
+        next(
+            line.values[IN_CONTACT].value
+            for line in lines
+            if line.name == "texture, test"
+        )
         for lines in tables.values()
     )
     # The scrapes are quieter than -26 dBFS: nothing is scored there, and the cells say so.
     assert 0 == papers_share < authors_share < 1
-    marked = [replace(take, segments=(Segment(0.0, 1.0, "rough"),)) for take in dataset.recordings]
+    marked = [
+        replace(take, segments=(Segment(0.0, 1.0, "rough"),))
+        for take in dataset.recordings
+    ]
     assert list(by_gate(predictions, marked)) == ["contact as labelled"]
 
 
 def test_fine_tuned_trains_on_fewer_objects_and_a_stone_of_the_competition() -> None:
     def take(number: int, label: Touch, side: str) -> Recording:
         properties = {"split": side}
-        return Recording(Path(f"{number}.wav"), f"object {number:02}", label, properties=properties)
+        return Recording(
+            Path(f"{number}.wav"), f"object {number:02}", label, properties=properties
+        )
 
     takes = tuple(take(number, Touch(1 + number % 2), "train") for number in range(20))
     takes += (take(20, Touch.ROUGH, ""), take(21, Touch.SMOOTH, "test"))
     assert len(training_takes(takes, "paper/general")[0]) == 20
     chosen, with_kin = training_takes(takes, FINE_TUNED)
-    assert {recording.surface for recording in chosen} == {f"object {number}" for number in range(10, 21)}
+    assert {recording.surface for recording in chosen} == {
+        f"object {number}" for number in range(10, 21)
+    }
     assert with_kin
 
 
@@ -136,30 +178,48 @@ def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_recipe_file_is_a_row_and_its_training_is_cached(dataset: Dataset, tmp_path: Path) -> None:
+def test_a_recipe_file_is_a_row_and_its_training_is_cached(
+    dataset: Dataset, tmp_path: Path
+) -> None:
     recipes = Path(__file__).parents[2] / "examples" / "recipes" / "tables"
     assert len(list(recipes.glob("*.toml"))) == 9
     files = []
     for name in ("paper-fine-tuned", "authors-general"):
-        small = (recipes / f"{name}.toml").read_text().replace("hop = 1\n", "hop = 21\nepochs = 1\nbatch_size = 200\n")
+        small = (
+            (recipes / f"{name}.toml")
+            .read_text()
+            .replace("hop = 1\n", "hop = 21\nepochs = 1\nbatch_size = 200\n")
+        )
         (tmp_path / f"{name}.toml").write_text(small)
         files.append(str(tmp_path / f"{name}.toml"))
     cache, trained = Cache(tmp_path / "cache"), []
     found = predict_held_out(dataset, files, cache, report=trained.append)
     names = ["paper-fine-tuned", "authors-general"]
     assert list(found) == [name for name in trained if ":" not in name] == names
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*") if path.is_file()}
+    kept = {
+        path: path.stat().st_mtime_ns
+        for path in (tmp_path / "cache").rglob("*")
+        if path.is_file()
+    }
     assert kept
     again = predict_held_out(dataset, files, cache)
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*") if path.is_file()} == kept
+    assert {
+        path: path.stat().st_mtime_ns
+        for path in (tmp_path / "cache").rglob("*")
+        if path.is_file()
+    } == kept
     for name in names:
-        assert np.array_equal(found[name][0].probabilities, again[name][0].probabilities)
+        assert np.array_equal(
+            found[name][0].probabilities, again[name][0].probabilities
+        )
     assert [row.name for row in table_two(found)][-2:] == names
     # Other takes to test with need no other model.
     for path in (tmp_path / "cache").glob("*.npz"):
         path.unlink()
     predict_held_out(dataset, files, cache)
-    models = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").glob("*.onnx")}
+    models = {
+        path: path.stat().st_mtime_ns for path in (tmp_path / "cache").glob("*.onnx")
+    }
     assert len(models) == 2
     assert models.items() <= kept.items()
 
@@ -170,7 +230,10 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
     monkeypatch.setenv("COLUMNS", "80")
     out.cache_clear()  # the console of an earlier test may be wider
     score = Estimate(0.723, 0.614, 1.0)
-    shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
+    shares = {
+        **dict.fromkeys(TWO_COLUMNS, score),
+        IN_CONTACT: Estimate(0.642, math.nan, math.nan),
+    }
     rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
     show(rows, paper_parts("Table II", rows), as_json=False)
     shown = capsys.readouterr().out

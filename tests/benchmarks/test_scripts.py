@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-SCRIPTS = sorted(path.stem for path in Path(__file__).parents[2].glob("benchmarks/*.py"))
+SCRIPTS = sorted(
+    path.stem for path in Path(__file__).parents[2].glob("benchmarks/*.py")
+)
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

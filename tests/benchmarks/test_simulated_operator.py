@@ -1,23 +1,38 @@
 import numpy as np
 import pytest
 
-from simulated_operator import Operator, Percepts, Visits, perceive, perceive_visits, play_rounds, render_visits
+from simulated_operator import (
+    Operator,
+    Percepts,
+    Visits,
+    perceive,
+    perceive_visits,
+    play_rounds,
+    render_visits,
+)
 from tactophone.core.types import Touch
 
 RATE = 48_000
 
 
 def vibration(frequency: float, amplitude: float) -> np.ndarray:
-    return (amplitude * np.sin(2 * np.pi * frequency * np.arange(8 * RATE) / RATE)).astype(np.float32)
+    return (
+        amplitude * np.sin(2 * np.pi * frequency * np.arange(8 * RATE) / RATE)
+    ).astype(np.float32)
 
 
 def perceived(smooth: np.ndarray, rough: np.ndarray) -> Visits[Percepts]:
-    percepts = {Touch.SMOOTH: (perceive(smooth, RATE),), Touch.ROUGH: (perceive(rough, RATE),)}
+    percepts = {
+        Touch.SMOOTH: (perceive(smooth, RATE),),
+        Touch.ROUGH: (perceive(rough, RATE),),
+    }
     return Visits(percepts, percepts)
 
 
 def test_the_papers_vibrations_are_distinguished_every_time_and_soon() -> None:
-    rounds = play_rounds(perceived(vibration(120, 10 ** (-25 / 20)), vibration(60, 1.0)), rounds=100)
+    rounds = play_rounds(
+        perceived(vibration(120, 10 ** (-25 / 20)), vibration(60, 1.0)), rounds=100
+    )
     assert all(each.success and each.found for each in rounds)
     assert np.median([each.duration for each in rounds]) < 25
 

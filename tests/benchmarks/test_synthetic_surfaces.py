@@ -15,6 +15,9 @@ def test_invented_stones_keep_their_kind_and_differ(label: Touch) -> None:
 @pytest.mark.slow
 def test_rough_is_rougher_than_smooth() -> None:
     def ra(label: Touch) -> list[float]:
-        return [synthetic_object(label, np.random.default_rng(seed)).roughness.ra for seed in range(6)]
+        return [
+            synthetic_object(label, np.random.default_rng(seed)).roughness.ra
+            for seed in range(6)
+        ]
 
     assert min(ra(Touch.ROUGH)) > np.median(ra(Touch.SMOOTH))

@@ -17,7 +17,9 @@ def test_ten_short_nights_keep_every_promise() -> None:
     assert sum(night.compared for night in nights) > 100
 
 
-def test_a_night_notices_that_its_watchdog_sees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_night_notices_that_its_watchdog_sees_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(Watchdog, "check", lambda *_, **__: Verdict.ALIVE)
     with pytest.raises(BrokenPromiseError, match="of a frozen process"):
         live_through(1, hours=HOURS, sound=SOUND)

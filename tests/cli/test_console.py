@@ -6,13 +6,23 @@ import pytest
 
 from tactophone.cli import output
 from tactophone.cli.console import _ConsoleView
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.live.telemetry.layout import Fault, FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
 
 
-def test_the_terminal_says_why_there_is_no_link_once(capsys: pytest.CaptureFixture[str]) -> None:
-    refused = Fault("link", "no operator at hand.local:48470 yet: certificate verify failed")
+def test_the_terminal_says_why_there_is_no_link_once(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused = Fault(
+        "link", "no operator at hand.local:48470 yet: certificate verify failed"
+    )
     with Telemetry("test-console") as telemetry:
         view = _ConsoleView("test-console")
         for state in (
@@ -29,10 +39,18 @@ def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> N
     block = AudioBlock(np.zeros((480, 2), np.float32), 48_000)
     with Telemetry("test-strip") as telemetry:
         view = _ConsoleView("test-strip")
-        for touch, amplitude in ((Touch.SMOOTH, 0.05), (Touch.ROUGH, 0.5), (Touch.NONE, 0.0)):
-            predicted = Prediction((0.0, 0.5, 0.5), touch, 0.5, -30.0, start=0.0, end=0.01)
+        for touch, amplitude in (
+            (Touch.SMOOTH, 0.05),
+            (Touch.ROUGH, 0.5),
+            (Touch.NONE, 0.0),
+        ):
+            predicted = Prediction(
+                (0.0, 0.5, 0.5), touch, 0.5, -30.0, start=0.0, end=0.01
+            )
             command = HapticCommand(amplitude, 60.0, 0.01)
-            telemetry.publish(PipelineStep(block, (predicted,), (command,)), now=time.monotonic())
+            telemetry.publish(
+                PipelineStep(block, (predicted,), (command,)), now=time.monotonic()
+            )
             telemetry.update(State(role="operator"), now=time.monotonic())
             view.update()
         strip, figures = view.line().split("\n")
@@ -48,18 +66,38 @@ def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_i
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """The other end's version and its goodbye, names of devices, runs and surfaces: all reach these sinks."""
-    faults = tuple(Fault(code, f"{code}: {HOSTILE}") for code in ("link", "peer", "source", "output", "version"))
-    fingers = (FingerState(name=HOSTILE, muted_because=HOSTILE, profile=HOSTILE, armed=False),)
+    faults = tuple(
+        Fault(code, f"{code}: {HOSTILE}")
+        for code in ("link", "peer", "source", "output", "version")
+    )
+    fingers = (
+        FingerState(name=HOSTILE, muted_because=HOSTILE, profile=HOSTILE, armed=False),
+    )
     with Telemetry("test-hostile-text") as telemetry:
         view = _ConsoleView("test-hostile-text")
-        state = State("operator", link=HOSTILE, source=HOSTILE, output=HOSTILE, faults=faults, fingers=fingers)
+        state = State(
+            "operator",
+            link=HOSTILE,
+            source=HOSTILE,
+            output=HOSTILE,
+            faults=faults,
+            fingers=fingers,
+        )
         telemetry.update(state, now=time.monotonic())
         view.update()
     output.note(HOSTILE)
     output.warn(HOSTILE)
     output.print_error(HOSTILE)
-    row = {"surface": HOSTILE, HOSTILE: Path(HOSTILE), "styled": output.styled("red", HOSTILE, HOSTILE)}
-    output.show({"name": HOSTILE}, [HOSTILE, [row], output.listing([(HOSTILE, HOSTILE)])], as_json=False)
+    row = {
+        "surface": HOSTILE,
+        HOSTILE: Path(HOSTILE),
+        "styled": output.styled("red", HOSTILE, HOSTILE),
+    }
+    output.show(
+        {"name": HOSTILE},
+        [HOSTILE, [row], output.listing([(HOSTILE, HOSTILE)])],
+        as_json=False,
+    )
     output.show({"name": HOSTILE}, as_json=True)
     out, err = capsys.readouterr()
     assert err.count("[/x] [link=http://x]") == 5 + 2 + 3

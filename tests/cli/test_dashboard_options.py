@@ -24,10 +24,21 @@ NAME = "test-page-loopback"
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """A running ``tactophone loopback --dashboard``, the same for all tests; its page's address."""
-    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        "loopback",
+        "--source",
+        "finger",
+        "--actuator",
+        "none",
+    ]
     # No watchdog: on a busy machine it would end the operator's side in the middle of the test.
     command += ["--dashboard", "--name", NAME, "--set", "process.watchdog=false"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr
         lines = iter(process.stderr.readline, "")
         yield next(line for line in lines if line.startswith("page: ")).split()[1]
@@ -40,7 +51,9 @@ def strength(watcher: Watcher) -> float:
     return float(np.abs(watcher.snapshot().vibration[-12_000:]).max())
 
 
-def test_mute_silences_the_actuator_until_somebody_arms(browser: webdriver.Chrome, address: str) -> None:
+def test_mute_silences_the_actuator_until_somebody_arms(
+    browser: webdriver.Chrome, address: str
+) -> None:
     browser.get(address)
     wait(browser, lambda: text(browser, "life") == "live", 20)
     watcher = Watcher(NAME)
@@ -58,7 +71,9 @@ def test_mute_silences_the_actuator_until_somebody_arms(browser: webdriver.Chrom
     browser.get("about:blank")  # before its server goes
 
 
-def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(browser: webdriver.Chrome, address: str) -> None:
+def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(
+    browser: webdriver.Chrome, address: str
+) -> None:
     browser.get(address)
     wait(browser, lambda: text(browser, "life") == "live", 20)
     watcher = Watcher(NAME)
@@ -66,9 +81,15 @@ def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(browser: webdriver.C
         "const slider = document.getElementById('ceiling'); slider.value = 0.03;"
         "slider.dispatchEvent(new Event('change', { bubbles: true }));"
     )
-    wait(browser, lambda: watcher.snapshot().state.fingers[0].ceiling == pytest.approx(0.03))
+    wait(
+        browser,
+        lambda: watcher.snapshot().state.fingers[0].ceiling == pytest.approx(0.03),
+    )
     time.sleep(0.5)
     wait(browser, lambda: strength(watcher) > 0, 30)
     assert strength(watcher) <= 0.03 + 1e-6
-    wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.03")
+    wait(
+        browser,
+        lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.03",
+    )
     browser.get("about:blank")

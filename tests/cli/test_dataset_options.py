@@ -8,8 +8,13 @@ from tests.lab.dataset.folders import audiofolder, write_sound
 
 
 def test_every_filter_must_match(tmp_path: Path) -> None:
-    kept = open_filtered(audiofolder(tmp_path), ["surface=stone 00,stone 01", "scenario=table"])
-    assert [recording.path.name for recording in kept.recordings] == ["00_1.flac", "01_1.flac"]
+    kept = open_filtered(
+        audiofolder(tmp_path), ["surface=stone 00,stone 01", "scenario=table"]
+    )
+    assert [recording.path.name for recording in kept.recordings] == [
+        "00_1.flac",
+        "01_1.flac",
+    ]
     assert len(open_filtered(tmp_path, None).recordings) == 8
 
 
@@ -19,9 +24,15 @@ def test_bad_files_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("scenario", "write KEY=VALUE"), ("scenario=box", "scenario is one of hand, table")]
+    ("text", "message"),
+    [
+        ("scenario", "write KEY=VALUE"),
+        ("scenario=box", "scenario is one of hand, table"),
+    ],
 )
-def test_a_filter_without_a_match_says_what_there_is(tmp_path: Path, text: str, message: str) -> None:
+def test_a_filter_without_a_match_says_what_there_is(
+    tmp_path: Path, text: str, message: str
+) -> None:
     with pytest.raises(DatasetError, match=message):
         open_filtered(audiofolder(tmp_path), [text])
 
@@ -33,7 +44,9 @@ def test_a_mono_file_among_stereo_ones_is_left_out_and_named(
     manifest = (
         (tmp_path / "metadata.csv")
         .read_text()
-        .replace("02_0.flac,stone 02,rough,contact|air", "02_0.flac,stone 02,rough,contact")
+        .replace(
+            "02_0.flac,stone 02,rough,contact|air", "02_0.flac,stone 02,rough,contact"
+        )
     )
     (tmp_path / "metadata.csv").write_text(manifest)
     assert len(open_filtered(tmp_path, None, channels=2).recordings) == 7

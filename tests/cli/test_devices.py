@@ -13,8 +13,13 @@ from tactophone.live.audio.dummy import DummyServer
 
 @pytest.mark.realtime
 @pytest.mark.usefixtures("portaudio")
-def test_a_server_with_two_inputs_looks_right(jack_server: DummyServer, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["devices", "--json", "--set", f"process.jack_server={jack_server.name}"]) == 0
+def test_a_server_with_two_inputs_looks_right(
+    jack_server: DummyServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["devices", "--json", "--set", f"process.jack_server={jack_server.name}"])
+        == 0
+    )
     jack, portaudio = json.loads(capsys.readouterr().out)
     assert (jack["inputs"], jack["outputs"], jack["sample_rate"]) == (2, 2, 48_000)
     assert jack["microphones"] == jack["actuator"] == ""
@@ -23,7 +28,9 @@ def test_a_server_with_two_inputs_looks_right(jack_server: DummyServer, capsys: 
     assert portaudio["note"] == "use source jack instead"
 
 
-def test_a_missing_server_says_how_to_start_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_server_says_how_to_start_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["devices", "--set", "process.jack_server=tactophone-none"]) == 0
     assert "jackd -R -d alsa" in " ".join(capsys.readouterr().out.split())
 
@@ -55,7 +62,11 @@ def test_bursts_grow_until_they_are_felt_and_stay_under_the_ceiling(
     words = ["--actuator", f"file:{path}", "--set", "rendering.ceiling=0.3"]
     assert main(["devices", "feel", *words]) == code
     assert advice in capsys.readouterr().out
-    assert 0.3 * 10 ** (-21 / 20) < np.abs(soundfile.read(path)[0]).max() <= np.float32(0.3)
+    assert (
+        0.3 * 10 ** (-21 / 20)
+        < np.abs(soundfile.read(path)[0]).max()
+        <= np.float32(0.3)
+    )
 
 
 def test_without_a_terminal_no_burst_is_played(

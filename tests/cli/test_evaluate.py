@@ -28,7 +28,10 @@ def test_scores_a_model_and_writes_them_into_its_card(
     model = tmp_path / "a.onnx"
     main(["train", sound, "--out", str(model), *QUICK])
     capsys.readouterr()
-    assert main(["evaluate", str(model), "--data", sound, "--note", "stones", "--json"]) == 0
+    assert (
+        main(["evaluate", str(model), "--data", sound, "--note", "stones", "--json"])
+        == 0
+    )
     captured = capsys.readouterr()
     report = json.loads(captured.out)[str(model)]
     assert (report["recordings"], report["surfaces"]) == (8, 4)
@@ -38,11 +41,28 @@ def test_scores_a_model_and_writes_them_into_its_card(
 
 
 @pytest.mark.slow
-def test_cross_validates_a_recipe_beside_its_baselines(sound: str, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["evaluate", "--data", sound, "--split", "2-fold", "--baselines", "1", *QUICK]
+def test_cross_validates_a_recipe_beside_its_baselines(
+    sound: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "evaluate",
+        "--data",
+        sound,
+        "--split",
+        "2-fold",
+        "--baselines",
+        "1",
+        *QUICK,
+    ]
     assert main(command) == 0
     table = capsys.readouterr().out
-    for row in ("authors/general", "level", "permuted 1", "area under ROC curve", "stone 03"):
+    for row in (
+        "authors/general",
+        "level",
+        "permuted 1",
+        "area under ROC curve",
+        "stone 03",
+    ):
         assert row in table
     assert main([*command, "--json"]) == 0
     reports = json.loads(capsys.readouterr().out)
@@ -60,18 +80,32 @@ def test_a_model_that_does_without_the_air_microphone_is_scored_on_files_of_one_
 ) -> None:
     lines = ["file_name,surface,label,tip"]
     for name, label, level in (("a", "smooth", -40), ("b", "rough", -20)):
-        soundfile.write(tmp_path / f"{name}.wav", noise(level_dbfs=level, duration=2, channels=1), 48_000)
+        soundfile.write(
+            tmp_path / f"{name}.wav",
+            noise(level_dbfs=level, duration=2, channels=1),
+            48_000,
+        )
         lines.append(f"{name}.wav,{name},{label},stylus")
     (tmp_path / "metadata.csv").write_text("\n".join(lines))
     assert main(["evaluate", "texture", "--data", str(tmp_path)]) == 0
-    assert "the model is for the tip pad, but the recordings are of stylus" in capsys.readouterr().err
+    assert (
+        "the model is for the tip pad, but the recordings are of stylus"
+        in capsys.readouterr().err
+    )
 
 
-def test_exchanged_labels_are_suspected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exchanged_labels_are_suspected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder, model = audiofolder(tmp_path / "sound"), str(tmp_path / "a.onnx")
     main(["train", str(folder), "--recipe", "level", "--out", model])
     manifest = folder / "metadata.csv"
-    text = manifest.read_text().replace("rough", "?").replace("smooth", "rough").replace("?", "smooth")
+    text = (
+        manifest.read_text()
+        .replace("rough", "?")
+        .replace("smooth", "rough")
+        .replace("?", "smooth")
+    )
     manifest.write_text(text)
     capsys.readouterr()
     assert main(["evaluate", model, "--data", str(folder)]) == 0

@@ -16,12 +16,29 @@ def parse(*words: str) -> argparse.Namespace:
 
 
 def test_flags_go_before_the_file_and_set_before_all(tmp_path: Path) -> None:
-    (tmp_path / "a.toml").write_text('[rendering]\nceiling = 0.1\n[link]\ncodec = "pcm16"\n')
-    settings = options.settings_of(
-        parse("--settings", str(tmp_path / "a.toml"), "--ceiling", "0.2", "--send-predictions")
+    (tmp_path / "a.toml").write_text(
+        '[rendering]\nceiling = 0.1\n[link]\ncodec = "pcm16"\n'
     )
-    assert (settings.rendering.ceiling, settings.link.send_predictions, settings.link.codec) == (0.2, True, "pcm16")
-    assert options.settings_of(parse("--ceiling", "0.2", "--set", "rendering.ceiling=0.3")).rendering.ceiling == 0.3
+    settings = options.settings_of(
+        parse(
+            "--settings",
+            str(tmp_path / "a.toml"),
+            "--ceiling",
+            "0.2",
+            "--send-predictions",
+        )
+    )
+    assert (
+        settings.rendering.ceiling,
+        settings.link.send_predictions,
+        settings.link.codec,
+    ) == (0.2, True, "pcm16")
+    assert (
+        options.settings_of(
+            parse("--ceiling", "0.2", "--set", "rendering.ceiling=0.3")
+        ).rendering.ceiling
+        == 0.3
+    )
 
 
 def test_a_flag_out_of_range_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
@@ -39,7 +56,9 @@ def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -
     parser = argparse.ArgumentParser()
     options.add_settings(parser, "receive")
     options.add_finger(parser)
-    settings = options.settings_of(parser.parse_args(["--fingers", str(path), "--finger", "index"]))
+    settings = options.settings_of(
+        parser.parse_args(["--fingers", str(path), "--finger", "index"])
+    )
     assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == (
         "system:capture_3",
         "lra",
@@ -56,8 +75,21 @@ def test_a_verbs_own_default_is_shown_and_gives_way_to_flags_and_set(
     parser = argparse.ArgumentParser()
     options.add_settings(parser, "send", usual)
     (tmp_path / "a.toml").write_text('[link]\ncodec = "opus"\n')
-    assert options.settings_of(parser.parse_args(["--settings", str(tmp_path / "a.toml")]), usual).link.codec == "pcm16"
-    assert options.settings_of(parser.parse_args(["--codec", "opus"]), usual).link.codec == "opus"
-    assert options.settings_of(parser.parse_args(["--set", "link.codec=opus"]), usual).link.codec == "opus"
+    assert (
+        options.settings_of(
+            parser.parse_args(["--settings", str(tmp_path / "a.toml")]), usual
+        ).link.codec
+        == "pcm16"
+    )
+    assert (
+        options.settings_of(parser.parse_args(["--codec", "opus"]), usual).link.codec
+        == "opus"
+    )
+    assert (
+        options.settings_of(
+            parser.parse_args(["--set", "link.codec=opus"]), usual
+        ).link.codec
+        == "opus"
+    )
     parser.print_help()
     assert "opus, pcm16 (default: pcm16)" in " ".join(capsys.readouterr().out.split())

@@ -37,7 +37,9 @@ VERBS = {
 def folder(tmp_path: Path) -> Path:
     """A folder with the package that each new process imports first."""
     (tmp_path / "multiprocessing").mkdir()
-    (tmp_path / "multiprocessing/__init__.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n1 / 0\n")
+    (tmp_path / "multiprocessing/__init__.py").write_text(
+        f"open({str(tmp_path / 'executed')!r}, 'w')\n1 / 0\n"
+    )
     return tmp_path
 
 
@@ -45,7 +47,11 @@ def _children(run: "subprocess.Popen[str]") -> Iterator[psutil.Process]:
     """Yield the processes of Python that a run has started, once there is one."""
     until = time.monotonic() + 30
     while time.monotonic() < until and run.poll() is None:
-        found = [child for child in psutil.Process(run.pid).children(recursive=True) if "-c" in child.cmdline()]
+        found = [
+            child
+            for child in psutil.Process(run.pid).children(recursive=True)
+            if "-c" in child.cmdline()
+        ]
         if any("spawn_main" in part for child in found for part in child.cmdline()):
             yield from found
             return
@@ -60,13 +66,30 @@ def _safe(child: psutil.Process) -> bool:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_starts_processes_that_import_nothing_from_the_current_folder(verb: str, folder: Path) -> None:
+def test_a_verb_starts_processes_that_import_nothing_from_the_current_folder(
+    verb: str, folder: Path
+) -> None:
     if verb == "benchmark":
         (folder / "surfaces").mkdir()
         write_metadata(folder / "surfaces", surfaces(folder / "surfaces").recordings)
-    live = ["--set", "process.name=test-hostile", "--set", f"link.identity={folder / 'identity'}"]
-    command = [str(PROGRAM), *VERBS[verb].split(), *(live if verb not in {"simulate", "benchmark"} else ())]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as run:
+    live = [
+        "--set",
+        "process.name=test-hostile",
+        "--set",
+        f"link.identity={folder / 'identity'}",
+    ]
+    command = [
+        str(PROGRAM),
+        *VERBS[verb].split(),
+        *(live if verb not in {"simulate", "benchmark"} else ()),
+    ]
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
         seen = [_safe(child) for child in _children(run)]
         run.terminate()
         assert run.stderr

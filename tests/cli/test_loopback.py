@@ -18,16 +18,35 @@ pytestmark = pytest.mark.realtime
 def arguments(tmp_path: Path) -> list[str]:
     """Process two seconds of a rough tone, recorded at another rate than the link's, in a file."""
     tone = 0.5 * np.sin(2 * np.pi * 400 / 44_100 * np.arange(2 * 44_100))
-    soundfile.write(tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100)
+    soundfile.write(
+        tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100
+    )
     model = write_tiny_model(tmp_path / "tiny.onnx", gain=1e3)
-    source = ["--source", f"file:{tmp_path / 'stroke.wav'}", "--set", "capture.loop=false"]
+    source = [
+        "--source",
+        f"file:{tmp_path / 'stroke.wav'}",
+        "--set",
+        "capture.loop=false",
+    ]
     output = ["--actuator", f"file:{tmp_path / 'vibration.wav'}", "--ceiling", "0.25"]
-    return ["loopback", *source, *output, "--model", str(model), "--name", f"test-{tmp_path.name}", "--json"]
+    return [
+        "loopback",
+        *source,
+        *output,
+        "--model",
+        str(model),
+        "--name",
+        f"test-{tmp_path.name}",
+        "--json",
+    ]
 
 
 @pytest.mark.parametrize("network", ["clean", "wifi"])
 def test_a_recording_crosses_the_network_and_is_rendered(
-    arguments: list[str], network: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    network: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main([*arguments, "--network", network]) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -38,10 +57,23 @@ def test_a_recording_crosses_the_network_and_is_rendered(
     assert 0.2 < np.abs(vibration).max() <= 0.25
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
-def test_a_signal_ends_a_run_in_order_with_its_figures(arguments: list[str], number: int, code: int) -> None:
-    command = [sys.executable, "-m", "tactophone", *arguments, "--set", "capture.loop=true"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)]
+)
+def test_a_signal_ends_a_run_in_order_with_its_figures(
+    arguments: list[str], number: int, code: int
+) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        *arguments,
+        "--set",
+        "capture.loop=true",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr
         next(line for line in process.stderr if line.startswith("connected"))
         process.send_signal(number)
@@ -58,7 +90,9 @@ def test_a_duration_that_is_none_is_refused(
     assert f"--duration {duration}: must be " in capsys.readouterr().err
 
 
-def test_an_unknown_port_or_file_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_port_or_file_is_one_line(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([*arguments, "--source", "file:nowhere.wav"]) == 1
     assert "nowhere.wav" in capsys.readouterr().err
     assert main([*arguments, "--ceiling", "7"]) == 1

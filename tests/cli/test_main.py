@@ -27,19 +27,26 @@ def test_an_unknown_verb_is_a_usage_error() -> None:
     assert stop.value.code == 2
 
 
-def test_the_help_begins_with_what_it_is_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_begins_with_what_it_is_in_one_sentence(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
     before = capsys.readouterr().out.partition("options:")[0]
     whole = " ".join(before.split("VERB ...")[1].split())
-    assert whole == "A telephone for touch: microphones on a robot's fingertip, vibration on an operator's."
+    assert (
+        whole
+        == "A telephone for touch: microphones on a robot's fingertip, vibration on an operator's."
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("closed", [">/dev/full", ">&-"])
 def test_output_that_cannot_be_written_is_reported_in_one_line(closed: str) -> None:
     command = f"{shlex.quote(sys.executable)} -m tactophone settings {closed}"
-    done = subprocess.run(command, shell=True, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        command, shell=True, stderr=subprocess.PIPE, text=True, check=False
+    )
     if closed == ">&-":
         assert (done.returncode, done.stderr) == (0, "")
     else:
@@ -54,9 +61,16 @@ def test_a_folder_for_results_that_cannot_be_made_is_named(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").touch()
-    out = [str(tmp_path / "file")] if verb == "simulate competition" else ["--out", str(tmp_path / "file")]
+    out = (
+        [str(tmp_path / "file")]
+        if verb == "simulate competition"
+        else ["--out", str(tmp_path / "file")]
+    )
     assert main([*verb.split(), *(["a.wav"] if verb == "feel" else []), *out]) == 1
-    assert f"{tmp_path / 'file'}: cannot be made (File exists); name a folder of your own" in capsys.readouterr().err
+    assert (
+        f"{tmp_path / 'file'}: cannot be made (File exists); name a folder of your own"
+        in capsys.readouterr().err
+    )
 
 
 def test_a_sound_file_on_a_full_disk_is_one_line(
@@ -89,16 +103,26 @@ def test_the_help_explains_six_verbs_and_names_the_rest_but_all_explains_each(
     assert all(line in everything for line in VERBS.values())
 
 
-def test_a_verb_shows_six_options_and_all_on_request(capsys: pytest.CaptureFixture[str]) -> None:
-    short, everything = printed("receive --help", capsys), printed("receive --help all", capsys)
-    shown, each = (set(re.findall(r"^  (--[a-z]+)", text, re.MULTILINE)) for text in (short, everything))
+def test_a_verb_shows_six_options_and_all_on_request(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    short, everything = (
+        printed("receive --help", capsys),
+        printed("receive --help all", capsys),
+    )
+    shown, each = (
+        set(re.findall(r"^  (--[a-z]+)", text, re.MULTILINE))
+        for text in (short, everything)
+    )
     assert len(shown) == 6
     assert {"--tip", "--model", "--dashboard"} < shown < each
     assert f"{len(each) - 6} more options: `tactophone receive --help all`" in short
     assert "more options" not in everything
 
 
-def test_a_line_that_is_replaced_leaves_nothing_of_it_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_that_is_replaced_leaves_nothing_of_it_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for terminal in (True, False):
         screen = io.StringIO()
         console = output._Console(file=screen, force_terminal=terminal, highlight=False)
@@ -106,4 +130,8 @@ def test_a_line_that_is_replaced_leaves_nothing_of_it_on_a_terminal(monkeypatch:
         for line in ("still starting (5 s)\r", "still starting (10 s)\r", "armed"):
             output.note(line)
         replaced = "still starting (5 s)\r\x1b[2Kstill starting (10 s)\r\x1b[2Karmed\n"
-        assert screen.getvalue() == (replaced if terminal else "still starting (5 s)\nstill starting (10 s)\narmed\n")
+        assert screen.getvalue() == (
+            replaced
+            if terminal
+            else "still starting (5 s)\nstill starting (10 s)\narmed\n"
+        )

@@ -9,25 +9,41 @@ from tactophone.lab.training.network import PaperNetwork
 from tests.models import write_tiny_model
 
 
-def test_a_card_is_shown_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_card_is_shown_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write_tiny_model(
-        tmp_path / "tiny.onnx", scores={"test set": {"balanced accuracy": 0.875}}, licence="BSD-3-Clause"
+        tmp_path / "tiny.onnx",
+        scores={"test set": {"balanced accuracy": 0.875}},
+        licence="BSD-3-Clause",
     )
     assert main(["model", "show", str(path)]) == 0
     shown = capsys.readouterr().out
-    for words in ("of kind paper", "256.0 ms; one every 10.67 ms", "-40.0 dBFS", "0.875", "BSD-3-Clause"):
+    for words in (
+        "of kind paper",
+        "256.0 ms; one every 10.67 ms",
+        "-40.0 dBFS",
+        "0.875",
+        "BSD-3-Clause",
+    ):
         assert words in shown
 
 
-def test_tables_of_numbers_are_shown_by_their_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_tiny_model(tmp_path / "tiny.onnx", settings={"prior": [[[0.0] * 20] * 2] * 2})
+def test_tables_of_numbers_are_shown_by_their_size(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_tiny_model(
+        tmp_path / "tiny.onnx", settings={"prior": [[[0.0] * 20] * 2] * 2}
+    )
     assert main(["model", "show", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "2 x 2 x 20 numbers" in shown
     assert len(shown.splitlines()) < 80
 
 
-def test_a_card_is_shown_to_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_card_is_shown_to_programs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write_tiny_model(tmp_path / "tiny.onnx")
     assert main(["model", "show", str(path), "--json"]) == 0
     card = json.loads(capsys.readouterr().out)
@@ -35,8 +51,12 @@ def test_a_card_is_shown_to_programs(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert card["bytes"] == path.stat().st_size
 
 
-@pytest.mark.parametrize("content", [b"", b"\x80\x04pickled", b"PK\x03\x04torch", b"\x08\x09truncated"])
-def test_an_invalid_model_file_is_one_line(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "content", [b"", b"\x80\x04pickled", b"PK\x03\x04torch", b"\x08\x09truncated"]
+)
+def test_an_invalid_model_file_is_one_line(
+    content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "bad.onnx"
     path.write_bytes(content)
     assert main(["model", "show", str(path)]) == 1
@@ -56,7 +76,9 @@ def test_a_published_model_is_converted(
     assert "authors-general" in capsys.readouterr().out
 
 
-def test_an_invalid_published_model_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_published_model_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "general.pt").write_bytes(b"\x80\x04pickled")
     assert main(["model", "import", str(tmp_path / "general.pt")]) == 1
     error = capsys.readouterr().err

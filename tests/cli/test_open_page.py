@@ -21,7 +21,9 @@ def test_the_address_is_opened_and_printed_and_a_machine_without_a_browser_says_
 
     monkeypatch.setattr(webbrowser, "open", open_one)
     access = SimpleNamespace(private=True)
-    served: Any = cast(Any, SimpleNamespace(url="http://127.0.0.1:1/token/", access=access))
+    served: Any = cast(
+        Any, SimpleNamespace(url="http://127.0.0.1:1/token/", access=access)
+    )
     page.announce(served, "try")
     assert opened == []
     page.announce(served, "try", browser=True)

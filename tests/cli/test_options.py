@@ -23,7 +23,9 @@ def test_every_verb_stands_in_one_group() -> None:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_the_examples_of_a_verb_are_understood(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_examples_of_a_verb_are_understood(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert examples_of(verb)
     for example in examples_of(verb):
         program, *words = shlex.split(example.partition(">")[0])
@@ -42,7 +44,9 @@ def test_quick_examples_run(example: str) -> None:
     assert main(words) == 0
 
 
-def test_the_program_alone_prints_a_short_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_program_alone_prints_a_short_help(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with pytest.raises(SystemExit, match="0"):
         main([])
     printed = capsys.readouterr().out
@@ -55,10 +59,15 @@ def test_the_program_alone_prints_a_short_help(capsys: pytest.CaptureFixture[str
         (["fele"], "there is no verb fele; did you mean feel?"),
         (["feel", "a.wav", "--plt"], "did you mean --plot?"),
         (["loopback", "--finger", "index"], "did you mean --fingers?"),
-        (["simulate", "dataset", "out", "--seconds", "3", "--scenario"], "did you mean --scenarios?"),
+        (
+            ["simulate", "dataset", "out", "--seconds", "3", "--scenario"],
+            "did you mean --scenarios?",
+        ),
     ],
 )
-def test_what_is_mistyped_gets_a_hint(words: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_mistyped_gets_a_hint(
+    words: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stop:
         main(words)
     assert stop.value.code == 2
@@ -69,6 +78,11 @@ def test_a_setting_and_its_device_are_one_option() -> None:
     words = ["--source", "file:take:2.wav", "--actuator", "jack:system:playback_3"]
     settings = options.settings_of(_parse(["loopback", *words], "loopback"))
     assert (settings.capture.source, settings.capture.device) == ("file", "take:2.wav")
-    assert (settings.output.actuator, settings.output.port) == ("jack", "system:playback_3")
+    assert (settings.output.actuator, settings.output.port) == (
+        "jack",
+        "system:playback_3",
+    )
     with pytest.raises(ConfigError, match=r"capture\.contact=PORT"):
-        options.settings_of(_parse(["send", "--source", "jack:system:capture_3"], "send"))
+        options.settings_of(
+            _parse(["send", "--source", "jack:system:capture_3"], "send")
+        )

@@ -14,7 +14,9 @@ def pair(*words: str | Path) -> int:
     return main(["pair", *map(str, words)])
 
 
-def test_two_machines_trust_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_machines_trust_each_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot, operator = tmp_path / "robot", tmp_path / "operator"
     lines = []
     for folder in (robot, operator):
@@ -26,7 +28,9 @@ def test_two_machines_trust_each_other(tmp_path: Path, capsys: pytest.CaptureFix
     assert Peers.load(robot).name_of(Identity.load(operator).fingerprint) == "operator"
 
 
-def test_show_prints_json_and_never_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_show_prints_json_and_never_the_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pair("init", "--name", "robot", "--identity", tmp_path)
     pair("trust", "operator", "ab" * 32, "--identity", tmp_path)
     capsys.readouterr()
@@ -38,7 +42,9 @@ def test_show_prints_json_and_never_the_key(tmp_path: Path, capsys: pytest.Captu
     assert "PRIVATE" not in shown
 
 
-def test_only_the_owner_can_read_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_the_owner_can_read_the_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pair("init", "--identity", tmp_path / "keys")
     key = tmp_path / "keys" / "key.pem"
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
@@ -48,7 +54,9 @@ def test_only_the_owner_can_read_the_key(tmp_path: Path, capsys: pytest.CaptureF
     assert "if somebody may have accessed it" in capsys.readouterr().err
 
 
-def test_a_key_is_never_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_key_is_never_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pair("init", "--identity", tmp_path)
     before = (tmp_path / "key.pem").read_bytes()
     assert pair("init", "--identity", tmp_path) == 1
@@ -56,12 +64,16 @@ def test_a_key_is_never_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (tmp_path / "key.pem").read_bytes() == before
 
 
-def test_a_malformed_fingerprint_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_malformed_fingerprint_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert pair("trust", "robot", "AB:CD", "--identity", tmp_path) == 1
     assert "is not a fingerprint" in capsys.readouterr().err
 
 
-def test_a_peer_can_be_forgotten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_peer_can_be_forgotten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pair("trust", "robot", "ab" * 32, "--identity", tmp_path)
     assert pair("forget", "nobody", "--identity", tmp_path) == 1
     assert "there are: robot" in capsys.readouterr().err

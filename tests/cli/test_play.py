@@ -33,16 +33,33 @@ def results(tmp_path: Path) -> Path:
 @pytest.fixture
 def address(results: Path) -> Iterator[str]:
     """A running ``tactophone play``; its page's address."""
-    command = [sys.executable, "-m", "tactophone", "play", "--seed", str(SEED), "--results", str(results)]
-    with subprocess.Popen([*command, "--name", "test-play"], stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        "play",
+        "--seed",
+        str(SEED),
+        "--results",
+        str(results),
+    ]
+    with subprocess.Popen(
+        [*command, "--name", "test-play"], stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr
         lines = iter(process.stderr.readline, "")
-        yield next(line for line in lines if line.startswith("page: ")).removeprefix("page: ").strip()
+        yield (
+            next(line for line in lines if line.startswith("page: "))
+            .removeprefix("page: ")
+            .strip()
+        )
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 130
 
 
-def test_a_round_is_played_through_the_live_system(browser: webdriver.Chrome, address: str, results: Path) -> None:
+def test_a_round_is_played_through_the_live_system(
+    browser: webdriver.Chrome, address: str, results: Path
+) -> None:
     browser.get(address)
     wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled(), 20)
     browser.find_element(By.ID, "begin").click()
@@ -52,7 +69,9 @@ def test_a_round_is_played_through_the_live_system(browser: webdriver.Chrome, ad
         before = watcher.snapshot()
         stroke(browser, stone, step=80)
         steps = watcher.snapshot(before).steps
-        rough_share[label] += float(np.mean(steps["touch"] == Touch.ROUGH)) / (2 if label is Touch.ROUGH else 3)
+        rough_share[label] += float(np.mean(steps["touch"] == Touch.ROUGH)) / (
+            2 if label is Touch.ROUGH else 3
+        )
         time.sleep(0.5)
     assert rough_share[Touch.ROUGH] > rough_share[Touch.SMOOTH]
     for mark in browser.find_elements(By.CSS_SELECTOR, "#marks button")[:2]:

@@ -22,8 +22,12 @@ def test_every_number_states_and_checks_its_range(verb: str) -> None:
     parser = Parser(prog=verb)
     add_verb(parser, verb)
     for option in options(parser):
-        assert option.choices or option.type not in (int, float), f"{option.option_strings}: give the range, a `Within`"
-        assert not isinstance(option.type, Within) or "%(type)s" in str(option.help), option.option_strings
+        assert option.choices or option.type not in (int, float), (
+            f"{option.option_strings}: give the range, a `Within`"
+        )
+        assert not isinstance(option.type, Within) or "%(type)s" in str(option.help), (
+            option.option_strings
+        )
 
 
 @pytest.mark.parametrize("text", ["-1", "0", "1.5", "nan", "inf", "many"])
@@ -38,6 +42,8 @@ def test_a_whole_number_is_whole(text: str) -> None:
         Within(int, 0)(text)
 
 
-def test_the_error_names_the_option_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_error_names_the_option_in_one_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["finetune", "paper", "new", "--general", "old", "--seed", "-1"]) == 1
     assert capsys.readouterr().err == "tactophone: --seed -1: must be 0 or more\n"

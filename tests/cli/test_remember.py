@@ -12,7 +12,9 @@ OLD, NEW = ("AB:" * 32)[:-1], ("CD:" * 32)[:-1]
 
 
 def found(fingerprint: str) -> Found:
-    return Found("lab", fingerprint, "robot", ["00" * 32], "192.0.2.7", False, 1.0, 0.01, False)
+    return Found(
+        "lab", fingerprint, "robot", ["00" * 32], "192.0.2.7", False, 1.0, 0.01, False
+    )
 
 
 def test_a_name_that_another_machine_has_keeps_its_pin_and_says_so(
@@ -22,10 +24,14 @@ def test_a_name_that_another_machine_has_keeps_its_pin_and_says_so(
     _remember(tmp_path, "lab", found(NEW))
     assert dict(Peers.load(tmp_path).items()) == {"lab": OLD}
     assert not (tmp_path / "calls/lab").exists()
-    assert "not remembered: lab is the name of another machine" in capsys.readouterr().err
+    assert (
+        "not remembered: lab is the name of another machine" in capsys.readouterr().err
+    )
 
 
-def test_an_end_that_is_remembered_needs_no_code_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_end_that_is_remembered_needs_no_code_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for _ in range(2):  # a later call renews its secret
         _remember(tmp_path, "lab", found(NEW))
     assert dict(Peers.load(tmp_path).items()) == {"lab": NEW}

@@ -18,7 +18,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(folder / "run.mcap", write_tiny_model(folder / "tiny.onnx"))
 
 
-def test_it_says_that_all_is_equal(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_says_that_all_is_equal(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", str(log)]) == 0
     assert "equal to the bit" in capsys.readouterr().out
 
@@ -47,26 +49,36 @@ def test_what_would_have_been_rendered_is_written(
     assert {"vibration", "timeline", "figure"} == set(outcome["files"])
 
 
-def test_a_changed_log_is_noticed(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_changed_log_is_noticed(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     # Another model under the same name is what a changed log looks like.
     assert main(["replay", str(log), "--model", "paper-mono", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["different"] > 50
 
 
-def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Path) -> None:
+def test_a_ros_bag_holds_sound_predictions_and_commands(
+    log: Path, tmp_path: Path
+) -> None:
     pytest.importorskip("cyclonedds")
     reader_of = pytest.importorskip("rosbags.rosbag2").Reader
     assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 0
     with reader_of(tmp_path / "bag") as reader:
-        counts = {connection.topic: connection.msgcount for connection in reader.connections}
-        assert all(connection.digest.startswith("RIHS01_") for connection in reader.connections)
+        counts = {
+            connection.topic: connection.msgcount for connection in reader.connections
+        }
+        assert all(
+            connection.digest.startswith("RIHS01_") for connection in reader.connections
+        )
         messages = list(reader.messages())
         times = [time for _, time, _ in messages]
         from tactophone.faces.bridges.ros_topics import open_type_store
 
         store = open_type_store()
         for connection, time, data in messages:
-            if connection.topic.endswith("/touch"):  # so that nodes with use_sim_time follow the bag's clock
+            if connection.topic.endswith(
+                "/touch"
+            ):  # so that nodes with use_sim_time follow the bag's clock
                 stamp = store.deserialize_cdr(data, connection.msgtype).header.stamp
                 assert abs(stamp.sec * 10**9 + stamp.nanosec - time) < 1000
     base = "/tactophone/index"
@@ -77,8 +89,12 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Pat
     assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 1
 
 
-@pytest.mark.parametrize("words", [["--profile", "none-such"], ["--plot"], ["--ceiling", "2"]])
-def test_wrong_options_are_one_line(log: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "words", [["--profile", "none-such"], ["--plot"], ["--ceiling", "2"]]
+)
+def test_wrong_options_are_one_line(
+    log: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", str(log), *words]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -88,13 +104,37 @@ def test_the_sound_of_a_log_is_processed_and_imported(
 ) -> None:
     assert main(["feel", str(log), "--out", str(tmp_path)]) == 0
     assert (tmp_path / "run.haptic.wav").is_file()
-    assert main(["dataset", "import", str(log), str(tmp_path / "set"), "--surface", "slate", "--label", "rough"]) == 0
+    assert (
+        main(
+            [
+                "dataset",
+                "import",
+                str(log),
+                str(tmp_path / "set"),
+                "--surface",
+                "slate",
+                "--label",
+                "rough",
+            ]
+        )
+        == 0
+    )
     assert "1 recording in " in capsys.readouterr().out
-    assert "run.flac,slate,rough,contact" in (tmp_path / "set" / "metadata.csv").read_text()
-    assert main(["dataset", "import", str(log), str(tmp_path / "other"), "--label", "soft"]) == 1
+    assert (
+        "run.flac,slate,rough,contact"
+        in (tmp_path / "set" / "metadata.csv").read_text()
+    )
+    assert (
+        main(
+            ["dataset", "import", str(log), str(tmp_path / "other"), "--label", "soft"]
+        )
+        == 1
+    )
 
 
-def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_plays_with_the_calibration_of_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calibration = tmp_path / "finger.toml"
     CALIBRATION.write(calibration)
     model = write_tiny_model(tmp_path / "tiny.onnx")
@@ -103,8 +143,12 @@ def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypa
     log = record(tmp_path / "run.mcap", model, *chosen, codec=codec)
     calibration.unlink()
     shown: list[playback.Take] = []
-    monkeypatch.setattr(playback, "play_on_page", lambda settings, takes, name: shown.extend(takes))
+    monkeypatch.setattr(
+        playback, "play_on_page", lambda settings, takes, name: shown.extend(takes)
+    )
     assert main(["replay", str(log), "--dashboard"]) == 0
-    assert [pipeline.detector.threshold.dbfs for take in shown for pipeline in take.pipelines] == [
-        CALIBRATION.threshold_dbfs
-    ]
+    assert [
+        pipeline.detector.threshold.dbfs
+        for take in shown
+        for pipeline in take.pipelines
+    ] == [CALIBRATION.threshold_dbfs]

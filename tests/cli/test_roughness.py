@@ -10,7 +10,9 @@ from tests.lab.dataset.folders import audiofolder
 from tests.lab.dataset.test_heights import STEP, SURFACES, ridges
 
 
-def test_a_map_is_measured_and_written_into_a_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_map_is_measured_and_written_into_a_data_set(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     np.save(tmp_path / "map.npy", ridges())
     data = audiofolder(tmp_path / "data")
     command = ["roughness", str(tmp_path / "map.npy"), "--pixel", str(STEP)]
@@ -18,8 +20,16 @@ def test_a_map_is_measured_and_written_into_a_data_set(tmp_path: Path, capsys: p
     printed = capsys.readouterr().out
     assert "Ra   2.5" in printed
     assert "Rq   2.8" in printed
-    values = {(take.surface, take.known("ra_um")[:3]) for take in open_dataset(data).recordings}
-    assert values == {("stone 00", ""), ("stone 01", "2.5"), ("stone 02", ""), ("stone 03", "")}
+    values = {
+        (take.surface, take.known("ra_um")[:3])
+        for take in open_dataset(data).recordings
+    }
+    assert values == {
+        ("stone 00", ""),
+        ("stone 01", "2.5"),
+        ("stone 02", ""),
+        ("stone 03", ""),
+    }
 
 
 def test_a_measured_profile_speaks_json(capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,10 +56,19 @@ def test_an_impossible_request_is_one_line(
     assert message in capsys.readouterr().err
 
 
-def test_a_plane_has_no_elements_to_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plane_has_no_elements_to_measure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     np.save(tmp_path / "flat.npy", np.zeros((200, 500)))
     data = audiofolder(tmp_path / "data")
-    command = ["roughness", str(tmp_path / "flat.npy"), "--pixel", str(STEP), "--write-metadata", str(data)]
+    command = [
+        "roughness",
+        str(tmp_path / "flat.npy"),
+        "--pixel",
+        str(STEP),
+        "--write-metadata",
+        str(data),
+    ]
     assert main([*command, "--surface", "stone 01"]) == 0
     assert "nan" not in capsys.readouterr().out
     assert {take.known("rsm_um") for take in open_dataset(data).recordings} == {""}

@@ -24,7 +24,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(6):
         label = Touch.ROUGH if number % 2 else Touch.SMOOTH
         phase = 2 * np.pi * 300 * np.arange(3 * 48_000) / 48_000
-        sound = (0.4 if label is Touch.ROUGH else 0.2) * np.sin(phase) + rng.normal(0, 0.05, len(phase))
+        sound = (0.4 if label is Touch.ROUGH else 0.2) * np.sin(phase) + rng.normal(
+            0, 0.05, len(phase)
+        )
         path = root / f"{number}.wav"
         soundfile.write(path, np.stack([sound, 0.1 * sound], axis=1), 48_000)
         recordings.append(Recording(path, f"stone {number}", label, ("contact", "air")))
@@ -37,7 +39,15 @@ def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
-    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--json"]
+    command = [
+        "set-threshold",
+        str(model),
+        "--data",
+        str(data),
+        "--out",
+        str(out),
+        "--json",
+    ]
     assert main([*command, "--false-positives", "1"]) == 0
     figures = json.loads(capsys.readouterr().out)
     card = read_model(out).card
@@ -49,15 +59,30 @@ def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
 
 @pytest.mark.slow
 def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     rates = iter([Estimate(0.1, 0.0, 0.2), Estimate(0.3, 0.1, 0.5)] * 2)
     monkeypatch.setattr(model_verbs, "_rendered", lambda *arguments: next(rates))
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
-    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--false-bumps", "600/min"]
+    command = [
+        "set-threshold",
+        str(model),
+        "--data",
+        str(data),
+        "--out",
+        str(out),
+        "--false-bumps",
+        "600/min",
+    ]
     assert main(command) == 1
     words = " ".join(capsys.readouterr().out.split())
-    assert "smooth as rough is now 0.300 (0.10-0.50) as rendered (was 0.100 (0.00-0.20)); nothing was written" in words
+    assert (
+        "smooth as rough is now 0.300 (0.10-0.50) as rendered (was 0.100 (0.00-0.20)); nothing was written"
+        in words
+    )
     assert "--anyway" in words
     assert not out.exists()
     assert main([*command, "--anyway"]) == 0
@@ -70,7 +95,10 @@ def test_one_object_of_a_class_has_no_intervals_and_says_so(
 ) -> None:
     model = write_tiny_model(tmp_path / "tiny.onnx")
     one = ["--data", str(data), "--filter", "surface=stone 0,stone 1"]
-    assert main(["set-threshold", str(model), *one, "--false-positives", "1", "--dry-run"]) == 0
+    assert (
+        main(["set-threshold", str(model), *one, "--false-positives", "1", "--dry-run"])
+        == 0
+    )
     shown = capsys.readouterr().out
     assert "one object of a class" in shown
     assert "(" not in shown.split("note")[0]
@@ -85,26 +113,54 @@ def test_one_object_of_a_class_has_no_intervals_and_says_so(
 def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:
     model = write_tiny_model(tmp_path / "tiny.onnx")
     before = model.read_bytes()
-    assert main(["set-threshold", str(model), "--data", str(data), "--false-positives", "1", "--dry-run"]) == 0
+    assert (
+        main(
+            [
+                "set-threshold",
+                str(model),
+                "--data",
+                str(data),
+                "--false-positives",
+                "1",
+                "--dry-run",
+            ]
+        )
+        == 0
+    )
     assert model.read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("goal", "words"),
-    [(["--false-bumps", "often"], "such as 1/min"), (["--false-positives", "2"], "must be over 0 to 1")],
+    [
+        (["--false-bumps", "often"], "such as 1/min"),
+        (["--false-positives", "2"], "must be over 0 to 1"),
+    ],
 )
-def test_an_invalid_goal_is_an_error(goal: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_goal_is_an_error(
+    goal: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["set-threshold", "paper", "--data", "nowhere", *goal]) == 1
     assert words in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_a_shipped_model_is_copied_not_changed(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shipped_model_is_copied_not_changed(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     before = model_path("texture").read_bytes()
-    assert main(["set-threshold", "texture", "--data", str(data), "--false-positives", "1"]) == 0
+    assert (
+        main(
+            ["set-threshold", "texture", "--data", str(data), "--false-positives", "1"]
+        )
+        == 0
+    )
     assert model_path("texture").read_bytes() == before
-    assert read_model(tmp_path / "texture.onnx").card.scores["operating point"]["dataset"] == data.name
+    assert (
+        read_model(tmp_path / "texture.onnx").card.scores["operating point"]["dataset"]
+        == data.name
+    )
 
 
 def test_a_recording_of_both_labels_counts_by_its_segments(
@@ -113,7 +169,20 @@ def test_a_recording_of_both_labels_counts_by_its_segments(
     smooth, rough = (soundfile.read(data / f"{number}.wav")[0] for number in (0, 1))
     soundfile.write(tmp_path / "run.wav", np.concatenate([smooth, rough]), 48_000)
     parts = (Segment(0.0, 3.0, "smooth"), Segment(3.0, 6.0, "rough"))
-    write_metadata(tmp_path, [Recording(tmp_path / "run.wav", "run", None, ("contact", "air"), segments=parts)])
-    command = ["set-threshold", str(write_tiny_model(tmp_path / "tiny.onnx")), "--data", str(tmp_path), "--dry-run"]
+    write_metadata(
+        tmp_path,
+        [
+            Recording(
+                tmp_path / "run.wav", "run", None, ("contact", "air"), segments=parts
+            )
+        ],
+    )
+    command = [
+        "set-threshold",
+        str(write_tiny_model(tmp_path / "tiny.onnx")),
+        "--data",
+        str(tmp_path),
+        "--dry-run",
+    ]
     assert main([*command, "--false-positives", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["chosen"]["rough_recall"][0] > 0.9

@@ -6,16 +6,30 @@ import pytest
 from tactophone.cli import main
 
 
-def test_a_small_set_is_rendered_by_one_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_small_set_is_rendered_by_one_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "set"
-    args = ["simulate", "dataset", str(out), "--objects", "lava stone,3", "--takes", "wiggle", "--seconds", "0.5"]
+    args = [
+        "simulate",
+        "dataset",
+        str(out),
+        "--objects",
+        "lava stone,3",
+        "--takes",
+        "wiggle",
+        "--seconds",
+        "0.5",
+    ]
     assert main([*args, "--jobs", "1"]) == 0
     assert capsys.readouterr().out.strip() == str(out)
     assert len((out / "metadata.csv").read_text().splitlines()) == 3
 
 
 @pytest.mark.slow
-def test_a_hand_has_a_labelled_recording_for_each_finger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hand_has_a_labelled_recording_for_each_finger(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["simulate", "hand", str(tmp_path / "hand"), "--fingers", "2"]) == 0
     names = [Path(line).name for line in capsys.readouterr().out.split()]
     assert names == ["microphones-thumb.wav", "microphones-index.wav"]
@@ -28,11 +42,17 @@ def test_a_hand_has_a_labelled_recording_for_each_finger(tmp_path: Path, capsys:
 @pytest.mark.slow
 def test_runs_are_rendered_with_their_truth(tmp_path: Path) -> None:
     assert main(["simulate", "competition", str(tmp_path), "--runs", "1"]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"day_1_run_1.flac", "day_2_run_1.flac", "metadata.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "day_1_run_1.flac",
+        "day_2_run_1.flac",
+        "metadata.csv",
+    }
 
 
 @pytest.mark.slow
-def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_catalogue_is_printed_with_its_roughness(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["simulate", "objects", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert len(rows) >= 23

@@ -20,9 +20,14 @@ def recipe(folder: Path, line: str) -> Path:
 
 
 @pytest.mark.slow
-def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_trains_a_model_that_the_live_side_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "stones.onnx"
-    assert main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(out), *QUICK]) == 0
+    assert (
+        main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(out), *QUICK])
+        == 0
+    )
     assert capsys.readouterr().out == f"{out}\n"
     card = read_model(out).card
     assert (card.name, card.channels, card.gate.rule) == ("stones", 2, "mean_absolute")
@@ -31,7 +36,9 @@ def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sound", "stones.onnx"]
 
 
-def test_few_surfaces_are_said_to_say_little_of_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_surfaces_are_said_to_say_little_of_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     data, out = str(audiofolder(tmp_path / "sound")), str(tmp_path / "a.onnx")
     few = ["--filter", "surface=stone 00,stone 03"]
     assert main(["train", data, "--recipe", "level", "--out", out, *few]) == 0
@@ -39,12 +46,20 @@ def test_few_surfaces_are_said_to_say_little_of_others(tmp_path: Path, capsys: p
 
 
 def test_training_continues_from_a_model(tmp_path: Path) -> None:
-    sound, first, second = str(audiofolder(tmp_path / "sound")), tmp_path / "a.onnx", tmp_path / "b.onnx"
+    sound, first, second = (
+        str(audiofolder(tmp_path / "sound")),
+        tmp_path / "a.onnx",
+        tmp_path / "b.onnx",
+    )
     main(["train", sound, "--out", str(first), *QUICK])
-    assert main(["train", sound, "--out", str(second), "--from", str(first), *QUICK]) == 0
+    assert (
+        main(["train", sound, "--out", str(second), "--from", str(first), *QUICK]) == 0
+    )
     assert read_model(second).card.training["start"] == "a.onnx"
     one_channel = recipe(tmp_path, 'variant = "one-channel"')
-    assert main(["train", sound, "--from", str(first), "--recipe", str(one_channel)]) == 1
+    assert (
+        main(["train", sound, "--from", str(first), "--recipe", str(one_channel)]) == 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,16 +71,32 @@ def test_training_continues_from_a_model(tmp_path: Path) -> None:
         ("opus_bitrate = 5", [], "`int` >= 16 - at `$.opus_bitrate`"),
         ("epoch = 3", [], "unknown field `epoch`; did you mean epochs?"),
         ('recipe = "textur"', [], "did you mean texture?"),
-        ("", ["--filter", "label=soft"], "no recording has it; label is one of rough, smooth"),
+        (
+            "",
+            ["--filter", "label=soft"],
+            "no recording has it; label is one of rough, smooth",
+        ),
     ],
 )
 def test_an_impossible_request_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, options: list[str], message: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    line: str,
+    options: list[str],
+    message: str,
 ) -> None:
     sound = audiofolder(tmp_path / "sound")
     assert (
         main(
-            ["train", str(sound), "--out", str(tmp_path / "a.onnx"), "--recipe", str(recipe(tmp_path, line)), *options]
+            [
+                "train",
+                str(sound),
+                "--out",
+                str(tmp_path / "a.onnx"),
+                "--recipe",
+                str(recipe(tmp_path, line)),
+                *options,
+            ]
         )
         == 1
     )
@@ -77,12 +108,28 @@ def test_quiet_recordings_are_too_quiet_for_the_papers_threshold(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--recipe", str(recipe(tmp_path, "reference_code = false"))]
-    assert main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(tmp_path / "a.onnx"), *options]) == 1
-    assert "no window of the smooth recordings is louder than -26.0 dBFS" in capsys.readouterr().err
+    assert (
+        main(
+            [
+                "train",
+                str(audiofolder(tmp_path / "sound")),
+                "--out",
+                str(tmp_path / "a.onnx"),
+                *options,
+            ]
+        )
+        == 1
+    )
+    assert (
+        "no window of the smooth recordings is louder than -26.0 dBFS"
+        in capsys.readouterr().err
+    )
     assert not (tmp_path / "a.onnx").exists()
 
 
-def test_a_broken_recording_is_named_and_the_others_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_recording_is_named_and_the_others_train(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     sound = audiofolder(tmp_path / "sound")
     (sound / "audio" / "00_0.flac").write_text("no sound")
     assert main(["train", str(sound), "--out", str(tmp_path / "a.onnx"), *QUICK]) == 0

@@ -27,13 +27,25 @@ def run_without_link(folder: Path, *words: str) -> subprocess.CompletedProcess[s
     hidden = {module for module, extra in EXTRA_OF_MODULE.items() if extra == "link"}
     code = WITHOUT_LINK.format(hidden=hidden)
     return subprocess.run(
-        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code, *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
 
 
 @pytest.mark.slow
 def test_training_needs_no_codec(tmp_path: Path) -> None:
-    done = run_without_link(tmp_path, "train", str(audiofolder(tmp_path / "sound")), "--out", "a.onnx", *QUICK)
+    done = run_without_link(
+        tmp_path,
+        "train",
+        str(audiofolder(tmp_path / "sound")),
+        "--out",
+        "a.onnx",
+        *QUICK,
+    )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.onnx").is_file()
 

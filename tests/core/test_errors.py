@@ -17,19 +17,32 @@ from tests.lab.dataset.folders import audiofolder
 
 def test_the_nearest_name_or_one_that_holds_the_word() -> None:
     assert did_you_mean("papr", ["paper", "texture"]) == "; did you mean paper?"
-    assert did_you_mean("marble", ["polished marble", "slate"]) == "; did you mean polished marble?"
-    assert did_you_mean("granitt", ["flamed granite", "slate"]) == "; did you mean flamed granite?"
+    assert (
+        did_you_mean("marble", ["polished marble", "slate"])
+        == "; did you mean polished marble?"
+    )
+    assert (
+        did_you_mean("granitt", ["flamed granite", "slate"])
+        == "; did you mean flamed granite?"
+    )
     assert did_you_mean("xyz", ["paper"]) == ""
 
 
-@pytest.mark.parametrize(("words", "hint"), [(["feal"], "feel"), (["feel", "a.wav", "--profile", "papr"], "paper")])
-def test_verbs_and_choices_are_suggested(words: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [(["feal"], "feel"), (["feel", "a.wav", "--profile", "papr"], "paper")],
+)
+def test_verbs_and_choices_are_suggested(
+    words: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main(words)
     assert f"did you mean {hint}?" in capsys.readouterr().err
 
 
-def test_objects_models_profiles_methods_and_splits_are_suggested(tmp_path: Path) -> None:
+def test_objects_models_profiles_methods_and_splits_are_suggested(
+    tmp_path: Path,
+) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     for call, hint in (
         (lambda: find("polished marbel"), "polished marble"),

@@ -33,8 +33,12 @@ def sound_of(fingers: int, *, duration: float = 1.0) -> FloatArray:
     """Strokes that begin at another time at each finger, with a little air."""
     contact = strokes()[:, 0]
     parts = [np.roll(contact, 4800 * finger) for finger in range(fingers)]
-    samples = np.stack([part for contact in parts for part in (contact, 0.1 * contact)], axis=1)
-    return np.ascontiguousarray(samples[RATE // 4 : RATE // 4 + round(duration * RATE)], np.float32)
+    samples = np.stack(
+        [part for contact in parts for part in (contact, 0.1 * contact)], axis=1
+    )
+    return np.ascontiguousarray(
+        samples[RATE // 4 : RATE // 4 + round(duration * RATE)], np.float32
+    )
 
 
 def alone(pipeline: Pipeline, samples: FloatArray, size: int) -> list[object]:
@@ -47,22 +51,34 @@ def alone(pipeline: Pipeline, samples: FloatArray, size: int) -> list[object]:
 
 def of_finger(steps: list[PipelineStep], finger: int) -> list[object]:
     mine = [step for step in steps if step.finger == finger]
-    return [pair for step in mine for pair in zip(step.predictions, step.commands, strict=True)]
+    return [
+        pair
+        for step in mine
+        for pair in zip(step.predictions, step.commands, strict=True)
+    ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("fingers", "size"), [(1, 240), (2, ODD_SIZES[0]), (5, 240), (10, 128)])
+@pytest.mark.parametrize(
+    ("fingers", "size"), [(1, 240), (2, ODD_SIZES[0]), (5, 240), (10, 128)]
+)
 @pytest.mark.parametrize("name", ["tiny", "texture"])
-def test_each_finger_computes_what_it_computes_alone(model: str, name: str, fingers: int, size: int) -> None:
+def test_each_finger_computes_what_it_computes_alone(
+    model: str, name: str, fingers: int, size: int
+) -> None:
     chosen = model if name == "tiny" else name
     samples = sound_of(fingers, duration=1.0 if name == "tiny" else 0.6)
     hand = Hand([pipeline_of(chosen) for _ in range(fingers)])
     steps = [step for block in blocks(samples, size) for step in hand.push(block)]
     for finger in range(fingers):
-        expected = alone(pipeline_of(chosen), samples[:, 2 * finger : 2 * finger + 2], size)
+        expected = alone(
+            pipeline_of(chosen), samples[:, 2 * finger : 2 * finger + 2], size
+        )
         assert expected
         # What several fingers compute in one batch differs from what each computes alone by its last bits.
-        assert flat(of_finger(steps, finger)) == pytest.approx(flat(expected), abs=1e-5 if name == "texture" else 0)
+        assert flat(of_finger(steps, finger)) == pytest.approx(
+            flat(expected), abs=1e-5 if name == "texture" else 0
+        )
 
 
 def flat(pairs: list[Any]) -> list[float]:
@@ -71,13 +87,21 @@ def flat(pairs: list[Any]) -> list[float]:
         number
         for prediction, command in pairs
         for number in (
-            *prediction.probabilities, prediction.touch, prediction.roughness, prediction.level_dbfs, prediction.end,
-            command.amplitude, command.frequency, command.time,
+            *prediction.probabilities,
+            prediction.touch,
+            prediction.roughness,
+            prediction.level_dbfs,
+            prediction.end,
+            command.amplitude,
+            command.frequency,
+            command.time,
         )
-    ]  # fmt: skip
+    ]
 
 
-def test_a_finger_without_an_air_microphone_and_one_with_broken_sound_leave_the_others_alone(model: str) -> None:
+def test_a_finger_without_an_air_microphone_and_one_with_broken_sound_leave_the_others_alone(
+    model: str,
+) -> None:
     samples = sound_of(3)
     samples[:, 2] = np.nan
     hand = Hand([pipeline_of(model) for _ in range(3)], channels=[2, 2, 1])
@@ -98,12 +122,24 @@ def test_sound_of_another_number_of_fingers_raises(model: str) -> None:
 
 
 def journey(
-    model: str, fingers: int, *, codec: Codec, lost: Iterator[bool] | None = None, send_predictions: bool = False
+    model: str,
+    fingers: int,
+    *,
+    codec: Codec,
+    lost: Iterator[bool] | None = None,
+    send_predictions: bool = False,
 ) -> list[PipelineStep]:
     robot, operator = paired_sessions(codec)
-    detectors = [pipeline_of(model).detector for _ in range(fingers)] if send_predictions else None
+    detectors = (
+        [pipeline_of(model).detector for _ in range(fingers)]
+        if send_predictions
+        else None
+    )
     sender = RobotEndpoint(robot, detectors, channels=[2] * fingers)
-    link = VirtualLink(robot, OperatorEndpoint(operator, Hand([pipeline_of(model) for _ in range(fingers)])))
+    link = VirtualLink(
+        robot,
+        OperatorEndpoint(operator, Hand([pipeline_of(model) for _ in range(fingers)])),
+    )
     begun = link.connect(0.0)
     link.to_operator = ImpairedLink(NetworkProfile(), lost=lost)
     steps = []
@@ -115,12 +151,18 @@ def journey(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fingers", [2, 5, 10])
-def test_the_link_carries_all_fingers_as_it_carries_one(model: str, fingers: int) -> None:
+def test_the_link_carries_all_fingers_as_it_carries_one(
+    model: str, fingers: int
+) -> None:
     codec = Codec("pcm16", channels=2 * fingers, packet_size=24)
     steps = journey(model, fingers, codec=codec)
-    rounded = np.rint(sound_of(fingers) * 32_768).astype(np.float32) / np.float32(32_768)
+    rounded = np.rint(sound_of(fingers) * 32_768).astype(np.float32) / np.float32(
+        32_768
+    )
     for finger in range(fingers):
-        expected = alone(pipeline_of(model), rounded[:, 2 * finger : 2 * finger + 2], 24)
+        expected = alone(
+            pipeline_of(model), rounded[:, 2 * finger : 2 * finger + 2], 24
+        )
         found = of_finger(steps, finger)
         assert len(expected) - len(found) in range(3)  # the link may keep a last packet
         assert found == expected[: len(found)]
@@ -128,8 +170,17 @@ def test_the_link_carries_all_fingers_as_it_carries_one(model: str, fingers: int
 
 def test_loss_hides_no_finger_more_than_another(model: str) -> None:
     lost = cycle([False] * 6 + [True])
-    steps = journey(model, 3, codec=Codec("opus", channels=6, packet_size=120), lost=lost)
-    concealed = [[step.block.start for step in steps if step.finger == k and step.block.concealed] for k in range(3)]
+    steps = journey(
+        model, 3, codec=Codec("opus", channels=6, packet_size=120), lost=lost
+    )
+    concealed = [
+        [
+            step.block.start
+            for step in steps
+            if step.finger == k and step.block.concealed
+        ]
+        for k in range(3)
+    ]
     assert concealed[0] == concealed[1] == concealed[2]
     sizes = {step.block.size for step in steps}
     # A packet that leads to nothing waits for others, until a window of 512 samples may be due.
@@ -143,10 +194,17 @@ def test_predictions_of_a_hand_travel_together(model: str) -> None:
         pipeline = pipeline_of(model)
         expected = [
             (round(each.end * RATE), each.touch)
-            for block in blocks(np.ascontiguousarray(sound_of(5)[:, 2 * finger : 2 * finger + 2]), 240)
+            for block in blocks(
+                np.ascontiguousarray(sound_of(5)[:, 2 * finger : 2 * finger + 2]), 240
+            )
             for each in pipeline.push(block).predictions
         ]
-        found = [(round(p.end * RATE), p.touch) for step in steps if step.finger == finger for p in step.predictions]
+        found = [
+            (round(p.end * RATE), p.touch)
+            for step in steps
+            if step.finger == finger
+            for p in step.predictions
+        ]
         # The operator counts from the first prediction that it got. Where two windows end at one sample, it keeps one.
         begun = expected[0][0] - found[0][0]
         assert {(end + begun, touch) for end, touch in found} <= set(expected)
@@ -154,7 +212,10 @@ def test_predictions_of_a_hand_travel_together(model: str) -> None:
 
 
 def test_predictions_of_a_hand_of_one_finger_arrive(model: str) -> None:
-    assert any(step.predictions for step in journey(model, 1, codec=Codec(channels=2), send_predictions=True))
+    assert any(
+        step.predictions
+        for step in journey(model, 1, codec=Codec(channels=2), send_predictions=True)
+    )
 
 
 @pytest.mark.slow
@@ -163,10 +224,20 @@ def test_predictions_of_a_hand_of_one_finger_arrive(model: str) -> None:
 def test_an_operator_with_another_number_of_fingers_refuses_in_words(
     model: str, robot_has: int, operator_has: int, send_predictions: bool
 ) -> None:
-    robot, operator = paired_sessions(Codec("pcm16", channels=2 * robot_has, packet_size=40))
-    detectors = [pipeline_of(model).detector for _ in range(robot_has)] if send_predictions else None
-    sender = RobotEndpoint(robot, detectors, channels=[2] * robot_has if robot_has > 1 else ())
-    endpoint = OperatorEndpoint(operator, Hand([pipeline_of(model) for _ in range(operator_has)]))
+    robot, operator = paired_sessions(
+        Codec("pcm16", channels=2 * robot_has, packet_size=40)
+    )
+    detectors = (
+        [pipeline_of(model).detector for _ in range(robot_has)]
+        if send_predictions
+        else None
+    )
+    sender = RobotEndpoint(
+        robot, detectors, channels=[2] * robot_has if robot_has > 1 else ()
+    )
+    endpoint = OperatorEndpoint(
+        operator, Hand([pipeline_of(model) for _ in range(operator_has)])
+    )
     link = VirtualLink(robot, endpoint)
     begun = link.connect(0.0)
     steps = []
@@ -179,4 +250,7 @@ def test_an_operator_with_another_number_of_fingers_refuses_in_words(
     operator.session.hang_up(endpoint.refusal)
     link.carry(begun + 1)
     assert robot.members[0].session.failure
-    assert f"this operator {operator_has}: give both ends the same --fingers" in robot.members[0].session.failure
+    assert (
+        f"this operator {operator_has}: give both ends the same --fingers"
+        in robot.members[0].session.failure
+    )

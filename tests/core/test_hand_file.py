@@ -15,14 +15,29 @@ def hand(tmp_path: Path, text: str) -> Settings:
 
 def test_a_finger_has_its_own_settings_and_shares_the_rest(tmp_path: Path) -> None:
     settings = change(
-        hand(tmp_path, '[thumb]\nprofile = "lra"\nceiling = 0.2\n[index]\nair = ""\nthreshold_dbfs = -34'),
+        hand(
+            tmp_path,
+            '[thumb]\nprofile = "lra"\nceiling = 0.2\n[index]\nair = ""\nthreshold_dbfs = -34',
+        ),
         ["link.codec=pcm16"],
     )
     thumb, index = each_finger(settings)
     assert [finger.name for finger in settings.fingers] == ["thumb", "index"]
-    assert (thumb.rendering.profile, thumb.rendering.ceiling, index.rendering.profile) == ("lra", 0.2, "graded")
-    assert (index.capture.contact, index.capture.air, index.detector.threshold_dbfs) == ("system:capture_3", "", -34.0)
-    assert (thumb.output.port, index.output.port, index.output.channel) == ("system:playback_1", "system:playback_2", 2)
+    assert (
+        thumb.rendering.profile,
+        thumb.rendering.ceiling,
+        index.rendering.profile,
+    ) == ("lra", 0.2, "graded")
+    assert (
+        index.capture.contact,
+        index.capture.air,
+        index.detector.threshold_dbfs,
+    ) == ("system:capture_3", "", -34.0)
+    assert (thumb.output.port, index.output.port, index.output.channel) == (
+        "system:playback_1",
+        "system:playback_2",
+        2,
+    )
     assert {thumb.link.codec, index.link.codec} == {"pcm16"}
     assert not thumb.is_hand
 
@@ -43,7 +58,10 @@ def test_a_number_makes_fingers_with_defaults() -> None:
         ("[index]\nport_audio = 1", "no setting of a finger"),
         ("[index]\nprofile = 3", "rendering.profile = 3, but it is a text"),
         ("[index]\nceiling = 2", "0 to 1 of full drive"),
-        ('[index]\n[thumb]\ncontact = "system:capture_2"', r"\[index\] and \[thumb\] both use input system:capture_2"),
+        (
+            '[index]\n[thumb]\ncontact = "system:capture_2"',
+            r"\[index\] and \[thumb\] both use input system:capture_2",
+        ),
         ("[index]\nchannel = 2\n[thumb]\nchannel = 2", "both use channel 2"),
         ('[index]\nport = "a:b"\n[thumb]\nport = "a:b"', "both use port a:b"),
         ("[Zeigefinger]\n", "small letters"),
@@ -51,12 +69,16 @@ def test_a_number_makes_fingers_with_defaults() -> None:
         ("[index", "is not TOML"),
     ],
 )
-def test_a_wrong_hand_says_what_was_found_and_expected(tmp_path: Path, text: str, message: str) -> None:
+def test_a_wrong_hand_says_what_was_found_and_expected(
+    tmp_path: Path, text: str, message: str
+) -> None:
     with pytest.raises(ConfigError, match=message):
         hand(tmp_path, text)
 
 
-@pytest.mark.parametrize(("text", "message"), [("0", "no finger"), ("11", "11 fingers"), ("-1", "no finger")])
+@pytest.mark.parametrize(
+    ("text", "message"), [("0", "no finger"), ("11", "11 fingers"), ("-1", "no finger")]
+)
 def test_a_wrong_number_of_fingers(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         with_fingers(Settings(), text)
@@ -71,7 +93,14 @@ def test_a_missing_file_and_a_missing_finger() -> None:
         finger_named(Settings(), "index")
 
 
-@pytest.mark.parametrize("given", ["capture.contact=a:b", 'capture.air=""', "output.port=a:b", "output.channel=3"])
-def test_a_port_that_fingers_cannot_share_is_refused_and_not_ignored(given: str) -> None:
-    with pytest.raises(ConfigError, match="applies to a single finger; with --fingers, set"):
+@pytest.mark.parametrize(
+    "given",
+    ["capture.contact=a:b", 'capture.air=""', "output.port=a:b", "output.channel=3"],
+)
+def test_a_port_that_fingers_cannot_share_is_refused_and_not_ignored(
+    given: str,
+) -> None:
+    with pytest.raises(
+        ConfigError, match="applies to a single finger; with --fingers, set"
+    ):
         with_fingers(change(Settings(), [given]), "2")

@@ -32,10 +32,18 @@ if __name__ == "__main__":
 
 
 @pytest.mark.slow
-def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(tmp_path: Path) -> None:
+def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(
+    tmp_path: Path,
+) -> None:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
@@ -62,7 +70,9 @@ def test_no_process_runs_the_modules_of_the_current_folder(tmp_path: Path) -> No
     for name in ("multiprocessing", "os", "signal", "tactophone"):
         (folder / name).mkdir(parents=True)
         (folder / name / "__init__.py").write_text("open('executed', 'w')\n1 / 0\n")
-    done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=60
+    )
     assert (done.stdout, done.stderr) == ("1 \n2 False\n", "")
     assert not (folder / "executed").exists()
 
@@ -136,7 +146,9 @@ def _wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else(tmp_path: Path) -> None:
+def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "file.txt"
     with atomic_write(path) as unfinished:
         unfinished.write_text("old")
@@ -149,7 +161,9 @@ def test_a_file_that_fails_half_way_leaves_the_old_one_and_nothing_else(tmp_path
     assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
 
 
-def test_what_is_written_reaches_no_file_by_a_link_at_its_unfinished_name(tmp_path: Path) -> None:
+def test_what_is_written_reaches_no_file_by_a_link_at_its_unfinished_name(
+    tmp_path: Path,
+) -> None:
     victim, path = tmp_path / "victim", tmp_path / "table.csv"
     victim.write_text("mine")
     for link in (os.symlink, os.link):

@@ -3,14 +3,26 @@ from pathlib import Path
 import pytest
 
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import SETTINGS, Settings, change, read_settings, set_value
+from tactophone.core.settings import (
+    SETTINGS,
+    Settings,
+    change,
+    read_settings,
+    set_value,
+)
 
 
 def test_defaults_yield_to_the_file_and_that_to_set(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
-    path.write_text('[link]\nport = 5000\npeer = "operator.local"\n[rendering]\nceiling = 1\n')
+    path.write_text(
+        '[link]\nport = 5000\npeer = "operator.local"\n[rendering]\nceiling = 1\n'
+    )
     settings = change(read_settings(path), ["link.port=6000"])
-    assert (settings.link.port, settings.link.peer, settings.rendering.ceiling) == (6000, "operator.local", 1.0)
+    assert (settings.link.port, settings.link.peer, settings.rendering.ceiling) == (
+        6000,
+        "operator.local",
+        1.0,
+    )
     assert settings.capture == Settings().capture
 
 
@@ -27,7 +39,9 @@ def test_defaults_yield_to_the_file_and_that_to_set(tmp_path: Path) -> None:
         ("rendering.ceiling=nan", "0 to 1 of full drive"),
     ],
 )
-def test_a_wrong_setting_says_what_was_found_and_expected(assignment: str, message: str) -> None:
+def test_a_wrong_setting_says_what_was_found_and_expected(
+    assignment: str, message: str
+) -> None:
     with pytest.raises(ConfigError, match=message):
         change(Settings(), [assignment])
 

@@ -27,4 +27,7 @@ def test_touch_keeps_the_class_order_of_the_published_models() -> None:
 def test_a_touch_is_unknown_near_the_boundary_or_unlike_training(
     probabilities: tuple[float, float, float], touch: Touch, unknown: bool
 ) -> None:
-    assert Prediction(probabilities, touch, 0.5, -20.0, start=0.0, end=0.032).unknown is unknown
+    assert (
+        Prediction(probabilities, touch, 0.5, -20.0, start=0.0, end=0.032).unknown
+        is unknown
+    )

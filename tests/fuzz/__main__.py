@@ -26,12 +26,29 @@ SLOW = 2.0
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("targets", nargs="*", choices=[*TARGETS, []], help="default: all")
-    parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together (default: 60)")
-    parser.add_argument("--seed", type=int, default=1, help="of the random mutations (default: 1)")
-    parser.add_argument("--random", action="store_true", help="mutate at random even where atheris is installed")
-    parser.add_argument("--guided", action="store_true", help=argparse.SUPPRESS)  # one target, in this process
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "targets", nargs="*", choices=[*TARGETS, []], help="default: all"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=60.0,
+        help="for all targets together (default: 60)",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=1, help="of the random mutations (default: 1)"
+    )
+    parser.add_argument(
+        "--random",
+        action="store_true",
+        help="mutate at random even where atheris is installed",
+    )
+    parser.add_argument(
+        "--guided", action="store_true", help=argparse.SUPPRESS
+    )  # one target, in this process
     args = parser.parse_args()
     names = args.targets or list(TARGETS)
     share = args.seconds / len(names)
@@ -39,7 +56,10 @@ def main() -> int:
         return guide(names[0], share)
     guided = find_spec("atheris") is not None and not args.random
     print("guided by coverage (atheris)" if guided else "mutated at random", flush=True)
-    crashes = sum(launch(name, share) if guided else attack(name, share, args.seed) for name in names)
+    crashes = sum(
+        launch(name, share) if guided else attack(name, share, args.seed)
+        for name in names
+    )
     print("no crash" if not crashes else f"{crashes} crashes in {FOLDER / 'crashes'}")
     return 1 if crashes else 0
 
@@ -70,7 +90,11 @@ def attack(name: str, seconds: float, seed: int) -> int:
 def keep(name: str, data: bytes, error: Exception, known: set[str]) -> set[str]:
     """Write an input that crashed, once for each place; returns the place."""
     frames = traceback.extract_tb(error.__traceback__)
-    place = f"{type(error).__name__} at {frames[-1].filename}:{frames[-1].lineno}" if frames else str(error)
+    place = (
+        f"{type(error).__name__} at {frames[-1].filename}:{frames[-1].lineno}"
+        if frames
+        else str(error)
+    )
     if place not in known:
         path = FOLDER / "crashes" / name / f"{len(known)}.bin"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -81,10 +105,27 @@ def keep(name: str, data: bytes, error: Exception, known: set[str]) -> set[str]:
 
 def launch(name: str, seconds: float) -> int:
     """Fuzz one target in a process of its own, which the library ends; returns whether it crashed."""
-    command = [sys.executable, "-m", "tests.fuzz", "--guided", "--seconds", str(seconds), name]
-    done = subprocess.run(command, check=False, timeout=seconds + 120, capture_output=True, text=True)
-    lines = [line for line in (done.stdout + done.stderr).splitlines() if "DONE" in line or " exec/s" in line]
-    print(f"{name}: {lines[-1].strip() if lines else ''}{'' if done.returncode == 0 else ' CRASHED'}", flush=True)
+    command = [
+        sys.executable,
+        "-m",
+        "tests.fuzz",
+        "--guided",
+        "--seconds",
+        str(seconds),
+        name,
+    ]
+    done = subprocess.run(
+        command, check=False, timeout=seconds + 120, capture_output=True, text=True
+    )
+    lines = [
+        line
+        for line in (done.stdout + done.stderr).splitlines()
+        if "DONE" in line or " exec/s" in line
+    ]
+    print(
+        f"{name}: {lines[-1].strip() if lines else ''}{'' if done.returncode == 0 else ' CRASHED'}",
+        flush=True,
+    )
     if done.returncode:
         print(done.stderr[-1_500:], flush=True)
     return int(done.returncode != 0)
@@ -108,10 +149,18 @@ def guide(name: str, seconds: float) -> int:
 
     # All loaded functions would take minutes; those of the package are what is searched.
     for each in gc.get_objects():
-        if isinstance(each, FunctionType) and str(each.__module__).startswith("tactophone."):
+        if isinstance(each, FunctionType) and str(each.__module__).startswith(
+            "tactophone."
+        ):
             atheris.instrument_func(each)
-    limits = [f"-max_total_time={max(1, round(seconds))}", "-max_len=2048", f"-timeout={SLOW + 8:g}"]
-    atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={crashes}/", str(corpus)], one)
+    limits = [
+        f"-max_total_time={max(1, round(seconds))}",
+        "-max_len=2048",
+        f"-timeout={SLOW + 8:g}",
+    ]
+    atheris.Setup(
+        [sys.argv[0], *limits, f"-artifact_prefix={crashes}/", str(corpus)], one
+    )
     atheris.Fuzz()
     return 0
 

@@ -29,9 +29,20 @@ from tactophone.lab.training.recipes import RecipeFile
 from tactophone.live.audio.files import FileSource
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.timeline import read_timeline
-from tactophone.net.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE, Identity, Peers
+from tactophone.net.link.identity import (
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    PEERS_FILE,
+    Identity,
+    Peers,
+)
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
-from tactophone.signal.haptics.profiles import PROFILES, ActuatorResponse, open_profile, parse_levels
+from tactophone.signal.haptics.profiles import (
+    PROFILES,
+    ActuatorResponse,
+    open_profile,
+    parse_levels,
+)
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import ModelCard, check_graph, read_model
 from tactophone.signal.perception.models import default_model, model_path
@@ -58,7 +69,9 @@ def _file(name: str, read: Callable[[Path], object]) -> Run:
 
 def peers() -> tuple[Sequence[bytes], Run]:
     line = f"{Identity.create('robot').fingerprint} robot\n".encode()
-    return [line, line * 2], _file(PEERS_FILE, lambda path: Peers.load(path.parent).items())
+    return [line, line * 2], _file(
+        PEERS_FILE, lambda path: Peers.load(path.parent).items()
+    )
 
 
 def identities() -> tuple[Sequence[bytes], Run]:
@@ -70,7 +83,9 @@ def identities() -> tuple[Sequence[bytes], Run]:
     def run(data: bytes) -> None:
         """Replace the key or the certificate, by the first byte."""
         for index, name in enumerate((KEY_FILE, CERTIFICATE_FILE)):
-            (folder / name).write_bytes(data[1:] if data[:1] == bytes([index]) else files[index])
+            (folder / name).write_bytes(
+                data[1:] if data[:1] == bytes([index]) else files[index]
+            )
         _ = Identity.load(folder).name, Identity.load(folder).fingerprint
 
     return [bytes([index]) + content for index, content in enumerate(files)], run
@@ -111,7 +126,9 @@ def calibrations() -> tuple[Sequence[bytes], Run]:
 def cards() -> tuple[Sequence[bytes], Run]:
     card = json.loads(read_model(model_path(default_model())).card.to_json())
     small = card | {"training": {}, "scores": {}, "settings": {}}
-    return [json.dumps(small).encode()], lambda data: ModelCard.from_json(data.decode(errors="replace"))
+    return [json.dumps(small).encode()], lambda data: ModelCard.from_json(
+        data.decode(errors="replace")
+    )
 
 
 def metadata() -> tuple[Sequence[bytes], Run]:
@@ -124,19 +141,29 @@ def metadata() -> tuple[Sequence[bytes], Run]:
 
 def takes() -> tuple[Sequence[bytes], Run]:
     entry = {
-        "surface": "slate", "label": "rough", "take": "1", "scenario": "", "session": "", "file": "a.wav",
-        "channels": ["contact"], "properties": {},
-    }  # fmt: skip
+        "surface": "slate",
+        "label": "rough",
+        "take": "1",
+        "scenario": "",
+        "session": "",
+        "file": "a.wav",
+        "channels": ["contact"],
+        "properties": {},
+    }
     return [json.dumps(entry).encode()], _file("take.json", _read_entry)
 
 
 def rounds() -> tuple[Sequence[bytes], Run]:
-    return [b'{"player": "a", "right": true}\n', b"{}\n[]\n"], _file("results.jsonl", read_results)
+    return [b'{"player": "a", "right": true}\n', b"{}\n[]\n"], _file(
+        "results.jsonl", read_results
+    )
 
 
 def timelines() -> tuple[Sequence[bytes], Run]:
     head = b"time,touch,roughness,level_dbfs,amplitude,frequency,none,smooth,rough\n"
-    return [head + b"0.1,rough,0.7,-20,0.5,60,0.1,0.2,0.7\n"], _file("timeline.csv", read_timeline)
+    return [head + b"0.1,rough,0.7,-20,0.5,60,0.1,0.2,0.7\n"], _file(
+        "timeline.csv", read_timeline
+    )
 
 
 def recordings() -> tuple[Sequence[bytes], Run]:
@@ -166,9 +193,18 @@ def heights() -> tuple[Sequence[bytes], Run]:
     plain, packed = io.BytesIO(), io.BytesIO()
     np.save(plain, roughness)
     np.savez_compressed(packed, heights=roughness[:500], step=1e-5)
-    runs = [_file(f"heights{ending}", _measure) for ending in (".npy", ".npz", ".png", ".csv")]
-    seeds = [b"\0" + plain.getvalue(), b"\1" + packed.getvalue(), b"\0" + packed.getvalue()]
-    return [*seeds, b"\3" + "\n".join(map(str, roughness[:300])).encode()], _chosen(runs)
+    runs = [
+        _file(f"heights{ending}", _measure)
+        for ending in (".npy", ".npz", ".png", ".csv")
+    ]
+    seeds = [
+        b"\0" + plain.getvalue(),
+        b"\1" + packed.getvalue(),
+        b"\0" + packed.getvalue(),
+    ]
+    return [*seeds, b"\3" + "\n".join(map(str, roughness[:300])).encode()], _chosen(
+        runs
+    )
 
 
 def _measure(path: Path) -> None:
@@ -215,7 +251,9 @@ def labs() -> tuple[Sequence[bytes], Run]:
         return run
 
     labels = b"surface,label\nslate,rough\n"
-    return [b"\0" + table.encode(), b"\1" + labels], _chosen([read("slate/a.csv"), read("labels.csv")])
+    return [b"\0" + table.encode(), b"\1" + labels], _chosen(
+        [read("slate/a.csv"), read("labels.csv")]
+    )
 
 
 def hands() -> tuple[Sequence[bytes], Run]:
@@ -223,11 +261,16 @@ def hands() -> tuple[Sequence[bytes], Run]:
         b'[thumb]\ncontact = 1\nair = "system:capture_2"\nprofile = "dualsense"\nceiling = 0.4\n[index]\n'
         b'threshold_dbfs = -34\nport = "x"\nchannel = 2\nmodel = "paper"\n'
     )
-    return [toml], _file("hand.toml", lambda path: each_finger(with_fingers(Settings(), str(path))))
+    return [toml], _file(
+        "hand.toml", lambda path: each_finger(with_fingers(Settings(), str(path)))
+    )
 
 
 def recipes() -> tuple[Sequence[bytes], Run]:
-    seeds = [path.read_bytes() for path in sorted((ROOT / "examples/recipes").rglob("*.toml"))]
+    seeds = [
+        path.read_bytes()
+        for path in sorted((ROOT / "examples/recipes").rglob("*.toml"))
+    ]
     return seeds or [b"hop = 64\nepochs = 1\n"], _file("recipe.toml", RecipeFile.read)
 
 
@@ -251,7 +294,10 @@ def robot_frames() -> tuple[Sequence[bytes], Run]:
     from pyarrow import parquet
 
     buffer = io.BytesIO()
-    frames = {"timestamp": np.zeros(30, np.float32), "episode_index": np.zeros(30, np.int64)}
+    frames = {
+        "timestamp": np.zeros(30, np.float32),
+        "episode_index": np.zeros(30, np.int64),
+    }
     parquet.write_table(pyarrow.table(frames), buffer)
     info = json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}}).encode()
     runs = [

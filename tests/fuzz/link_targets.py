@@ -8,10 +8,24 @@ from pylibsrtp import Error
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import Prediction, Touch
-from tactophone.net.call.messages import Accepted, Hello, Offer, Refused, read_message, write_message
+from tactophone.net.call.messages import (
+    Accepted,
+    Hello,
+    Offer,
+    Refused,
+    read_message,
+    write_message,
+)
 from tactophone.net.call.messages import Address as Candidate
 from tactophone.net.link.codec import Codec, open_decoder
-from tactophone.net.link.events import Connected, Disconnected, PacketReceived, Renewed, read_event, write_event
+from tactophone.net.link.events import (
+    Connected,
+    Disconnected,
+    PacketReceived,
+    Renewed,
+    read_event,
+    write_event,
+)
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import (
     Packet,
@@ -23,7 +37,14 @@ from tactophone.net.link.packet import (
     write_predictions,
 )
 from tactophone.net.link.receive import ReceiveSession
-from tactophone.net.link.rtcp import Goodbye, Introduction, ReceiverReport, ReceiverRequest, SenderReport, parse_report
+from tactophone.net.link.rtcp import (
+    Goodbye,
+    Introduction,
+    ReceiverReport,
+    ReceiverRequest,
+    SenderReport,
+    parse_report,
+)
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
 from tactophone.net.link.udp import CHANNEL_HEADER
@@ -36,7 +57,13 @@ AT_ROBOT, AT_OPERATOR = "robot", "operator"
 
 _SOUND = bytes(Packet(7, 1, Payload(PayloadType.L16_STEREO, 960, b"\1\2" * 480)))
 _REPEATED = bytes(
-    Packet(8, 1, Payload(PayloadType.L16_MONO, 960, b"ab"), (Payload(PayloadType.L16_MONO, 720, b"cd"),), marker=True)
+    Packet(
+        8,
+        1,
+        Payload(PayloadType.L16_MONO, 960, b"ab"),
+        (Payload(PayloadType.L16_MONO, 720, b"cd"),),
+        marker=True,
+    )
 )
 _REPORTS = [
     bytes(report)
@@ -68,11 +95,18 @@ def predictions() -> tuple[Sequence[bytes], Run]:
 def hand_predictions() -> tuple[Sequence[bytes], Run]:
     touch = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.75, -20.5, 1.0, 1.256)
     kind, hand = write_predictions({0: touch, 4: touch}, fingers=5)
-    return [hand, hand[:17]], lambda data: read_predictions(Payload(kind, 0, data), end=1.0)
+    return [hand, hand[:17]], lambda data: read_predictions(
+        Payload(kind, 0, data), end=1.0
+    )
 
 
 def logged_events() -> tuple[Sequence[bytes], Run]:
-    events = (Connected("robot", 1, 2), Renewed(3, 4), Disconnected("hung up"), PacketReceived(_SOUND, report=False))
+    events = (
+        Connected("robot", 1, 2),
+        Renewed(3, 4),
+        Disconnected("hung up"),
+        PacketReceived(_SOUND, report=False),
+    )
     return [write_event(event) for event in events], read_event
 
 
@@ -90,7 +124,9 @@ class Pair:
     """A caller and an answerer; whatever they send to each other may be changed on the way."""
 
     def __init__(self) -> None:
-        self.robot = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR)
+        self.robot = Session(
+            ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR
+        )
         self.operator = Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
         self.now = 0.0
 
@@ -98,8 +134,15 @@ class Pair:
         """Return the datagrams on the way: to whom, what and whence."""
         self.robot.poll(self.now)
         self.operator.poll(self.now)
-        ways = ((self.robot, self.operator, AT_ROBOT), (self.operator, self.robot, AT_OPERATOR))
-        return [(to, datagram, source) for of, to, source in ways for datagram, _ in of.outgoing()]
+        ways = (
+            (self.robot, self.operator, AT_ROBOT),
+            (self.operator, self.robot, AT_OPERATOR),
+        )
+        return [
+            (to, datagram, source)
+            for of, to, source in ways
+            for datagram, _ in of.outgoing()
+        ]
 
     def connect(self) -> None:
         for _ in range(20):
@@ -148,7 +191,9 @@ def handshakes() -> tuple[Sequence[bytes], Run]:
         assert pair.operator.faults["contained"] == pair.robot.faults["contained"] == 0
 
     dice = random.Random(1)
-    return [dice.randbytes(5 * count) for count in (1, 1, 1, 2, 3, 6) for _ in range(8)], run
+    return [
+        dice.randbytes(5 * count) for count in (1, 1, 1, 2, 3, 6) for _ in range(8)
+    ], run
 
 
 def _changed(datagram: bytes, change: bytes) -> bytes:
@@ -189,8 +234,15 @@ def faulty_robots() -> tuple[Sequence[bytes], Run]:
             bytes(end._depacketizer.reception.report(ssrc=1, of=2, now=pair.now))
         _keep(pair)
 
-    jumps = b"".join(_script(packet) for packet in (_small(0, 0), _small(1, (1 << 32) - 23_000)) * 6)
-    return [_script(_SOUND[:200]) * 3, _script(_REPEATED) * 3, *map(_script, _REPORTS), jumps], run
+    jumps = b"".join(
+        _script(packet) for packet in (_small(0, 0), _small(1, (1 << 32) - 23_000)) * 6
+    )
+    return [
+        _script(_SOUND[:200]) * 3,
+        _script(_REPEATED) * 3,
+        *map(_script, _REPORTS),
+        jumps,
+    ], run
 
 
 def faulty_operators() -> tuple[Sequence[bytes], Run]:
@@ -220,11 +272,17 @@ def _connected(session: Session) -> Connected:
 
 
 def _ssrc(session: Session) -> int:
-    return session._keys.current.agreement.secrets.local_ssrc if session._keys.current else 0
+    return (
+        session._keys.current.agreement.secrets.local_ssrc
+        if session._keys.current
+        else 0
+    )
 
 
 def _small(sequence: int, timestamp: int) -> bytes:
-    return bytes(Packet(sequence, 1, Payload(PayloadType.L16_MONO, timestamp, bytes(20))))
+    return bytes(
+        Packet(sequence, 1, Payload(PayloadType.L16_MONO, timestamp, bytes(20)))
+    )
 
 
 def _script(packet: bytes) -> bytes:
@@ -242,12 +300,19 @@ def _packets_in(data: bytes, ssrc: int) -> list[tuple[float, bytes]]:
             place = 4 if report else 8
             # Only what the library itself encrypts, without contributing sources, extension or padding it refuses.
             packet = bytes([0x80 | (packet[0] & 0x1F if report else 0)]) + packet[1:]
-            packets.append((delay / 1_000, packet[:place] + ssrc.to_bytes(4, "big") + packet[place + 4 :]))
+            packets.append(
+                (
+                    delay / 1_000,
+                    packet[:place] + ssrc.to_bytes(4, "big") + packet[place + 4 :],
+                )
+            )
     return packets
 
 
 def _send(session: Session, packet: bytes) -> None:
-    with contextlib.suppress(Error):  # libsrtp does not even send a repeated sequence number
+    with contextlib.suppress(
+        Error
+    ):  # libsrtp does not even send a repeated sequence number
         session.send(packet)
 
 
@@ -266,15 +331,28 @@ def _keep(pair: Pair) -> None:
 
 def call_messages() -> tuple[Sequence[bytes], Run]:
     """What the other end of a call says, through the mailbox."""
-    offer = Offer("user", "p" * 22, [Candidate("srflx", "192.0.2.7", 4000, 5, "f1")], "keeps", relay=True)
+    offer = Offer(
+        "user",
+        "p" * 22,
+        [Candidate("srflx", "192.0.2.7", 4000, 5, "f1")],
+        "keeps",
+        relay=True,
+    )
     hello = Hello("lab-7", "robot", "0.1.0", ROBOT.fingerprint)
-    return [write_message(each) for each in (hello, Accepted("operator"), offer, Refused("no"))], read_message
+    return [
+        write_message(each)
+        for each in (hello, Accepted("operator"), offer, Refused("no"))
+    ], read_message
 
 
 def way() -> tuple[Sequence[bytes], Run]:
     """What comes over the way of a call, and what its two processes pass on."""
     channel = 0x4001
-    seeds = [b"\x40\x01\x00\x08\x80\x60\x00\x01" + bytes(4), b"\x01\x01\x00\x00", write_kept(_SOUND, ("192.0.2.7", 9))]
+    seeds = [
+        b"\x40\x01\x00\x08\x80\x60\x00\x01" + bytes(4),
+        b"\x01\x01\x00\x00",
+        write_kept(_SOUND, ("192.0.2.7", 9)),
+    ]
 
     def run(data: bytes) -> None:
         assert len(channel_content(data, channel)) <= max(0, len(data) - CHANNEL_HEADER)

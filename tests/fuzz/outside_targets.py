@@ -21,7 +21,15 @@ from tactophone.core.types import HapticCommand, Prediction, Touch
 from tactophone.faces.bridges import osc
 from tactophone.faces.web.game_rules import GameSettings
 from tactophone.live.audio.device import StreamDevice
-from tactophone.live.log.log_topics import CONTROLS, PACKETS, PREDICTION_TOPIC, RUN, Message, Packets, topics_of
+from tactophone.live.log.log_topics import (
+    CONTROLS,
+    PACKETS,
+    PREDICTION_TOPIC,
+    RUN,
+    Message,
+    Packets,
+    topics_of,
+)
 from tactophone.live.log.mcap import FORMAT, MAGIC, LogFile, read_log
 from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
@@ -38,15 +46,38 @@ def _messages() -> list[bytes]:
     """A run's start, controls, packets and prediction, as JSON."""
     batches = [EventBatch(100.0, (write_event(Connected("robot", 1, 2)),))]
     for number in range(20):
-        sound = Packet(number, 1, Payload(PayloadType.L16_STEREO, 1_000 + 240 * number, b"\x10\x00\xf0\x00" * 240))
-        batches.append(EventBatch(round(100 + number * 0.005, 5), (write_event(PacketReceived(bytes(sound), False)),)))
-    finger: Any = {"name": "", "settings": {"rendering.ceiling": 0.5}, "calibration": ""}
+        sound = Packet(
+            number,
+            1,
+            Payload(
+                PayloadType.L16_STEREO, 1_000 + 240 * number, b"\x10\x00\xf0\x00" * 240
+            ),
+        )
+        batches.append(
+            EventBatch(
+                round(100 + number * 0.005, 5),
+                (write_event(PacketReceived(bytes(sound), False)),),
+            )
+        )
+    finger: Any = {
+        "name": "",
+        "settings": {"rendering.ceiling": 0.5},
+        "calibration": "",
+    }
     contents = (
-        RunStart(role="operator", settings={"detector": {"model": "paper"}}, epoch=1.7e9, fingers=[finger]),
+        RunStart(
+            role="operator",
+            settings={"detector": {"model": "paper"}},
+            epoch=1.7e9,
+            fingers=[finger],
+        ),
         Controls(True, 0.5, 1.0, "paper", -30.0),
         Packets(batches),
     )
-    return [*map(msgspec.json.encode, contents), encoded(_TOUCH, HapticCommand(0.5, 60.0, 0.256))]
+    return [
+        *map(msgspec.json.encode, contents),
+        encoded(_TOUCH, HapticCommand(0.5, 60.0, 0.256)),
+    ]
 
 
 def _plain(contents: Sequence[bytes]) -> bytes:
@@ -58,11 +89,21 @@ def _plain(contents: Sequence[bytes]) -> bytes:
     def record(kind: int, body: bytes) -> bytes:
         return struct.pack("<BQ", kind, len(body)) + body
 
-    records = [record(1, text(FORMAT) + text("")), record(3, struct.pack("<H", 1) + text("x") * 2 + text("{}"))]
+    records = [
+        record(1, text(FORMAT) + text("")),
+        record(3, struct.pack("<H", 1) + text("x") * 2 + text("{}")),
+    ]
     names = (RUN.name, CONTROLS.name, PACKETS.name, PREDICTION_TOPIC.name)
     for number, name in enumerate(names):
-        records.append(record(4, struct.pack("<HH", number, 1) + text(name) + text("json") + text("")))
-    records += [record(5, struct.pack("<HIQQ", number, 0, 0, 0) + each) for number, each in enumerate(contents)]
+        records.append(
+            record(
+                4, struct.pack("<HH", number, 1) + text(name) + text("json") + text("")
+            )
+        )
+    records += [
+        record(5, struct.pack("<HIQQ", number, 0, 0, 0) + each)
+        for number, each in enumerate(contents)
+    ]
     return MAGIC + b"".join(records) + record(15, bytes(4)) + MAGIC
 
 
@@ -89,7 +130,9 @@ def logs() -> tuple[Sequence[bytes], Run]:
     with TemporaryDirectory() as folder:
         path = Path(folder, "log.mcap")
         with LogFile(path, topics_of([""], sound=False)) as log:
-            for topic, content in zip((RUN, CONTROLS, PACKETS), _messages(), strict=False):
+            for topic, content in zip(
+                (RUN, CONTROLS, PACKETS), _messages(), strict=False
+            ):
                 log.write(Message(topic, 0.0, content))
         seeds = [_plain(_messages()), path.read_bytes()]
     return seeds, _file("log.mcap", _read)
@@ -100,7 +143,9 @@ def log_messages() -> tuple[Sequence[bytes], Run]:
     contents, read = _messages(), _file("log.mcap", _read)
 
     def replaced(number: int) -> Run:
-        return lambda data: read(_plain([*contents[:number], data, *contents[number + 1 :]]))
+        return lambda data: read(
+            _plain([*contents[:number], data, *contents[number + 1 :]])
+        )
 
     seeds = [bytes([number]) + content for number, content in enumerate(contents)]
     return seeds, _chosen([replaced(number) for number in range(len(contents))])
@@ -164,9 +209,12 @@ def player_requests() -> tuple[Sequence[bytes], Run]:
             assert kind == "lay" or all(abs(value) < 10 for value in values)
 
     requests: list[dict[str, Any]] = [
-        {"action": "begin", "trainer": True}, {"action": "move", "x": 0.1, "y": 0.02, "force": 1.5},
-        {"action": "choose", "stones": [0, 3]}, {"action": "delay", "seconds": 0.1}, {"action": "stop"},
-    ]  # fmt: skip
+        {"action": "begin", "trainer": True},
+        {"action": "move", "x": 0.1, "y": 0.02, "force": 1.5},
+        {"action": "choose", "stones": [0, 3]},
+        {"action": "delay", "seconds": 0.1},
+        {"action": "stop"},
+    ]
     return [json.dumps(each).encode() for each in requests], run
 
 
@@ -189,7 +237,12 @@ def mailbox_words() -> tuple[Sequence[bytes], Run]:
         made: Any = wormhole.create(exchange.APPLICATION, "ws://127.0.0.1:1/v1", clock)
         connector, failures = made._boss._RC, []
         made.allocate_code(2)
-        for wanted in (made.get_welcome, made.get_code, made.get_verifier, made.get_message):
+        for wanted in (
+            made.get_welcome,
+            made.get_code,
+            made.get_verifier,
+            made.get_message,
+        ):
             wanted().addErrback(failures.append)
         client = exchange.bounded_client()()
         client._RC, client.sendMessage = connector, lambda *_: None
@@ -201,19 +254,30 @@ def mailbox_words() -> tuple[Sequence[bytes], Run]:
             _in_words(partial(explained, failure.value))
 
     words: list[dict[str, Any]] = [
-        {"type": "welcome", "welcome": {"motd": "x"}}, {"type": "allocated", "nameplate": "7"},
-        {"type": "claimed", "mailbox": "mb"}, {"type": "message", "side": "x", "phase": "pake", "body": "7b7d"},
-    ]  # fmt: skip
+        {"type": "welcome", "welcome": {"motd": "x"}},
+        {"type": "allocated", "nameplate": "7"},
+        {"type": "claimed", "mailbox": "mb"},
+        {"type": "message", "side": "x", "phase": "pake", "body": "7b7d"},
+    ]
     error = {"type": "error", "error": "crowded", "orig": {}}
-    seeds = [words, [*words[:3], error], [{"type": "welcome", "welcome": {"error": "full"}}], [words[0], error]]
-    return [b"\n".join(json.dumps(each).encode() for each in said) for said in seeds], run
+    seeds = [
+        words,
+        [*words[:3], error],
+        [{"type": "welcome", "welcome": {"error": "full"}}],
+        [words[0], error],
+    ]
+    return [
+        b"\n".join(json.dumps(each).encode() for each in said) for said in seeds
+    ], run
 
 
 def osc_messages() -> tuple[Sequence[bytes], Run]:
     stop = b"/tactophone/stop" + bytes(4) + b"," + bytes(3)
 
     def run(data: bytes) -> None:
-        assert (osc._address(data) == osc.STOP) <= data.startswith(b"/tactophone/stop\0")
+        assert (osc._address(data) == osc.STOP) <= data.startswith(
+            b"/tactophone/stop\0"
+        )
 
     return [stop, b"#bundle\0" + bytes(8) + struct.pack(">i", len(stop)) + stop], run
 
@@ -223,7 +287,12 @@ def ros_messages() -> tuple[Sequence[bytes], Run]:
     from tactophone.faces.bridges import ros, ros_topics
 
     source: Any = object.__new__(ros.RosSource)
-    source._topic, source.channels, source.faults, motion = "/audio", 2, ros.Counter(), ros.JointMotion()
+    source._topic, source.channels, source.faults, motion = (
+        "/audio",
+        2,
+        ros.Counter(),
+        ros.JointMotion(),
+    )
 
     def format_of(message: Any) -> None:
         _in_words(lambda: source._checked(message))
@@ -232,8 +301,10 @@ def ros_messages() -> tuple[Sequence[bytes], Run]:
         assert source._samples(message).shape[1] == source.channels
 
     readers: list[tuple[Any, Callable[[Any], None]]] = [
-        (ros_topics.JointState, motion.push), (ros_topics.AudioDataStamped, sound_of), (ros_topics.AudioInfo, format_of)
-    ]  # fmt: skip
+        (ros_topics.JointState, motion.push),
+        (ros_topics.AudioDataStamped, sound_of),
+        (ros_topics.AudioInfo, format_of),
+    ]
 
     def reader(kind: Any, take: Callable[[Any], None]) -> Run:
         def run(data: bytes) -> None:
@@ -245,9 +316,16 @@ def ros_messages() -> tuple[Sequence[bytes], Run]:
 
         return run
 
-    joints = ros_topics.JointState(ros_topics.header(1.5), ["a", "b"], [0.1, 0.2], [0.0], [])
-    audio = ros_topics.AudioDataStamped(ros_topics.header(1.5), ros_topics.AudioData(data=list(range(8))))
-    seeds = [bytes([place]) + each.serialize() for place, each in enumerate((joints, audio, ros_topics.INFO))]
+    joints = ros_topics.JointState(
+        ros_topics.header(1.5), ["a", "b"], [0.1, 0.2], [0.0], []
+    )
+    audio = ros_topics.AudioDataStamped(
+        ros_topics.header(1.5), ros_topics.AudioData(data=list(range(8)))
+    )
+    seeds = [
+        bytes([place]) + each.serialize()
+        for place, each in enumerate((joints, audio, ros_topics.INFO))
+    ]
     return seeds, _chosen([reader(*each) for each in readers])
 
 

@@ -20,7 +20,9 @@ SMOKE = 5.0
         for path in sorted(CRASHES.glob("*/*.bin"))
     ],
 )
-def test_an_input_that_once_crashed_a_parser_raises_what_is_documented(name: str, path: Path) -> None:
+def test_an_input_that_once_crashed_a_parser_raises_what_is_documented(
+    name: str, path: Path
+) -> None:
     _, run = TARGETS[name].prepare()
     with contextlib.suppress(*TARGETS[name].documented):
         run(path.read_bytes())
@@ -28,7 +30,9 @@ def test_an_input_that_once_crashed_a_parser_raises_what_is_documented(name: str
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TARGETS)
-def test_random_inputs_crash_no_parser(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_inputs_crash_no_parser(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert attack(name, SMOKE / len(TARGETS), seed=1) == 0
 

@@ -30,18 +30,24 @@ def load(name: str) -> ModuleType:
 
 
 def faces(name: str) -> np.ndarray:
-    return np.frombuffer((HARDWARE / "parts" / f"{name}.stl").read_bytes()[84:], FACET)["corners"].astype(np.float64)
+    return np.frombuffer((HARDWARE / "parts" / f"{name}.stl").read_bytes()[84:], FACET)[
+        "corners"
+    ].astype(np.float64)
 
 
 def solid(name: str) -> manifold3d.Manifold:
-    points, corners = np.unique(faces(name).reshape(-1, 3).round(5), axis=0, return_inverse=True)
+    points, corners = np.unique(
+        faces(name).reshape(-1, 3).round(5), axis=0, return_inverse=True
+    )
     triangles = corners.reshape(-1, 3).astype(np.uint32)
     kept = (
         (triangles[:, 0] != triangles[:, 1])
         & (triangles[:, 1] != triangles[:, 2])
         & (triangles[:, 2] != triangles[:, 0])
     )
-    return manifold3d.Manifold(manifold3d.Mesh(points.astype(np.float32), triangles[kept]))
+    return manifold3d.Manifold(
+        manifold3d.Mesh(points.astype(np.float32), triangles[kept])
+    )
 
 
 dimensions, wiring = load("dimensions"), load("wiring")
@@ -53,7 +59,9 @@ FINGER, BOARD = dimensions.Finger(), dimensions.Board()
 def in_the_finger(name: str) -> manifold3d.Manifold:
     """Return a part where it sits in the finger."""
     origin, *axes = dimensions.placed(name, np.vstack((np.zeros(3), np.eye(3))))
-    return solid(name).transform(np.column_stack([*(axis - origin for axis in axes), origin]))
+    return solid(name).transform(
+        np.column_stack([*(axis - origin for axis in axes), origin])
+    )
 
 
 def assembled() -> np.ndarray:
@@ -70,23 +78,37 @@ def clearance(points: np.ndarray, pitch: float, roll: float) -> float:
 
 
 def test_the_files_are_those_that_the_source_makes() -> None:
-    source = b"".join((HARDWARE / f"{name}.py").read_bytes() for name in ("dimensions", "fingertip"))
-    assert hashlib.sha256(source).hexdigest() == KEPT["source"], "run python hardware/fingertip.py"
+    source = b"".join(
+        (HARDWARE / f"{name}.py").read_bytes() for name in ("dimensions", "fingertip")
+    )
+    assert hashlib.sha256(source).hexdigest() == KEPT["source"], (
+        "run python hardware/fingertip.py"
+    )
     for name, part in KEPT["parts"].items():
         for kind in ("stl", "3mf", "step"):
             content = (HARDWARE / "parts" / f"{name}.{kind}").read_bytes()
-            assert hashlib.sha256(content).hexdigest()[:16] == part[kind], f"{name}.{kind}"
-    assert (HARDWARE.parent / "docs" / "images" / "wiring.svg").read_text(encoding="utf-8") == wiring.draw()
+            assert hashlib.sha256(content).hexdigest()[:16] == part[kind], (
+                f"{name}.{kind}"
+            )
+    assert (HARDWARE.parent / "docs" / "images" / "wiring.svg").read_text(
+        encoding="utf-8"
+    ) == wiring.draw()
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_part_is_one_closed_solid_that_stands_on_the_bed_in_every_format(name: str) -> None:
+def test_each_part_is_one_closed_solid_that_stands_on_the_bed_in_every_format(
+    name: str,
+) -> None:
     part, size = solid(name), KEPT["parts"][name]["size_mm"]
     assert part.status().name == "NoError"
     assert len(part.decompose()) == 1
     assert part.bounding_box()[2] == pytest.approx(0, abs=1e-3)
-    assert np.subtract(part.bounding_box()[3:], part.bounding_box()[:3]) == pytest.approx(size, abs=0.06)
-    assert part.volume() * dimensions.PLASTIC == pytest.approx(KEPT["parts"][name]["solid_g"], abs=0.06)
+    assert np.subtract(
+        part.bounding_box()[3:], part.bounding_box()[:3]
+    ) == pytest.approx(size, abs=0.06)
+    assert part.volume() * dimensions.PLASTIC == pytest.approx(
+        KEPT["parts"][name]["solid_g"], abs=0.06
+    )
     with zipfile.ZipFile(HARDWARE / "parts" / f"{name}.3mf") as package:
         assert b'unit="millimeter"' in package.read("3D/3dmodel.model")
     assert b"MANIFOLD_SOLID_BREP" in (HARDWARE / "parts" / f"{name}.step").read_bytes()
@@ -96,34 +118,63 @@ def test_each_part_is_one_closed_solid_that_stands_on_the_bed_in_every_format(na
 @pytest.mark.parametrize("name", NAMES)
 def test_no_wall_is_thinner_than_three_lines_of_a_nozzle(name: str) -> None:
     part, rng, triangles = solid(name), np.random.default_rng(0), faces(name)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     areas = np.linalg.norm(normals, axis=1)
     chosen = rng.choice(len(triangles), 1500, p=areas / areas.sum())
     points = np.einsum("ij,ijk->ik", rng.dirichlet((1, 1, 1), 1500), triangles[chosen])
-    for point, inwards in zip(points, -normals[chosen] / areas[chosen, None], strict=True):
-        hit = part.ray_cast(tuple(point + 1e-3 * inwards), tuple(point + 60 * inwards))[0]
+    for point, inwards in zip(
+        points, -normals[chosen] / areas[chosen, None], strict=True
+    ):
+        hit = part.ray_cast(tuple(point + 1e-3 * inwards), tuple(point + 60 * inwards))[
+            0
+        ]
         # Two faces that are far from parallel meet in an edge, not in a wall.
         if np.dot(hit.normal, inwards) > 0.7:
-            assert np.linalg.norm(np.array(hit.position) - point) > dimensions.LEAST_WALL - 1e-3, point
+            assert (
+                np.linalg.norm(np.array(hit.position) - point)
+                > dimensions.LEAST_WALL - 1e-3
+            ), point
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_face_overhangs_by_more_than_45_degrees(name: str) -> None:
     triangles = faces(name)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     areas = np.linalg.norm(normals, axis=1)
-    hanging = (normals[:, 2] < -np.sin(np.radians(46)) * areas) & (triangles[:, :, 2].max(axis=1) > 0.01)
+    hanging = (normals[:, 2] < -np.sin(np.radians(46)) * areas) & (
+        triangles[:, :, 2].max(axis=1) > 0.01
+    )
     assert areas[hanging].sum() / 2 < 0.5  # mm^2: the last lines under a roof's ridge
 
 
-@pytest.mark.parametrize(("name", "tip", "slope"), [("pad", "pad", 36.0), ("soft_pad", "rubber", 24.5)])
-def test_each_pad_touches_with_a_ball_of_the_radius_that_is_simulated(name: str, tip: str, slope: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "tip", "slope"), [("pad", "pad", 36.0), ("soft_pad", "rubber", 24.5)]
+)
+def test_each_pad_touches_with_a_ball_of_the_radius_that_is_simulated(
+    name: str, tip: str, slope: float
+) -> None:
     # A ball's support in a direction is its centre along it plus the radius.
-    lean, turn = np.radians(slope * np.arange(5) / 4)[:, None], np.radians(np.arange(0, 360, 15))
-    away = np.stack((np.sin(lean) * np.cos(turn), np.sin(lean) * np.sin(turn), np.cos(lean) + 0 * turn), axis=-1)
+    lean, turn = (
+        np.radians(slope * np.arange(5) / 4)[:, None],
+        np.radians(np.arange(0, 360, 15)),
+    )
+    away = np.stack(
+        (
+            np.sin(lean) * np.cos(turn),
+            np.sin(lean) * np.sin(turn),
+            np.cos(lean) + 0 * turn,
+        ),
+        axis=-1,
+    )
     away = away.reshape(-1, 3)
     support = (faces(name).reshape(-1, 3) @ away.T).max(axis=0)
-    *centre, radius = np.linalg.lstsq(np.column_stack((away, np.ones(len(away)))), support)[0]
+    *centre, radius = np.linalg.lstsq(
+        np.column_stack((away, np.ones(len(away)))), support
+    )[0]
     assert radius == pytest.approx(1e3 * TIPS[tip].finger.tip_radius, rel=0.02)
     assert away @ centre + radius == pytest.approx(support, abs=0.01)
     assert solid(name).hull().volume() == pytest.approx(solid(name).volume(), rel=1e-3)
@@ -140,7 +191,9 @@ def test_the_finger_touches_with_its_tip_under_the_disc(pitch: float) -> None:
 
 @pytest.mark.parametrize("pitch", [0, 10, 20, 30, 45, 60])
 @pytest.mark.parametrize("roll", [-20, -10, 0, 10, 20])
-def test_only_the_ball_touches_with_all_parts_mounted(pitch: float, roll: float) -> None:
+def test_only_the_ball_touches_with_all_parts_mounted(
+    pitch: float, roll: float
+) -> None:
     points, down = assembled(), dimensions.towards(pitch, roll)
     assert clearance(points, pitch, roll) > -0.01
     centre = (FINGER.height - FINGER.nose) * FINGER.axis
@@ -153,7 +206,9 @@ def test_only_the_ball_touches_with_all_parts_mounted(pitch: float, roll: float)
 
 
 @pytest.mark.parametrize("pitch", [0, 30, 60])
-def test_the_air_microphone_is_at_the_nails_side_within_2_cm_of_the_contact(pitch: float) -> None:
+def test_the_air_microphone_is_at_the_nails_side_within_2_cm_of_the_contact(
+    pitch: float,
+) -> None:
     port = BOARD.port_place(FINGER)
     assert port[1] > 0
     assert np.linalg.norm(port - FINGER.contact(pitch)) < 20
@@ -165,8 +220,12 @@ def test_the_board_lies_on_its_facet_and_touches_neither_ring_nor_pad() -> None:
     for name in ("pad", "ring", "phalanx"):
         assert (board ^ in_the_finger(name)).volume() == pytest.approx(0, abs=0.02)
     assert board.min_gap(in_the_finger("ring"), 5) > 1
-    below = manifold3d.Manifold.hull_points(corners[:8] - 0.2 * BOARD.out) ^ in_the_finger("phalanx")
-    assert below.volume() > 0.2 * BOARD.width * 9  # it rests on 9 mm of its length at least
+    below = manifold3d.Manifold.hull_points(
+        corners[:8] - 0.2 * BOARD.out
+    ) ^ in_the_finger("phalanx")
+    assert (
+        below.volume() > 0.2 * BOARD.width * 9
+    )  # it rests on 9 mm of its length at least
 
 
 def test_the_disc_lies_flat_on_the_pad_inside_the_ring() -> None:
@@ -174,7 +233,9 @@ def test_the_disc_lies_flat_on_the_pad_inside_the_ring() -> None:
     ring = solid("ring").translate((0, 0, -FINGER.ring)).rotate((180, 0, 0))
     assert (disc ^ ring).volume() == pytest.approx(0, abs=1e-3)
     back = faces("pad")[np.abs(faces("pad")[:, :, 2]).max(axis=1) < 1e-6]
-    assert np.abs(back[:, :, :2]).max() == pytest.approx(FINGER.width / 2, abs=0.01)  # flat, and the bed's own
+    assert np.abs(back[:, :, :2]).max() == pytest.approx(
+        FINGER.width / 2, abs=0.01
+    )  # flat, and the bed's own
     with pytest.raises(ValueError, match="widen it"):
         dimensions.Finger(disc=15.0)
 
@@ -187,7 +248,9 @@ def test_silicone_lies_between_pad_and_phalanx_everywhere() -> None:
         assert part.min_gap(phalanx, 5.0) >= 0.9
     # It passes through the core, across, and through the ring's six holes.
     middle = -FINGER.core_hole * FINGER.axis
-    assert not phalanx.ray_cast(*(tuple(middle + np.array([x, 0, 0])) for x in (-20, 20)))
+    assert not phalanx.ray_cast(
+        *(tuple(middle + np.array([x, 0, 0])) for x in (-20, 20))
+    )
     holes = solid("ring")
     for turn in np.radians(60 * np.arange(6)):
         outwards = np.array([np.cos(turn), np.sin(turn), 0])
@@ -207,7 +270,9 @@ def test_the_jig_holds_the_pad_and_stops_the_phalanx_1_mm_before_the_ring() -> N
 def test_the_pin_of_each_adapter_fits_the_bore_and_its_screw(name: str) -> None:
     adapter, phalanx = solid(name), in_the_finger("phalanx")
     shoulder = adapter.bounding_box()[5] - FINGER.pin_length
-    inserted = adapter.translate((0, dimensions.bore_height(FINGER), FINGER.end - shoulder - 0.01))
+    inserted = adapter.translate(
+        (0, dimensions.bore_height(FINGER), FINGER.end - shoulder - 0.01)
+    )
     assert (inserted ^ phalanx).volume() == pytest.approx(0, abs=1e-2)
     screw = (
         (-20.0, dimensions.bore_height(FINGER), FINGER.end + 5),
@@ -220,8 +285,14 @@ def test_the_pin_of_each_adapter_fits_the_bore_and_its_screw(name: str) -> None:
 def test_the_coil_fits_its_case_and_the_case_its_rib() -> None:
     case, saddle = dimensions.CoilCase(), solid("coil_case")
     coil = manifold3d.Manifold.cube((case.width, case.height, case.length), center=True)
-    assert (coil.translate((0, 0, case.length / 2 + 1.7)) ^ saddle).volume() == pytest.approx(0, abs=1e-3)
-    rib = solid("glove_plate").trim_by_plane((0, 0, 1), dimensions.GLOVE.height + 0.01).rotate((-90, 0, 0))
+    assert (
+        coil.translate((0, 0, case.length / 2 + 1.7)) ^ saddle
+    ).volume() == pytest.approx(0, abs=1e-3)
+    rib = (
+        solid("glove_plate")
+        .trim_by_plane((0, 0, 1), dimensions.GLOVE.height + 0.01)
+        .rotate((-90, 0, 0))
+    )
     floor = -case.height / 2 - dimensions.FIT - dimensions.SHELL
     lying = rib.translate((0, floor - rib.bounding_box()[4], -rib.bounding_box()[2]))
     assert (lying ^ saddle).volume() == pytest.approx(0, abs=0.1)
@@ -230,7 +301,9 @@ def test_the_coil_fits_its_case_and_the_case_its_rib() -> None:
 
 def test_the_bed_is_as_stiff_as_the_simulated_one_within_a_factor_of_three() -> None:
     silicone = 0.12e6  # Shore 00-30
-    assert 1 / 3 < FINGER.bed_stiffness * silicone / TIPS["pad"].finger.pad_stiffness < 3
+    assert (
+        1 / 3 < FINGER.bed_stiffness * silicone / TIPS["pad"].finger.pad_stiffness < 3
+    )
 
 
 def test_the_script_makes_the_same_solids_again() -> None:
@@ -241,4 +314,6 @@ def test_the_script_makes_the_same_solids_again() -> None:
     finally:
         sys.path.remove(str(HARDWARE))
     for name, part in made.items():
-        assert part.volume * dimensions.PLASTIC == pytest.approx(KEPT["parts"][name]["solid_g"], abs=0.06)
+        assert part.volume * dimensions.PLASTIC == pytest.approx(
+            KEPT["parts"][name]["solid_g"], abs=0.06
+        )

@@ -12,6 +12,7 @@ NODE = Path(__file__).parent
 _PACKAGES = json.loads((NODE / "package.json").read_text())["devDependencies"]
 
 needs_node = pytest.mark.skipif(
-    shutil.which("node") is None or not all((NODE / "node_modules" / name).is_dir() for name in _PACKAGES),
+    shutil.which("node") is None
+    or not all((NODE / "node_modules" / name).is_dir() for name in _PACKAGES),
     reason="needs node and its packages: npm install --prefix tests/node",
 )

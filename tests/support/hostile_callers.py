@@ -33,8 +33,12 @@ def odd_certificate(fault: str) -> tuple[ec.EllipticCurvePrivateKey, bytes]:
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "odd")])
     begin = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
-    builder = x509.CertificateBuilder(name, name, key.public_key(), 4, begin, begin + datetime.timedelta(days=9_000))
-    der = bytearray(builder.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.DER))
+    builder = x509.CertificateBuilder(
+        name, name, key.public_key(), 4, begin, begin + datetime.timedelta(days=9_000)
+    )
+    der = bytearray(
+        builder.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.DER)
+    )
     if fault == "version":
         der[der.index(b"\xa0\x03\x02\x01\x02") + 4] = 7  # X.509 version 8
     else:
@@ -74,13 +78,28 @@ def overlong_hello(answer: Answer, high: int) -> bytes:
     caller.poll(0.0)
     ((hello, _),) = caller.outgoing()
     (verify,) = answer(hello)
-    cookie = verify[27:][: verify[27] + 1]  # after the headers of record and message, and the version; with its length
+    cookie = verify[27:][
+        : verify[27] + 1
+    ]  # after the headers of record and message, and the version; with its length
     body = hello[25:]
     place = 35 + body[34]  # after version, random and session identifier
     body = body[:place] + cookie + body[place + 1 + body[place] :]
     length = len(body).to_bytes(3, "big")
-    message = bytes([1, high]) + length[1:] + (1).to_bytes(2, "big") + bytes(3) + length + body
-    return hello[:3] + bytes(2) + (1).to_bytes(6, "big") + len(message).to_bytes(2, "big") + message
+    message = (
+        bytes([1, high])
+        + length[1:]
+        + (1).to_bytes(2, "big")
+        + bytes(3)
+        + length
+        + body
+    )
+    return (
+        hello[:3]
+        + bytes(2)
+        + (1).to_bytes(6, "big")
+        + len(message).to_bytes(2, "big")
+        + message
+    )
 
 
 class DelayedLine:
@@ -109,7 +128,9 @@ class DelayedLine:
                 self.answerer.receive(datagram, source=address, now=self.now)
                 self._reply()
             elif address in self.callers:
-                self.callers[address].receive(datagram, source=self.address, now=self.now)
+                self.callers[address].receive(
+                    datagram, source=self.address, now=self.now
+                )
                 self._collect(address, self.callers[address])
         self._reply()
 
@@ -122,4 +143,13 @@ class DelayedLine:
             self._put(address, False, datagram)
 
     def _put(self, address: Address, to_answerer: bool, datagram: bytes) -> None:
-        heapq.heappush(self._queue, (self.now + self.delay, next(self._numbers), address, to_answerer, datagram))
+        heapq.heappush(
+            self._queue,
+            (
+                self.now + self.delay,
+                next(self._numbers),
+                address,
+                to_answerer,
+                datagram,
+            ),
+        )

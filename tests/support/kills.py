@@ -64,7 +64,11 @@ class KilledRun:
         with self.output.open("ab") as output:
             for command in self.commands:
                 printed = {"stdout": output, "stderr": subprocess.STDOUT}
-                self.started.append(subprocess.Popen(command, env=environment, start_new_session=True, **printed))
+                self.started.append(
+                    subprocess.Popen(
+                        command, env=environment, start_new_session=True, **printed
+                    )
+                )
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,8 +83,13 @@ class KilledRun:
         living = []
         for process in psutil.process_iter():
             with contextlib.suppress(psutil.Error):
-                marked = process.environ().get(MARK) == self.name and process.status() != psutil.STATUS_ZOMBIE
-                if marked and not any("resource_tracker" in word for word in process.cmdline()):
+                marked = (
+                    process.environ().get(MARK) == self.name
+                    and process.status() != psutil.STATUS_ZOMBIE
+                )
+                if marked and not any(
+                    "resource_tracker" in word for word in process.cmdline()
+                ):
                     living.append(process)
         return living
 
@@ -90,10 +99,14 @@ class KilledRun:
         while time.monotonic() < end:
             time.sleep(0.05)
             with contextlib.suppress(TactophoneError):
-                begun = all(log.exists() and log.stat().st_size > 30_000 for log in self.logs)
+                begun = all(
+                    log.exists() and log.stat().st_size > 30_000 for log in self.logs
+                )
                 if begun and Watcher(self.name).totals()[0]["predictions"] >= count:
                     return
-        raise TimeoutError(f"{self.name} made fewer than {count} predictions in {timeout:g} s")
+        raise TimeoutError(
+            f"{self.name} made fewer than {count} predictions in {timeout:g} s"
+        )
 
     def terminate(self) -> None:
         for each in self.started:
@@ -109,18 +122,36 @@ class KilledRun:
         for process in alive:
             with contextlib.suppress(psutil.Error):
                 left.append(f"process {' '.join(process.cmdline())[-60:]}")
-        return left + [path.name for path in memory_folder().iterdir() if self.name in path.name]
+        return left + [
+            path.name for path in memory_folder().iterdir() if self.name in path.name
+        ]
 
 
 def demonstration(folder: Path, name: str) -> KilledRun:
-    log, command = folder / "run.mcap", [*TACTOPHONE, "demo", "--out", str(folder / "demo"), "--set"]
-    command += [f"process.name={name}", "--recording", str(_noise(folder, SOUND)), "--record", str(log)]
+    log, command = (
+        folder / "run.mcap",
+        [*TACTOPHONE, "demo", "--out", str(folder / "demo"), "--set"],
+    )
+    command += [
+        f"process.name={name}",
+        "--recording",
+        str(_noise(folder, SOUND)),
+        "--record",
+        str(log),
+    ]
     return KilledRun(name, [command], [log])
 
 
 def loopback(folder: Path, name: str) -> KilledRun:
-    log, command = folder / "run.mcap", [*TACTOPHONE, "loopback", "--actuator", "none", "--name", name]
-    return KilledRun(name, [[*command, "--source", f"file:{_noise(folder, 20.0)}", "--record", str(log)]], [log])
+    log, command = (
+        folder / "run.mcap",
+        [*TACTOPHONE, "loopback", "--actuator", "none", "--name", name],
+    )
+    return KilledRun(
+        name,
+        [[*command, "--source", f"file:{_noise(folder, 20.0)}", "--record", str(log)]],
+        [log],
+    )
 
 
 def both_ends(folder: Path, name: str) -> KilledRun:
@@ -132,9 +163,16 @@ def both_ends(folder: Path, name: str) -> KilledRun:
         ("receive", operator, ["--actuator", "none"]),
         ("send", robot, ["--source", f"file:{sound}", "--set", "link.peer=127.0.0.1"]),
     ):
-        link = ["--set", f"link.identity={side.link.identity}", "--set", f"link.port={side.link.port}"]
+        link = [
+            "--set",
+            f"link.identity={side.link.identity}",
+            "--set",
+            f"link.port={side.link.port}",
+        ]
         record = ["--record", str(folder / f"{verb}.mcap")]
-        commands.append([*TACTOPHONE, verb, "--name", side.process.name, *link, *more, *record])
+        commands.append(
+            [*TACTOPHONE, verb, "--name", side.process.name, *link, *more, *record]
+        )
     return KilledRun(name, commands, logs)
 
 
@@ -173,7 +211,9 @@ def kill(
         time.sleep(dice.uniform(0.0, 1.0 if running else LONGEST_WAIT))
         processes = run.processes()
         roles = [_role(process, run) for process in processes]
-        finding.victim = victim or (dice.choice(roles) if roles else "nothing: it had ended")
+        finding.victim = victim or (
+            dice.choice(roles) if roles else "nothing: it had ended"
+        )
         for process, role in zip(processes, roles, strict=True):
             if victim == "everything" or role == finding.victim:
                 with contextlib.suppress(psutil.Error):
@@ -220,11 +260,15 @@ def check_log(log: Path, finding: Finding, killed: float) -> None:
         return
     finding.equal += replay.comparison.equal
     if replay.comparison.different:
-        finding.wrong.append(f"{log.name}: {replay.comparison.different} predictions differ from {finding.victim}")
+        finding.wrong.append(
+            f"{log.name}: {replay.comparison.different} predictions differ from {finding.victim}"
+        )
     if not replay.complete and last:
         finding.behind = max(finding.behind, killed - last)
         if finding.victim.startswith(("robot", "operator", "command")):
-            finding.wrong.append(f"{log.name} has no end, though {finding.victim} was killed and not its recorder")
+            finding.wrong.append(
+                f"{log.name} has no end, though {finding.victim} was killed and not its recorder"
+            )
 
 
 DAY = 86_400
@@ -277,7 +321,19 @@ class WallClock:
         self._offset, library = folder / "offset", folder / "clock.so"
         self.set(0)
         (folder / "clock.c").write_text(SHIM)
-        subprocess.run(["cc", "-shared", "-fPIC", "-O2", "-o", library, folder / "clock.c", "-ldl"], check=True)
+        subprocess.run(
+            [
+                "cc",
+                "-shared",
+                "-fPIC",
+                "-O2",
+                "-o",
+                library,
+                folder / "clock.c",
+                "-ldl",
+            ],
+            check=True,
+        )
         self.environment = {"LD_PRELOAD": str(library), "WALL_CLOCK": str(self._offset)}
 
     def set(self, offset: int) -> None:
@@ -299,7 +355,11 @@ class RunningLink:
         while now < begun + duration:
             time.sleep(0.2)
             now = time.monotonic()
-            made += [float(row["made"]) for row in self._watcher.predictions()[0] if row["made"] > made[-1]]
+            made += [
+                float(row["made"])
+                for row in self._watcher.predictions()[0]
+                if row["made"] > made[-1]
+            ]
         return max(later - sooner for sooner, later in itertools.pairwise([*made, now]))
 
     def stop(self, duration: float) -> tuple[float, float]:
@@ -308,7 +368,10 @@ class RunningLink:
         for process in processes:
             process.suspend()
         time.sleep(duration)
-        last, begun = float(self._watcher.predictions()[0]["made"][-1]), time.monotonic()
+        last, begun = (
+            float(self._watcher.predictions()[0]["made"][-1]),
+            time.monotonic(),
+        )
         rendered = self._watcher.totals()[0]["callbacks"]
         for process in processes:
             process.resume()
@@ -318,7 +381,9 @@ class RunningLink:
             # What was rendered last may fade for 0.1 s of periods, and lie in the newest 20 ms for as long again. It is
             # read before the predictions, so that the vibration of a new one is not taken for what was left.
             faded = self._watcher.totals()[0]["callbacks"] > rendered + FADE
-            level = float(np.abs(self._watcher.snapshot().vibration[-960:]).max(initial=0.0))
+            level = float(
+                np.abs(self._watcher.snapshot().vibration[-960:]).max(initial=0.0)
+            )
             made = self._watcher.predictions()[0]["made"]
             fresh = made[made > max(last, begun)]
             if len(fresh):
@@ -332,7 +397,9 @@ class RunningLink:
 
 
 @contextlib.contextmanager
-def running_link(folder: Path, name: str, clock: WallClock | None = None) -> Iterator[RunningLink]:
+def running_link(
+    folder: Path, name: str, clock: WallClock | None = None
+) -> Iterator[RunningLink]:
     run = both_ends(folder, name)
     run.environment = clock.environment if clock else {}
     with run:

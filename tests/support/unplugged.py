@@ -48,7 +48,9 @@ def can_make_networks() -> bool:
 
 def prefix_of_networks() -> str:
     """Return a new prefix for the names of namespaces; those that killed processes left are removed."""
-    listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        ["ip", "netns", "list"], capture_output=True, text=True, check=True
+    ).stdout
     for name, pid in re.findall(rf"^({_PREFIX}(\d+)-\S+)", listed, re.MULTILINE):
         if not psutil.pid_exists(int(pid)):
             remove_network(name)
@@ -57,7 +59,9 @@ def prefix_of_networks() -> str:
 
 def remove_network(name: str) -> None:
     """End the processes of a namespace, and delete it."""
-    pids = subprocess.run(["ip", "netns", "pids", name], check=False, capture_output=True, text=True).stdout
+    pids = subprocess.run(
+        ["ip", "netns", "pids", name], check=False, capture_output=True, text=True
+    ).stdout
     for pid in pids.split():
         with contextlib.suppress(psutil.Error):
             psutil.Process(int(pid)).kill()
@@ -83,7 +87,13 @@ class Cable:
 
     def take_away(self, outage: str) -> None:
         side, how = outage.split()
-        self._ip(*(("robot", "link del eth0") if how == "deleted" else (side, "link set eth0 down")))
+        self._ip(
+            *(
+                ("robot", "link del eth0")
+                if how == "deleted"
+                else (side, "link set eth0 down")
+            )
+        )
 
     def give_back(self, outage: str) -> None:
         side, how = outage.split()
@@ -93,7 +103,10 @@ class Cable:
             self._ip(side, "link set eth0 up")
 
     def _plug(self) -> None:
-        self._ip("robot", f"link add eth0 type veth peer name eth0 netns {self.namespaces['operator']}")
+        self._ip(
+            "robot",
+            f"link add eth0 type veth peer name eth0 netns {self.namespaces['operator']}",
+        )
         for side, address in ADDRESSES.items():
             self._ip(side, f"addr add {address}/24 dev eth0", "link set eth0 up")
 
@@ -161,11 +174,20 @@ def unpluggable_link(folder: Path, name: str) -> Iterator[UnpluggableLink]:
             ("receive", "operator", operator, ["--actuator", "none"]),
             ("send", "robot", robot, ["--source", f"file:{folder / 'stroke.wav'}"]),
         ):
-            changes = [f"link.identity={settings.link.identity}", f"link.port={PORT}", *ENDLESS_TONE]
-            changes += [f"link.peer={ADDRESSES['operator']}", "detector.check_microphones=false"]
+            changes = [
+                f"link.identity={settings.link.identity}",
+                f"link.port={PORT}",
+                *ENDLESS_TONE,
+            ]
+            changes += [
+                f"link.peer={ADDRESSES['operator']}",
+                "detector.check_microphones=false",
+            ]
             enter = ["ip", "netns", "exec", cable.namespaces[side], *TACTOPHONE]
             options = [word for change in changes for word in ("--set", change)]
-            commands.append([*enter, verb, "--name", settings.process.name, *more, *options])
+            commands.append(
+                [*enter, verb, "--name", settings.process.name, *more, *options]
+            )
         with KilledRun(name, commands, [], output=folder / "printed") as run:
             run.await_predictions(50)
             yield UnpluggableLink(run, cable)

@@ -12,9 +12,14 @@ from tactophone.core.hand import FINGER_NAMES
 from tactophone.faces.bridges.ros_topics import Sink, message_type
 
 # Intensities of a MANUS glove, thumb to little finger, 0 to 1.
-ManusVibrationCommand = message_type("manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities")
+ManusVibrationCommand = message_type(
+    "manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities"
+)
 # Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1.
-TactorGroupState = message_type("haptx_interfaces/msg/TactorGroupState", "string[] tactor_group\nfloat64[] inflation")
+TactorGroupState = message_type(
+    "haptx_interfaces/msg/TactorGroupState",
+    "string[] tactor_group\nfloat64[] inflation",
+)
 
 HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
 """Names of tactor groups, in the order of `FINGER_NAMES` (github.com/NU-Haptics-Lab/haptx_interfaces)."""
@@ -24,17 +29,23 @@ def manus(fingers: Sequence[str]) -> Sink:
     """Vibrate each fingertip of a MANUS glove."""
 
     def make(amplitudes: Mapping[str, float], beat: int) -> Any:
-        return ManusVibrationCommand(intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES])
+        return ManusVibrationCommand(
+            intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES]
+        )
 
     return Sink("manus_glove_0/vibration_cmd", ManusVibrationCommand, make)
 
 
 def haptx(fingers: Sequence[str], hand: str = "rh") -> Sink:
     """Inflate the tactors of each fingertip of a right HaptX glove."""
-    groups = [f"{hand}_{HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers]
+    groups = [
+        f"{hand}_{HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers
+    ]
 
     def make(amplitudes: Mapping[str, float], beat: int) -> Any:
-        return TactorGroupState(tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers])
+        return TactorGroupState(
+            tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers]
+        )
 
     return Sink(f"haptx/{hand}/tactor_group_state", TactorGroupState, make)
 

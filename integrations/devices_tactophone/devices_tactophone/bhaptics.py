@@ -16,15 +16,21 @@ DURATION = 100
 INTERVAL = 0.05
 
 
-def play(url: str, amplitudes: dict[str, float], *, device_type: int, motors: dict[str, int]) -> None:
+def play(
+    url: str, amplitudes: dict[str, float], *, device_type: int, motors: dict[str, int]
+) -> None:
     """Play the amplitudes (0-1) of fingers on their motors."""
     levels = [
         {"index": motors[finger], "intensity": round(100 * min(max(level, 0.0), 1.0))}
         for finger, level in amplitudes.items()
         if finger in motors
     ]
-    body = json.dumps({"deviceType": device_type, "duration": DURATION, "motors": levels}).encode()
-    request = urllib.request.Request(f"{url}/haptic/dot", body, {"Content-Type": "application/json"})
+    body = json.dumps(
+        {"deviceType": device_type, "duration": DURATION, "motors": levels}
+    ).encode()
+    request = urllib.request.Request(
+        f"{url}/haptic/dot", body, {"Content-Type": "application/json"}
+    )
     urllib.request.urlopen(request, timeout=0.2).close()
 
 
@@ -33,5 +39,10 @@ if __name__ == "__main__":
     while True:
         levels |= {passed.finger: passed.command.amplitude for passed in reader.read()}
         if any(levels.values()):
-            play("http://localhost:15883", levels, device_type=int(sys.argv[2]), motors={"thumb": 0, "index": 1})
+            play(
+                "http://localhost:15883",
+                levels,
+                device_type=int(sys.argv[2]),
+                motors={"thumb": 0, "index": 1},
+            )
         time.sleep(INTERVAL)

@@ -14,7 +14,11 @@ INTERVAL = 0.05
 
 def lines(newest: dict[str, HapticCommand]) -> list[str]:
     """Return a line for each finger that vibrates."""
-    return [f"{name} {each.amplitude:.3f} {each.frequency:.1f}" for name, each in newest.items() if each.amplitude > 0]
+    return [
+        f"{name} {each.amplitude:.3f} {each.frequency:.1f}"
+        for name, each in newest.items()
+        if each.amplitude > 0
+    ]
 
 
 if __name__ == "__main__":

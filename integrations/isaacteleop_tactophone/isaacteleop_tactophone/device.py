@@ -45,11 +45,20 @@ class TactophoneDevice(IHapticDevice):
     """
 
     def __init__(
-        self, submit: Callable[[HapticCommand], None], *, endpoint: str = "right", ceiling: float = 0.5,
+        self,
+        submit: Callable[[HapticCommand], None],
+        *,
+        endpoint: str = "right",
+        ceiling: float = 0.5,
         clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.faults = 0
-        self._submit, self._endpoint, self._ceiling, self._clock = submit, endpoint, ceiling, clock
+        self._submit, self._endpoint, self._ceiling, self._clock = (
+            submit,
+            endpoint,
+            ceiling,
+            clock,
+        )
         self._amplitude = self._frequency = 0.0
         self._until = -math.inf
 
@@ -68,16 +77,26 @@ class TactophoneDevice(IHapticDevice):
             self.faults += 1
             amplitude = 0.0
         self._amplitude = min(max(amplitude, 0.0), self._ceiling)
-        self._frequency = frequency if math.isfinite(frequency) and frequency > 0 else DEFAULT_FREQUENCY
+        self._frequency = (
+            frequency
+            if math.isfinite(frequency) and frequency > 0
+            else DEFAULT_FREQUENCY
+        )
         # A pulse of no length lasts until the next step, as in OpenXR.
-        length = min(max(duration, PULSE_DURATION), LONGEST_PULSE) if math.isfinite(duration) else 0.0
+        length = (
+            min(max(duration, PULSE_DURATION), LONGEST_PULSE)
+            if math.isfinite(duration)
+            else 0.0
+        )
         self._until = self._clock() + length
 
     def flush(self, deviceio_session: Any) -> None:
         """Submit the present command: the pulse while it lasts, then silence."""
         now = self._clock()
         amplitude = self._amplitude if now < self._until else 0.0
-        self._submit(HapticCommand(amplitude, self._frequency or DEFAULT_FREQUENCY, now))
+        self._submit(
+            HapticCommand(amplitude, self._frequency or DEFAULT_FREQUENCY, now)
+        )
 
     def get_tracker(self) -> None:
         """Return nothing: no tracker of Isaac's is used."""
@@ -86,7 +105,9 @@ class TactophoneDevice(IHapticDevice):
 def main() -> None:
     """Apply a pulse by hand, where an Isaac graph would, and write the vibration."""
     oscillator = Oscillator(Limits(ceiling=0.3))
-    sink = HapticSink("fingertip", TactophoneDevice(oscillator.submit))  # connect this in an Isaac graph
+    sink = HapticSink(
+        "fingertip", TactophoneDevice(oscillator.submit)
+    )  # connect this in an Isaac graph
     vibration = np.zeros((20, 480), np.float32)
     for step, wave in enumerate(vibration):
         if step < 10:  # a controller's pulse: amplitude, frequency in Hz, duration in s

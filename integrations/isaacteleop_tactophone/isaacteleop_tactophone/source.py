@@ -11,7 +11,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from isaacteleop.retargeting_engine.interface import BaseRetargeter
-from isaacteleop.retargeting_engine.tensor_types import ControllerHapticPulse, FingerPowerVector
+from isaacteleop.retargeting_engine.tensor_types import (
+    ControllerHapticPulse,
+    FingerPowerVector,
+)
 from numpy.typing import NDArray
 
 from tactophone.live.log.reader import Passed, PredictionReader
@@ -47,9 +50,15 @@ class TouchSource(BaseRetargeter):
     """
 
     def __init__(
-        self, name: str, run: str, *, fingers: Sequence[str] = ("thumb", "index", "middle", "ring", "little"),
-        ceiling: float = 0.5, reader: Callable[[], list[Passed]] | None = None, clock: Callable[[], float] = time.time,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        run: str,
+        *,
+        fingers: Sequence[str] = ("thumb", "index", "middle", "ring", "little"),
+        ceiling: float = 0.5,
+        reader: Callable[[], list[Passed]] | None = None,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
         self.fingers, self._ceiling, self._clock = tuple(fingers), ceiling, clock
         self._read = PredictionReader(run).read if reader is None else reader
         self._newest: dict[str, Passed] = {}
@@ -59,7 +68,10 @@ class TouchSource(BaseRetargeter):
         return {}
 
     def output_spec(self) -> dict:
-        return {"pulse": ControllerHapticPulse(), "powers": FingerPowerVector(len(self.fingers))}
+        return {
+            "pulse": ControllerHapticPulse(),
+            "powers": FingerPowerVector(len(self.fingers)),
+        }
 
     def values(self) -> tuple[Values, Values]:
         """Return the pulse and the powers of this moment; zeros where no command is known to hold."""

@@ -17,11 +17,20 @@ from tactophone import HapticCommand, Prediction, Touch
 from tactophone.live.log.reader import Passed
 
 
-def passed(made: float, amplitude: float = 0.4, finger: str = "index", frequency: float = 120.0) -> Passed:
+def passed(
+    made: float, amplitude: float = 0.4, finger: str = "index", frequency: float = 120.0
+) -> Passed:
     prediction = Prediction(
-        probabilities=(0.1, 0.2, 0.7), touch=Touch.ROUGH, roughness=0.8, start=0.0, end=0.1, level_dbfs=-20.0
+        probabilities=(0.1, 0.2, 0.7),
+        touch=Touch.ROUGH,
+        roughness=0.8,
+        start=0.0,
+        end=0.1,
+        level_dbfs=-20.0,
     )
-    return Passed(finger, prediction, HapticCommand(amplitude, frequency, made), made, made, made)
+    return Passed(
+        finger, prediction, HapticCommand(amplitude, frequency, made), made, made, made
+    )
 
 
 class Robot:
@@ -43,7 +52,9 @@ def test_isaacs_own_sink_takes_the_pulse_and_vibrates() -> None:
     source = node(robot)
     device = TactophoneDevice(commands.append, clock=lambda: robot.now)
     sink = HapticSink("sink", device)
-    outputs: dict[str, Any] = {name: TensorGroup(kind) for name, kind in source.output_spec().items()}
+    outputs: dict[str, Any] = {
+        name: TensorGroup(kind) for name, kind in source.output_spec().items()
+    }
     source._compute_fn({}, outputs, None)
     group = OptionalTensorGroup(OptionalType(device.accepted_type()))
     group[0] = np.asarray(outputs["pulse"][0])
@@ -55,7 +66,9 @@ def test_isaacs_own_sink_takes_the_pulse_and_vibrates() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_killed_robot_is_silent_within_100_ms_and_leaves_no_stale_pulse(seed: int) -> None:
+def test_a_killed_robot_is_silent_within_100_ms_and_leaves_no_stale_pulse(
+    seed: int,
+) -> None:
     rng = np.random.default_rng(seed)
     for _ in range(50):
         robot = Robot()
@@ -76,16 +89,28 @@ def test_a_killed_robot_is_silent_within_100_ms_and_leaves_no_stale_pulse(seed: 
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "frequency", "late"), list(itertools.product((math.nan, -1.0), (120.0, math.inf), (0.0, -5.0)))
+    ("amplitude", "frequency", "late"),
+    list(itertools.product((math.nan, -1.0), (120.0, math.inf), (0.0, -5.0))),
 )
-def test_what_is_no_command_is_silence(amplitude: float, frequency: float, late: float) -> None:
+def test_what_is_no_command_is_silence(
+    amplitude: float, frequency: float, late: float
+) -> None:
     source = TouchSource(
-        "touch", "none", reader=lambda: [passed(10.0 - late, amplitude, "index", frequency)], clock=lambda: 10.0
+        "touch",
+        "none",
+        reader=lambda: [passed(10.0 - late, amplitude, "index", frequency)],
+        clock=lambda: 10.0,
     )
     assert not source.values()[0].any()
 
 
 def test_the_ceiling_holds() -> None:
-    source = TouchSource("touch", "none", ceiling=0.2, reader=lambda: [passed(10.0, 0.9)], clock=lambda: 10.0)
+    source = TouchSource(
+        "touch",
+        "none",
+        ceiling=0.2,
+        reader=lambda: [passed(10.0, 0.9)],
+        clock=lambda: 10.0,
+    )
     pulse, powers = source.values()
     assert max(pulse[0], *powers) == pytest.approx(0.2)

@@ -6,6 +6,9 @@ LeRobot finds the camera by importing this package; the picture itself needs no 
 from contextlib import suppress
 
 with suppress(ModuleNotFoundError):
-    from lerobot_camera_tactophone.camera import TactophoneCamera, TactophoneCameraConfig
+    from lerobot_camera_tactophone.camera import (
+        TactophoneCamera,
+        TactophoneCameraConfig,
+    )
 
 __all__ = ["TactophoneCamera", "TactophoneCameraConfig"]

@@ -31,7 +31,9 @@ class TactophoneCamera(Camera):
     def __init__(self, config: TactophoneCameraConfig) -> None:
         super().__init__(config)
         if (config.width, config.height) != (SIZE, SIZE):
-            raise ValueError(f"{config.width} x {config.height}: the picture has {SIZE} x {SIZE}; leave both out")
+            raise ValueError(
+                f"{config.width} x {config.height}: the picture has {SIZE} x {SIZE}; leave both out"
+            )
         self.config = config
         self._sound: LiveSound | LoggedSound | None = None
         self._due = 0.0
@@ -42,7 +44,10 @@ class TactophoneCamera(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        return [{"type": "tactophone", "id": name, "name": f"what {name} hears"} for name in running()]
+        return [
+            {"type": "tactophone", "id": name, "name": f"what {name} hears"}
+            for name in running()
+        ]
 
     def connect(self, warmup: bool = True) -> None:
         self._picture = Picture()
@@ -50,7 +55,9 @@ class TactophoneCamera(Camera):
         if self.config.log:
             self._sound = LoggedSound(Path(self.config.log), self._picture, fps=fps)
         else:
-            self._sound = LiveSound(self.config.run, self._picture, clock=time.monotonic)
+            self._sound = LiveSound(
+                self.config.run, self._picture, clock=time.monotonic
+            )
 
     def read(self, *_: Any) -> Pixels:
         """Return the picture of this moment."""

@@ -34,7 +34,10 @@ def _bands() -> NDArray[np.float32]:
     """Return the share of each bin in each band, ``(bins, BANDS)``; narrow bands are interpolated."""
     bins = np.fft.rfftfreq(WINDOW, 1 / LIVE_SAMPLE_RATE)
     edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
-    centres, half = np.sqrt(edges[:-1] * edges[1:]), np.maximum(np.diff(edges) / 2, bins[1])
+    centres, half = (
+        np.sqrt(edges[:-1] * edges[1:]),
+        np.maximum(np.diff(edges) / 2, bins[1]),
+    )
     shares = np.clip(1 - np.abs(bins[:, None] - centres) / half, 0, None)
     return (shares / shares.sum(0)).astype(np.float32)
 
@@ -61,19 +64,29 @@ class Picture:
         if count > SIZE:  # older than the picture
             waiting, count = waiting[(count - SIZE) * HOP :], SIZE
         if count:
-            frames = np.stack([waiting[k * HOP : k * HOP + WINDOW] for k in range(count)])
+            frames = np.stack(
+                [waiting[k * HOP : k * HOP + WINDOW] for k in range(count)]
+            )
             self._add(frames * self._window[:, None])
         self._waiting = waiting[count * HOP :]
 
     def _add(self, frames: NDArray[np.float32]) -> None:
         spectrum = np.fft.rfft(frames, axis=1)
         power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
-        levels = 10 * np.log10(np.einsum("kbc,bn->kcn", power, self._bands, optimize=True) * self._gain + 1e-12)
+        levels = 10 * np.log10(
+            np.einsum("kbc,bn->kcn", power, self._bands, optimize=True) * self._gain
+            + 1e-12
+        )
         grey = np.clip((levels - QUIETEST) / (LOUDEST - QUIETEST), 0, 1)
         columns = np.zeros((SIZE, len(frames)))
-        columns[:BANDS], columns[BANDS : 2 * BANDS] = grey[:, 0, ::-1].T, grey[:, 1, ::-1].T
+        columns[:BANDS], columns[BANDS : 2 * BANDS] = (
+            grey[:, 0, ::-1].T,
+            grey[:, 1, ::-1].T,
+        )
         columns[2 * BANDS :] = np.repeat(np.clip(self._felt, 0, 1), STRIP)[:, None]
-        self.pixels = np.concatenate([self.pixels[:, len(frames) :], np.uint8(np.round(255 * columns))], axis=1)
+        self.pixels = np.concatenate(
+            [self.pixels[:, len(frames) :], np.uint8(np.round(255 * columns))], axis=1
+        )
 
     @property
     def rgb(self) -> Pixels:

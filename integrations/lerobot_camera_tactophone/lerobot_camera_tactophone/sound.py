@@ -18,7 +18,9 @@ from tactophone.live.telemetry.watcher import Watcher
 class LiveSound:
     """Draws what a run hears; silence while nothing comes, so that a dead run is no frozen touch."""
 
-    def __init__(self, run: str, picture: Picture, *, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, run: str, picture: Picture, *, clock: Callable[[], float]
+    ) -> None:
         self._watcher, self._picture, self._clock = Watcher(run), picture, clock
         self._count = 0
         self._decoder = SoundDecoder()
@@ -57,15 +59,22 @@ class LoggedSound:
 
     def __init__(self, log: Path, picture: Picture, *, fps: int) -> None:
         self._picture, self._step = picture, 48_000 // fps
-        self._sound = np.concatenate([two(block) for _, block in decoded_blocks(read_log(log))])
-        found = [entry for entry in read_log(log) if isinstance(entry, LoggedPrediction)]
+        self._sound = np.concatenate(
+            [two(block) for _, block in decoded_blocks(read_log(log))]
+        )
+        found = [
+            entry for entry in read_log(log) if isinstance(entry, LoggedPrediction)
+        ]
         self._predictions = [entry for entry in found if entry.finger == 0]
         self._position, self._next = 0, 0
 
     def draw(self) -> None:
         """Draw the next part."""
         until = self._position + self._step
-        while self._next < len(self._predictions) and self._predictions[self._next].prediction.end * 48_000 <= until:
+        while (
+            self._next < len(self._predictions)
+            and self._predictions[self._next].prediction.end * 48_000 <= until
+        ):
             entry = self._predictions[self._next]
             self._picture.feel(entry.prediction, entry.command.amplitude)
             self._next += 1

@@ -2,7 +2,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lerobot_camera_tactophone.picture import BANDS, HIGHEST, LOWEST, SIZE, STRIP, Picture
+from lerobot_camera_tactophone.picture import (
+    BANDS,
+    HIGHEST,
+    LOWEST,
+    SIZE,
+    STRIP,
+    Picture,
+)
 from lerobot_camera_tactophone.sound import LiveSound, LoggedSound
 from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
@@ -23,7 +30,11 @@ def test_a_tone_is_a_bright_row_of_its_microphone(hertz: float, channel: int) ->
     picture = Picture()
     picture.hear(tone(hertz, 2.2, channel))
     row = int(np.argmax(picture.pixels[:, 100].astype(int)))
-    expected = BANDS * (channel + 1) - 1 - BANDS * np.log(hertz / LOWEST) / np.log(HIGHEST / LOWEST)
+    expected = (
+        BANDS * (channel + 1)
+        - 1
+        - BANDS * np.log(hertz / LOWEST) / np.log(HIGHEST / LOWEST)
+    )
     assert row == pytest.approx(expected, abs=2)
 
 
@@ -41,7 +52,12 @@ def test_the_strip_holds_roughness_and_amplitude() -> None:
     picture = Picture()
     picture.feel(
         Prediction(
-            probabilities=(0.0, 0.2, 0.8), touch=Touch.ROUGH, roughness=0.8, start=0.0, end=0.1, level_dbfs=-20.0
+            probabilities=(0.0, 0.2, 0.8),
+            touch=Touch.ROUGH,
+            roughness=0.8,
+            start=0.0,
+            end=0.1,
+            level_dbfs=-20.0,
         ),
         0.4,
     )
@@ -77,5 +93,8 @@ def test_the_camera_is_one_of_lerobots() -> None:
     from lerobot_camera_tactophone import TactophoneCamera, TactophoneCameraConfig
 
     assert CameraConfig.get_choice_class("tactophone") is TactophoneCameraConfig
-    with Telemetry("test-camera-2") as _, TactophoneCamera(TactophoneCameraConfig(run="test-camera-2")) as camera:
+    with (
+        Telemetry("test-camera-2") as _,
+        TactophoneCamera(TactophoneCameraConfig(run="test-camera-2")) as camera,
+    ):
         assert camera.async_read().shape == (SIZE, SIZE, 3)

@@ -24,9 +24,13 @@ class Felt:
     """The newest values of a finger of a run; ``read`` and ``clock`` (s since 1970) are replaced in tests."""
 
     def __init__(
-        self, run: str, finger: str, *, read: Callable[[], list[Passed]] | None = None,
+        self,
+        run: str,
+        finger: str,
+        *,
+        read: Callable[[], list[Passed]] | None = None,
         clock: Callable[[], float] = time.time,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._read, self._clock = read or PredictionReader(run).read, clock
         self._finger, self._newest = finger, None
 
@@ -93,8 +97,12 @@ with suppress(ModuleNotFoundError):
         def get_observation(self) -> dict[str, Any]:
             """Return the values of this moment."""
             if self._felt is None:
-                raise DeviceNotConnectedError("the fingertip is not connected: call connect() first")
-            return {f"finger.{name}": value for name, value in self._felt.values().items()}
+                raise DeviceNotConnectedError(
+                    "the fingertip is not connected: call connect() first"
+                )
+            return {
+                f"finger.{name}": value for name, value in self._felt.values().items()
+            }
 
         def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
             return action

@@ -11,9 +11,19 @@ from tactophone.live.log.reader import Passed
 from tactophone.live.telemetry.writer import Telemetry
 
 
-def passed(made: float, roughness: float = 0.8, finger: str = "index", level_dbfs: float = -20.0) -> Passed:
+def passed(
+    made: float,
+    roughness: float = 0.8,
+    finger: str = "index",
+    level_dbfs: float = -20.0,
+) -> Passed:
     prediction = Prediction(
-        probabilities=(0.1, 0.2, 0.7), touch=Touch.ROUGH, roughness=roughness, start=0.0, end=0.1, level_dbfs=level_dbfs
+        probabilities=(0.1, 0.2, 0.7),
+        touch=Touch.ROUGH,
+        roughness=roughness,
+        start=0.0,
+        end=0.1,
+        level_dbfs=level_dbfs,
     )
     return Passed(finger, prediction, HapticCommand(0.4, 120.0, made), made, made, made)
 
@@ -21,12 +31,24 @@ def passed(made: float, roughness: float = 0.8, finger: str = "index", level_dbf
 def test_the_newest_values_of_the_finger_are_read() -> None:
     arrived = [passed(9.98, 0.1), passed(9.99, 0.8), passed(10.0, 0.3, "thumb")]
     felt = Felt("none", "index", read=lambda: arrived, clock=lambda: 10.0)
-    assert felt.values() == {"touch": 2.0, "roughness": 0.8, "level_dbfs": -20.0, "amplitude": 0.4}
+    assert felt.values() == {
+        "touch": 2.0,
+        "roughness": 0.8,
+        "level_dbfs": -20.0,
+        "amplitude": 0.4,
+    }
 
 
-def test_nothing_is_felt_before_the_first_prediction_and_after_a_run_has_ended() -> None:
+def test_nothing_is_felt_before_the_first_prediction_and_after_a_run_has_ended() -> (
+    None
+):
     now, arrived = [10.0], []
-    felt = Felt("none", "index", read=lambda: [arrived.pop()] if arrived else [], clock=lambda: now[0])
+    felt = Felt(
+        "none",
+        "index",
+        read=lambda: [arrived.pop()] if arrived else [],
+        clock=lambda: now[0],
+    )
     assert felt.values() == NOTHING
     arrived.append(passed(10.0))
     assert felt.values()["touch"] == 2.0
@@ -35,7 +57,12 @@ def test_nothing_is_felt_before_the_first_prediction_and_after_a_run_has_ended()
 
 
 def test_silence_is_a_finite_level() -> None:
-    felt = Felt("none", "index", read=lambda: [passed(10.0, level_dbfs=-np.inf)], clock=lambda: 10.0)
+    felt = Felt(
+        "none",
+        "index",
+        read=lambda: [passed(10.0, level_dbfs=-np.inf)],
+        clock=lambda: 10.0,
+    )
     assert np.isfinite(list(felt.values().values())).all()
 
 
@@ -71,7 +98,12 @@ def test_lerobots_recorder_keeps_what_each_episode_felt(tmp_path: Path) -> None:
     class Still(Teleoperator):
         """Does nothing."""
 
-        config_class, name, action_features, feedback_features = TeleoperatorConfig, "still", None, None
+        config_class, name, action_features, feedback_features = (
+            TeleoperatorConfig,
+            "still",
+            None,
+            None,
+        )
         is_connected = is_calibrated = True
 
         def __init__(self) -> None: ...
@@ -96,20 +128,34 @@ def test_lerobots_recorder_keeps_what_each_episode_felt(tmp_path: Path) -> None:
     with Telemetry("test-robot-2"):
         robot.connect()
         features = hw_to_dataset_features(robot.observation_features, "observation")
-        dataset = LeRobotDataset.create("local/robot", 30, features, root=tmp_path / "robot", use_videos=False)
-        robot._felt = Felt("none", "index", read=lambda: [passed(10.0, episode[0])], clock=lambda: 10.0)
+        dataset = LeRobotDataset.create(
+            "local/robot", 30, features, root=tmp_path / "robot", use_videos=False
+        )
+        robot._felt = Felt(
+            "none", "index", read=lambda: [passed(10.0, episode[0])], clock=lambda: 10.0
+        )
         steps = recorder.make_default_processors()
         for roughness in (0.9, 0.1):
             episode[0] = roughness
             recorder.record_loop(
-                robot, {"exit_early": False}, 30, *steps, dataset=dataset, teleop=Still(), control_time_s=0.5,
+                robot,
+                {"exit_early": False},
+                30,
+                *steps,
+                dataset=dataset,
+                teleop=Still(),
+                control_time_s=0.5,
                 single_task="feel",
-            )  # fmt: skip
+            )
             dataset.save_episode()
         dataset.finalize()
     read = LeRobotDataset("local/robot", root=tmp_path / "robot")
-    assert read.meta.features["observation.state"]["names"] == [f"finger.{name}" for name in NOTHING]
+    assert read.meta.features["observation.state"]["names"] == [
+        f"finger.{name}" for name in NOTHING
+    ]
     rows = [read[place] for place in range(len(read))]
     assert len(rows) > 20
     for row in rows:
-        assert float(row["observation.state"][1]) == pytest.approx((0.9, 0.1)[int(row["episode_index"])])
+        assert float(row["observation.state"][1]) == pytest.approx(
+            (0.9, 0.1)[int(row["episode_index"])]
+        )

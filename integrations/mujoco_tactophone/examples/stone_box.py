@@ -33,7 +33,11 @@ def heard(name: str, seconds: float = 4.0) -> tuple[np.ndarray, list[float]]:
     microphone, blocks, slips = ContactMicrophone(model, data, "tip"), [], []
     for step in range(round(seconds / STEP)):
         now = step * STEP
-        data.ctrl[:] = stroke(now - 1) if now > 1 else 0, 0, pressed(1.0 if now > 0.3 else 0.0, data.qpos[2])
+        data.ctrl[:] = (
+            stroke(now - 1) if now > 1 else 0,
+            0,
+            pressed(1.0 if now > 0.3 else 0.0, data.qpos[2]),
+        )
         mujoco.mj_step(model, data)
         microphone.step()
         blocks.append(microphone.read().samples)
@@ -45,14 +49,24 @@ def draw(path: str) -> None:
     """Draw the sound of a smooth and a rough stone over the slip."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(3, 2, figsize=(10, 6), sharex=True, sharey="row", constrained_layout=True)
+    figure, axes = plt.subplots(
+        3, 2, figsize=(10, 6), sharex=True, sharey="row", constrained_layout=True
+    )
     for column, name in zip(axes.T, ("polished marble", "lava stone"), strict=True):
         sound, slips = heard(name)
         soundfile.write(f"{name.replace(' ', '-')}.wav", sound, 48_000)
         column[0].plot(np.arange(len(slips)) * STEP, 100 * np.array(slips), color="0.3")
-        for axis, channel, what in zip(column[1:], sound.T, ("contact", "air"), strict=True):
+        for axis, channel, what in zip(
+            column[1:], sound.T, ("contact", "air"), strict=True
+        ):
             axis.specgram(
-                channel, NFFT=1024, Fs=48_000, noverlap=512, vmin=-130, vmax=-50 if what == "air" else -30, cmap="magma"
+                channel,
+                NFFT=1024,
+                Fs=48_000,
+                noverlap=512,
+                vmin=-130,
+                vmax=-50 if what == "air" else -30,
+                cmap="magma",
             )
             axis.set(yscale="log", ylim=(60, 20_000), ylabel=f"{what} [Hz]")
         column[0].set(title=name, ylabel="slip [cm/s]")
@@ -67,6 +81,8 @@ if __name__ == "__main__":
     parser.add_argument("--picture")
     arguments = parser.parse_args()
     found, taken = solved(arguments.episodes, random=arguments.random)
-    print(f"{found} of {arguments.episodes} episodes solved, {taken / max(arguments.episodes, 1):.0f} actions each")
+    print(
+        f"{found} of {arguments.episodes} episodes solved, {taken / max(arguments.episodes, 1):.0f} actions each"
+    )
     if arguments.picture:
         draw(arguments.picture)

@@ -64,33 +64,57 @@ class ContactMicrophone:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, geom: str, tip: str = "pad", *,
-        mounting: Mounting = Mounting.TABLE, seed: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        geom: str,
+        tip: str = "pad",
+        *,
+        mounting: Mounting = Mounting.TABLE,
+        seed: int = 0,
+    ) -> None:
         self._model, self._data = model, data
         self._geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
         if self._geom < 0:
-            raise ConfigError(f"the model has no geom {geom!r}; name the one that touches")
-        found = {place: obj for place in range(model.ngeom) if (obj := surface_of(model, place)) is not None}
-        self.surfaces = {model.geom(place).name or str(place): obj.name for place, obj in found.items()}
+            raise ConfigError(
+                f"the model has no geom {geom!r}; name the one that touches"
+            )
+        found = {
+            place: obj
+            for place in range(model.ngeom)
+            if (obj := surface_of(model, place)) is not None
+        }
+        self.surfaces = {
+            model.geom(place).name or str(place): obj.name
+            for place, obj in found.items()
+        }
         placed = [
-            PlacedObject(_own(replace(obj, mounting=mounting), place), 0.1 * place, 0.0, 0.09)
+            PlacedObject(
+                _own(replace(obj, mounting=mounting), place), 0.1 * place, 0.0, 0.09
+            )
             for place, obj in found.items()
         ]
         ground = single(find("smooth competition stone"), mounting).ground
-        scene = Scene(tuple(placed) or single(find("smooth competition stone")).placed, ground)
+        scene = Scene(
+            tuple(placed) or single(find("smooth competition stone")).placed, ground
+        )
         self._index = np.full(model.ngeom, len(scene.objects) - 1)
         self._index[list(found)] = range(len(found))
-        self._steps: list[tuple[float, float, float, int]] = [(0.0, 0.0, LIFT, len(scene.objects) - 1)]
+        self._steps: list[tuple[float, float, float, int]] = [
+            (0.0, 0.0, LIFT, len(scene.objects) - 1)
+        ]
         self._along, self._sign = 0.0, 1.0
         self._direction: Vector | None = None
         self._speed, self._force = np.zeros(6), np.zeros(6)
         self._rendered = 0
         self._since = 0.0
-        self.finger = SimulatedFinger(scene, session=SessionVariation.of_tip(tip, seed), seed=seed, hand=self)
+        self.finger = SimulatedFinger(
+            scene, session=SessionVariation.of_tip(tip, seed), seed=seed, hand=self
+        )
         self.slip = self.force = self._slipped = 0.0
         self._share, *self._shares = (
-            1 - math.exp(-2 * math.pi * corner * model.opt.timestep) for corner in (PRESS_CORNER, *PATH_CORNERS)
+            1 - math.exp(-2 * math.pi * corner * model.opt.timestep)
+            for corner in (PRESS_CORNER, *PATH_CORNERS)
         )
         self._places = [0.0] * len(PATH_CORNERS)
         self._eased, self._press, self._left = LIFT, LIFT, HOLD
@@ -105,7 +129,9 @@ class ContactMicrophone:
             self.slip = self._slipped
         self._slipped = self.slip
         self._along += self._sign * self.slip * step
-        self._eased += self._share * ((self.force if self._left < HOLD else LIFT) - self._eased)
+        self._eased += self._share * (
+            (self.force if self._left < HOLD else LIFT) - self._eased
+        )
         self._press += self._share * (self._eased - self._press)
         place, before = self._along, self._places[-1]
         for pole, share in enumerate(self._shares):
@@ -123,13 +149,24 @@ class ContactMicrophone:
     def follow(self, size: int) -> Path:
         """Return the path of the noted steps, for `SimulatedFinger`."""
         steps, self._steps = self._steps, self._steps[-1:]
-        along, speed, press, index = (np.array(column) for column in zip(*steps, strict=True))
-        places = np.linspace(0, len(steps) - 1, size, endpoint=False) + (len(steps) - 1) / size
+        along, speed, press, index = (
+            np.array(column) for column in zip(*steps, strict=True)
+        )
+        places = (
+            np.linspace(0, len(steps) - 1, size, endpoint=False)
+            + (len(steps) - 1) / size
+        )
         known = np.arange(len(steps))
         position = np.interp(places, known, along)
-        body = index[np.minimum(np.ceil(places).astype(int), len(steps) - 1)].astype(np.int64)
+        body = index[np.minimum(np.ceil(places).astype(int), len(steps) - 1)].astype(
+            np.int64
+        )
         motion = Motion(
-            position, np.interp(places, known, speed), np.interp(places, known, press), body, np.zeros(size)
+            position,
+            np.interp(places, known, speed),
+            np.interp(places, known, press),
+            body,
+            np.zeros(size),
         )
         return Path(position, np.zeros(size), motion)
 
@@ -149,17 +186,33 @@ class ContactMicrophone:
             if normal <= 0:
                 continue
             other = second if first == self._geom else first
-            moved = self._slip(contacts.pos[number].tolist(), contacts.frame[number, :3].tolist(), other)
+            moved = self._slip(
+                contacts.pos[number].tolist(),
+                contacts.frame[number, :3].tolist(),
+                other,
+            )
             total += normal
-            slip = (slip[0] + normal * moved[0], slip[1] + normal * moved[1], slip[2] + normal * moved[2])
+            slip = (
+                slip[0] + normal * moved[0],
+                slip[1] + normal * moved[1],
+                slip[2] + normal * moved[2],
+            )
             if normal > strongest:
                 strongest, index = normal, int(self._index[other])
-        speed = math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) / total if total > 0 else 0.0
+        speed = (
+            math.sqrt(slip[0] ** 2 + slip[1] ** 2 + slip[2] ** 2) / total
+            if total > 0
+            else 0.0
+        )
         if total <= 0 or speed < STICKS:
             self._direction = None if total <= 0 else self._direction
             return total, 0.0, index
         x, y, z = (part / (speed * total) for part in slip)
-        if self._direction and x * self._direction[0] + y * self._direction[1] + z * self._direction[2] < REVERSAL:
+        if (
+            self._direction
+            and x * self._direction[0] + y * self._direction[1] + z * self._direction[2]
+            < REVERSAL
+        ):
             self._sign = -self._sign
         self._direction = (x, y, z)
         return total, speed, index
@@ -174,9 +227,14 @@ class ContactMicrophone:
     def _speed_at(self, geom: int, at: list[float]) -> Vector:
         if self._model.geom_bodyid[geom] == 0:  # the world stands still
             return 0.0, 0.0, 0.0
-        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_GEOM, geom, self._speed, 0)
+        mujoco.mj_objectVelocity(
+            self._model, self._data, mujoco.mjtObj.mjOBJ_GEOM, geom, self._speed, 0
+        )
         p, q, r, x, y, z = self._speed.tolist()
-        a, b, c = (here - there for here, there in zip(at, self._data.geom_xpos[geom].tolist(), strict=True))
+        a, b, c = (
+            here - there
+            for here, there in zip(at, self._data.geom_xpos[geom].tolist(), strict=True)
+        )
         return x + q * c - r * b, y + r * a - p * c, z + p * b - q * a
 
 
@@ -201,4 +259,6 @@ def surface_of(model: mujoco.MjModel, geom: int) -> SimulatedObject | None:
 
 def _own(obj: SimulatedObject, place: int) -> SimulatedObject:
     """Give the object of a geom a profile of its own."""
-    return replace(obj, surface=replace(obj.surface, seed=obj.surface.seed + 1000 * (place % 7)))
+    return replace(
+        obj, surface=replace(obj.surface, seed=obj.surface.seed + 1000 * (place % 7))
+    )

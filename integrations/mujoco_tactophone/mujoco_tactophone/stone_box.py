@@ -44,7 +44,9 @@ class StoneBox(gymnasium.Env[Values, Values]):
         self.observation_space = gymnasium.spaces.Box(-1, 100, (6,), np.float32)
         self._tip = tip
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Values, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Values, dict[str, Any]]:
         super().reset(seed=seed)
         self.rough = int(self.np_random.integers(STONES))
         names = [SMOOTH] * STONES
@@ -52,8 +54,12 @@ class StoneBox(gymnasium.Env[Values, Values]):
         model = stones_model(names)
         self._model, self._data = model, mujoco.MjData(model)
         noise = int(self.np_random.integers(1 << 30))
-        self._microphone = ContactMicrophone(model, self._data, "tip", self._tip, mounting=Mounting.MAT, seed=noise)
-        self._pipeline: Pipeline = open_pipeline(sample_rate=48_000, channels=2, tip=self._tip)
+        self._microphone = ContactMicrophone(
+            model, self._data, "tip", self._tip, mounting=Mounting.MAT, seed=noise
+        )
+        self._pipeline: Pipeline = open_pipeline(
+            sample_rate=48_000, channels=2, tip=self._tip
+        )
         self._x, self._turns = PITCH * float(self.np_random.integers(STONES)), 0
         self._data.qpos[0], self._data.qpos[2] = self._x, 0.003
         for _ in range(5):  # the detector learns the noise of a finger in the air
@@ -65,20 +71,36 @@ class StoneBox(gymnasium.Env[Values, Values]):
         self._turns += 1
         if choose > 0.9:
             chosen = round(self._data.qpos[0] / PITCH)
-            return self._last, float(chosen == self.rough), True, False, {"chosen": chosen, "rough": self.rough}
+            return (
+                self._last,
+                float(chosen == self.rough),
+                True,
+                False,
+                {"chosen": chosen, "rough": self.rough},
+            )
         return self._advance(speed, press), 0.0, False, self._turns >= MOST_TURNS, {}
 
     def _advance(self, speed: float, press: float) -> Values:
         rows = []
         for _ in range(round(TURN / STEP)):
-            self._x = float(np.clip(self._x + FASTEST * speed * STEP, -0.03, (STONES - 1) * PITCH + 0.03))
-            self._data.ctrl[:] = self._x, 0.0, pressed(STRONGEST * press, self._data.qpos[2])
+            self._x = float(
+                np.clip(
+                    self._x + FASTEST * speed * STEP, -0.03, (STONES - 1) * PITCH + 0.03
+                )
+            )
+            self._data.ctrl[:] = (
+                self._x,
+                0.0,
+                pressed(STRONGEST * press, self._data.qpos[2]),
+            )
             mujoco.mj_step(self._model, self._data)
             self._microphone.step()
         for found in self._pipeline.push(self._microphone.read()).predictions:
             rows.append((*found.probabilities, found.roughness if found.touch else 0.0))
         mean = np.mean(rows, axis=0) if rows else np.zeros(4)
-        self._last = np.array([self._data.qpos[0], self._microphone.force, *mean], np.float32)
+        self._last = np.array(
+            [self._data.qpos[0], self._microphone.force, *mean], np.float32
+        )
         return self._last
 
 
@@ -94,7 +116,9 @@ class Scripted:
         done = self._stone == STONES
         target = PITCH * (int(np.argmax(self._felt)) if done else self._stone)
         if self._turn == 0 and abs(x - target) > 0.008:
-            return np.array([np.clip((target - x) / (FASTEST * TURN), -1, 1), -1, -1], np.float32)
+            return np.array(
+                [np.clip((target - x) / (FASTEST * TURN), -1, 1), -1, -1], np.float32
+            )
         if done:
             return np.array([0, -1, 1], np.float32)
         self._turn += 1
@@ -102,10 +126,14 @@ class Scripted:
         if self._turn > 12:
             self._stone, self._turn = self._stone + 1, 0
             return np.array([0, -1, -1], np.float32)
-        return np.array([0.6 if self._turn % 4 in (1, 2) else -0.6, 0.6, -1], np.float32)
+        return np.array(
+            [0.6 if self._turn % 4 in (1, 2) else -0.6, 0.6, -1], np.float32
+        )
 
 
 def register() -> None:
     """Register StoneBox-v0."""
     if "StoneBox-v0" not in gymnasium.registry:
-        gymnasium.register("StoneBox-v0", entry_point="mujoco_tactophone.stone_box:StoneBox")
+        gymnasium.register(
+            "StoneBox-v0", entry_point="mujoco_tactophone.stone_box:StoneBox"
+        )

@@ -39,13 +39,17 @@ _ACTUATED = """
 
 def stones_model(names: Sequence[str], width: float = WIDTH) -> mujoco.MjModel:
     """Return a model of a finger over a row of stones of these names of the catalogue, ``width`` m wide."""
-    texts = "".join(f'<text name="stone{k}" data="{name}"/>' for k, name in enumerate(names))
+    texts = "".join(
+        f'<text name="stone{k}" data="{name}"/>' for k, name in enumerate(names)
+    )
     stones = "".join(
         f'<geom name="stone{k}" type="box" pos="{k * PITCH} 0 -0.01" size="{width / 2} 0.035 0.01" '
         f'rgba="0.55 0.55 0.6 1"/>'
         for k in range(len(names))
     )
-    return mujoco.MjModel.from_xml_string(_ACTUATED.format(step=STEP, texts=texts, stones=stones))
+    return mujoco.MjModel.from_xml_string(
+        _ACTUATED.format(step=STEP, texts=texts, stones=stones)
+    )
 
 
 def pressed(force: float, height: float) -> float:
@@ -53,6 +57,8 @@ def pressed(force: float, height: float) -> float:
     return force if force > 0 else 60.0 * (height - 0.003)
 
 
-def stroke(time: float, *, centre: float = 0.0, amplitude: float = 0.02, period: float = 1.2) -> float:
+def stroke(
+    time: float, *, centre: float = 0.0, amplitude: float = 0.02, period: float = 1.2
+) -> float:
     """Return the place in m of a finger that strokes to and fro around ``centre``."""
     return centre + amplitude * float(np.sin(2 * np.pi * time / period))

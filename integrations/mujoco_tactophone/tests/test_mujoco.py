@@ -20,19 +20,32 @@ Sound = NDArray[np.float32]
 STONES = ("polished marble", "smooth competition stone", "lava stone", "22")
 
 
-def stroked(name: str, seconds: float, force: float = 1.0) -> tuple[Sound, list[Move], ContactMicrophone]:
+def stroked(
+    name: str, seconds: float, force: float = 1.0
+) -> tuple[Sound, list[Move], ContactMicrophone]:
     """Press at 0.3 s and stroke from 1 s on; return the sound and the finger's true moves."""
     model = stones_model([name])
     data = mujoco.MjData(model)
     microphone, blocks, moves = ContactMicrophone(model, data, "tip"), [], []
     for step in range(round(seconds / STEP)):
         now = step * STEP
-        data.ctrl[:] = stroke(now - 1) if now > 1 else 0.0, 0.0, pressed(force if now > 0.3 else 0.0, data.qpos[2])
+        data.ctrl[:] = (
+            stroke(now - 1) if now > 1 else 0.0,
+            0.0,
+            pressed(force if now > 0.3 else 0.0, data.qpos[2]),
+        )
         mujoco.mj_step(model, data)
         microphone.step()
         if step % 5 == 4:
             blocks.append(microphone.read().samples)
-        moves.append(Move(now, float(data.qpos[0]), 0.0, microphone.force if microphone.force > 0 else LIFT))
+        moves.append(
+            Move(
+                now,
+                float(data.qpos[0]),
+                0.0,
+                microphone.force if microphone.force > 0 else LIFT,
+            )
+        )
     return np.concatenate(blocks), moves, microphone
 
 
@@ -41,8 +54,13 @@ def thirds(sound: Sound) -> NDArray[np.float64]:
     signal = pytest.importorskip("scipy.signal")
     frequency, power = signal.welch(sound.T, LIVE_SAMPLE_RATE, nperseg=16384)
     centres = 1000 * 2.0 ** (np.arange(-10, 12) / 3)
-    bands = [(frequency >= at * 2 ** (-1 / 6)) & (frequency < at * 2 ** (1 / 6)) for at in centres]
-    return np.stack([10 * np.log10(power[:, band].sum(axis=1)) for band in bands], axis=1)
+    bands = [
+        (frequency >= at * 2 ** (-1 / 6)) & (frequency < at * 2 ** (1 / 6))
+        for at in centres
+    ]
+    return np.stack(
+        [10 * np.log10(power[:, band].sum(axis=1)) for band in bands], axis=1
+    )
 
 
 def level(sound: Sound) -> float:
@@ -55,7 +73,9 @@ def beside(name: str, seconds: float) -> tuple[Sound, Sound]:
     (placed, *_) = microphone.finger.scene.placed
     x, y = placed.centre
     finger = SimulatedFinger(
-        microphone.finger.scene, [Move(at, x + along, y, press) for at, along, _, press in moves], place=(x, y)
+        microphone.finger.scene,
+        [Move(at, x + along, y, press) for at, along, _, press in moves],
+        place=(x, y),
     )
     begin = round(1.5 * LIVE_SAMPLE_RATE)
     return sound[begin:], finger.render(len(sound)).samples[begin:]
@@ -71,7 +91,10 @@ def test_a_stroke_sounds_as_that_of_the_simulated_finger(name: str) -> None:
 def test_nothing_is_heard_where_nothing_slips() -> None:
     sound, _, microphone = stroked("lava stone", 1.0)
     assert microphone.force == pytest.approx(1.0, abs=0.1)
-    quiet, still = sound[: round(0.2 * LIVE_SAMPLE_RATE)], sound[round(0.8 * LIVE_SAMPLE_RATE) :]
+    quiet, still = (
+        sound[: round(0.2 * LIVE_SAMPLE_RATE)],
+        sound[round(0.8 * LIVE_SAMPLE_RATE) :],
+    )
     for channel in (0, 1):
         assert level(still[:, channel]) < level(quiet[:, channel]) + 3.0
 
@@ -82,7 +105,10 @@ def test_the_surface_of_a_geom_is_named_by_text_or_material() -> None:
     tip = '<body pos="0 0 3"><freejoint/><geom name="tip" size="0.01"/></body>'
     xml = f"<mujoco>{named}<worldbody>{world}{tip}</worldbody></mujoco>"
     model = mujoco.MjModel.from_xml_string(xml.format(text="lava stone"))
-    assert ContactMicrophone(model, mujoco.MjData(model), "tip").surfaces["a"] == "lava stone"
+    assert (
+        ContactMicrophone(model, mujoco.MjData(model), "tip").surfaces["a"]
+        == "lava stone"
+    )
     model = mujoco.MjModel.from_xml_string(xml.format(text="lava ston"))
     with pytest.raises(ConfigError, match="lava stone"):
         ContactMicrophone(model, mujoco.MjData(model), "tip")

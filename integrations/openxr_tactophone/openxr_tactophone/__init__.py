@@ -60,20 +60,28 @@ class HapticStream:
     runtimes that ignore the frequency.
     """
 
-    def __init__(self, *, lowest: float = 40.0, highest: float = 400.0, pulsed: bool = False) -> None:
+    def __init__(
+        self, *, lowest: float = 40.0, highest: float = 400.0, pulsed: bool = False
+    ) -> None:
         if not 0 <= lowest < highest <= HIGHEST_HZ:
-            raise ValueError(f"a band of {lowest} to {highest} Hz; wanted 0 <= lowest < highest <= {HIGHEST_HZ:.0f}")
+            raise ValueError(
+                f"a band of {lowest} to {highest} Hz; wanted 0 <= lowest < highest <= {HIGHEST_HZ:.0f}"
+            )
         self._lowest, self._highest, self._pulsed = lowest, highest, pulsed
         self._begun = False
         self._held = HapticCommand(0.0, lowest, -math.inf)
 
-    def frame(self, commands: Iterable[HapticCommand], begin: float, end: float) -> Frame:
+    def frame(
+        self, commands: Iterable[HapticCommand], begin: float, end: float
+    ) -> Frame:
         """Return the frame from ``begin`` to ``end`` (s), with the commands whose time lies in it, oldest first."""
         amplitudes: list[Point] = [(0, self._amplitude(self._held, begin))]
         frequencies: list[Point] = [(0, self._frequency(self._held))]
         silence = HapticCommand(0.0, self._lowest, begin)
         for given in commands:
-            finite = all(map(math.isfinite, (given.amplitude, given.frequency, given.time)))
+            finite = all(
+                map(math.isfinite, (given.amplitude, given.frequency, given.time))
+            )
             self._held = command = given if finite else silence
             at = max(0, round((command.time - begin) * 1e9))
             if at > (end - begin) * 1e9 or len(amplitudes) >= MOST_POINTS - 1:
@@ -99,8 +107,12 @@ class HapticStream:
         self._held = HapticCommand(0.0, self._lowest, -math.inf)
         return self._made([(0, 0.0), (1_000_000, 0.0)], [(0, 0.0)], FrameType.LAST)
 
-    def _made(self, amplitudes: list[Point], frequencies: list[Point], kind: FrameType) -> Frame:
-        return Frame(tuple(amplitudes), tuple(frequencies), self._lowest, self._highest, kind)
+    def _made(
+        self, amplitudes: list[Point], frequencies: list[Point], kind: FrameType
+    ) -> Frame:
+        return Frame(
+            tuple(amplitudes), tuple(frequencies), self._lowest, self._highest, kind
+        )
 
     def _amplitude(self, command: HapticCommand, moment: float) -> float:
         if moment - command.time > STALE:

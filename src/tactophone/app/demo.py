@@ -54,9 +54,15 @@ class Demonstration:
 
 
 def demonstrate(
-    settings: Settings, folder: Path, *, recording: Path | None = None, name: str = "demo",
-    follow: Follow = runs.wait_for_end, report: Callable[[str], None] = ignore, warn: Callable[[str], None] = ignore,
-) -> Demonstration:  # fmt: skip
+    settings: Settings,
+    folder: Path,
+    *,
+    recording: Path | None = None,
+    name: str = "demo",
+    follow: Follow = runs.wait_for_end,
+    report: Callable[[str], None] = ignore,
+    warn: Callable[[str], None] = ignore,
+) -> Demonstration:
     """Run both sides over sound, in real time, with the simulated network of the settings between them.
 
     - ``recording``: WAV or FLAC of the only finger; it is opened as `tactophone.app.feel` opens it. Without it, and
@@ -70,12 +76,18 @@ def demonstrate(
     """
     if not recording:
         report("a simulated finger strokes a smooth stone, then a rough one ...")
-    own = settings.is_hand and all(each.capture.device for each in each_finger(settings))
+    own = settings.is_hand and all(
+        each.capture.device for each in each_finger(settings)
+    )
     settings = change(
-        settings if own else _with_sound(settings, folder, recording), [*RECORDED, f"process.name={name}"]
+        settings if own else _with_sound(settings, folder, recording),
+        [*RECORDED, f"process.name={name}"],
     )
     sources = [FileSource(each.capture.device) for each in each_finger(settings)]
-    duration, timeline = max(source.duration for source in sources), folder / "timeline.csv"
+    duration, timeline = (
+        max(source.duration for source in sources),
+        folder / "timeline.csv",
+    )
     network, recorded = settings.simulation.network, bool(recording) or own
     report(f"sending {duration:.0f} s of sound over {network}, in real time")
     with (
@@ -88,18 +100,31 @@ def demonstrate(
         PredictionLog(name, timeline, report=warn),
         ExitStack() as stack,
     ):
-        recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(sources))]
+        recorders = [
+            stack.enter_context(RunRecorder(name, finger=place))
+            for place in range(len(sources))
+        ]
         last = follow(sides, name, duration + PATIENCE)
     if last is None:
-        raise TactophoneError(f"{name}: no side started; `tactophone loopback` says why")
+        raise TactophoneError(
+            f"{name}: no side started; `tactophone loopback` says why"
+        )
     report("drawing ...")
     fingers = {}
-    for finger, source, recorder in zip(names_of(settings), sources, recorders, strict=True):
+    for finger, source, recorder in zip(
+        names_of(settings), sources, recorders, strict=True
+    ):
         truth = ground_truth(source.path, duration=source.duration)
-        subject = finger or (recording.name if recording else "a simulated finger on a smooth stone, then a rough one")
+        subject = finger or (
+            recording.name
+            if recording
+            else "a simulated finger on a smooth stone, then a rough one"
+        )
         title = f"{subject}: encrypted, over {network}"
         files = _write(folder, source, recorder, truth, finger=finger, title=title)
-        fingers[finger] = DemoFinger(score_run(read_timeline(timeline, finger=finger), truth), files)
+        fingers[finger] = DemoFinger(
+            score_run(read_timeline(timeline, finger=finger), truth), files
+        )
     return Demonstration(fingers, last)
 
 
@@ -114,7 +139,9 @@ def free_name() -> Iterator[str]:
     for number in count(1):
         name = "demo" if number == 1 else f"demo-{number}"
         path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
-        with os.fdopen(os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600), "w") as lock:
+        with os.fdopen(
+            os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600), "w"
+        ) as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -130,7 +157,12 @@ def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Set
 
     tip, seed = settings.capture.tip, settings.simulation.seed
     if not settings.is_hand:
-        return change(settings, [f"capture.device={recording or write_demonstration(folder, seed=seed, tip=tip)[0]}"])
+        return change(
+            settings,
+            [
+                f"capture.device={recording or write_demonstration(folder, seed=seed, tip=tip)[0]}"
+            ],
+        )
     if recording:
         raise ConfigError(
             "--recording applies to a single finger; with --fingers, set device = FILE in each finger's table"
@@ -144,7 +176,13 @@ def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Set
 
 
 def _write(
-    folder: Path, source: FileSource, recorder: RunRecorder, truth: tuple[Segment, ...], *, finger: str, title: str
+    folder: Path,
+    source: FileSource,
+    recorder: RunRecorder,
+    truth: tuple[Segment, ...],
+    *,
+    finger: str,
+    title: str,
 ) -> dict[str, Path]:
     ending = f"-{finger}" if finger else ""
     files = {
@@ -163,7 +201,12 @@ def _write(
     vibration_peaks = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
     vibration_peaks.push(vibration[:, None])
     draw_recording(
-        files["picture"], timeline=files["timeline"], microphones=microphone_peaks, vibration=vibration_peaks,
-        finger=finger, title=title, truth=truth,
-    )  # fmt: skip
+        files["picture"],
+        timeline=files["timeline"],
+        microphones=microphone_peaks,
+        vibration=vibration_peaks,
+        finger=finger,
+        title=title,
+        truth=truth,
+    )
     return files

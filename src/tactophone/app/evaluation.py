@@ -27,12 +27,18 @@ Progress = Callable[[str, int, int, str], None]
 """Called with what is being done, how many parts of it are done, of how many, and the name of the newest."""
 
 
-def evaluate_model(model: str, dataset: Dataset, *, report: Progress = ignore) -> tuple[Report, list[str]]:
+def evaluate_model(
+    model: str, dataset: Dataset, *, report: Progress = ignore
+) -> tuple[Report, list[str]]:
     """Score a model, a shipped one's name or a file, as `tactophone feel` renders the recordings of a data set.
 
     Returns the scores, and warnings: trained on these recordings, or for another tip.
     """
-    card, predict, takes = read_model(model_path(model)).card, recording_predictor(model), list[TakePredictions]()
+    card, predict, takes = (
+        read_model(model_path(model)).card,
+        recording_predictor(model),
+        list[TakePredictions](),
+    )
     for recording in dataset.recordings:
         takes.append(predict(recording))
         report("predicting", len(takes), len(dataset.recordings), recording.path.name)
@@ -40,7 +46,9 @@ def evaluate_model(model: str, dataset: Dataset, *, report: Progress = ignore) -
     if card.training.get("sha256") == dataset.fingerprint:
         warnings.append("warning: the model was trained on these very recordings")
     if (tip := tip_of(dataset.recordings)) and tip_mismatch(card, tip):
-        warnings.append(f"warning: the model is for the tip {card.tip}, but the recordings are of {tip}")
+        warnings.append(
+            f"warning: the model is for the tip {card.tip}, but the recordings are of {tip}"
+        )
     return make_report(takes, decision=card.decision), warnings
 
 
@@ -54,9 +62,14 @@ OPPOSITE = 0.8
 def can_check_labels(dataset: Dataset) -> bool:
     """Return whether there are surfaces enough of each class, and the extra ``train`` is installed."""
     kept = dataset.labelled()
-    labels = [next(take.rough for take in kept.recordings if take.surface == surface) for surface in kept.surfaces]
+    labels = [
+        next(take.rough for take in kept.recordings if take.surface == surface)
+        for surface in kept.surfaces
+    ]
     enough = min(sum(labels), len(labels) - sum(labels)) > FEWEST_CHECKED
-    return enough and all(importlib.util.find_spec(module) for module in ("torch", "onnx", "sklearn"))
+    return enough and all(
+        importlib.util.find_spec(module) for module in ("torch", "onnx", "sklearn")
+    )
 
 
 def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Problem]:
@@ -71,20 +84,38 @@ def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Pr
     from tactophone.lab.training.recipes import RecipeFile
 
     kept = dataset.labelled()
-    recipe = RecipeFile().changed({"channels": channels_of_all(kept)}, where="dataset check")
-    found = _opposite(evaluate_recipe(recipe, kept, how=KIN_SPLIT, report=report)["texture"])
+    recipe = RecipeFile().changed(
+        {"channels": channels_of_all(kept)}, where="dataset check"
+    )
+    found = _opposite(
+        evaluate_recipe(recipe, kept, how=KIN_SPLIT, report=report)["texture"]
+    )
     rest = kept.where(lambda take: take.surface not in found)
-    if len(found) > 1 and len({take.rough for take in rest.recordings}) == len(SURFACE_LABELS):
+    if len(found) > 1 and len({take.rough for take in rest.recordings}) == len(
+        SURFACE_LABELS
+    ):
         # A wrong label misleads the models of others: a model that heard none of the doubted tells who was misled.
         doubted = tuple(take for take in kept.recordings if take.surface in found)
         folds = [Fold("doubted", rest.recordings, doubted)]
-        found = _opposite(make_report(cross_validate(method_of(recipe.configured()), folds))) or found
-    return [Problem(kept.root / name, "surface", _doubt(*doubt), fatal=False) for name, doubt in found.items()]
+        found = (
+            _opposite(
+                make_report(cross_validate(method_of(recipe.configured()), folds))
+            )
+            or found
+        )
+    return [
+        Problem(kept.root / name, "surface", _doubt(*doubt), fatal=False)
+        for name, doubt in found.items()
+    ]
 
 
 def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
     """Return label and share right of each surface that is mostly called the opposite, by name."""
-    return {row.name: (row.label, row.two_class) for row in scores.by_surface if row.two_class <= 1 - OPPOSITE}
+    return {
+        row.name: (row.label, row.two_class)
+        for row in scores.by_surface
+        if row.two_class <= 1 - OPPOSITE
+    }
 
 
 def _doubt(label: str, right: float) -> str:
@@ -96,9 +127,14 @@ def _doubt(label: str, right: float) -> str:
 
 
 def evaluate_recipe(
-    recipe: "RecipeFile", dataset: Dataset, *, how: str, baselines: int | None = None, cache: "Cache | None" = None,
+    recipe: "RecipeFile",
+    dataset: Dataset,
+    *,
+    how: str,
+    baselines: int | None = None,
+    cache: "Cache | None" = None,
     report: Progress = ignore,
-) -> dict[str, Report]:  # fmt: skip
+) -> dict[str, Report]:
     """Cross-validate a recipe; returns its scores, first, and those of the baselines, by name.
 
     - ``how``: one of `tactophone.lab.dataset.splits.SPLITS`.
@@ -111,12 +147,19 @@ def evaluate_recipe(
 
     configured = recipe.configured()
     method = method_of(configured)
-    rule = RECIPES[recipe.recipe].response_for(recipe.tip or tip_of(dataset.recordings)).decision
+    rule = (
+        RECIPES[recipe.recipe]
+        .response_for(recipe.tip or tip_of(dataset.recordings))
+        .decision
+    )
 
     def predict(method: "Method", dataset: Dataset) -> list[TakePredictions]:
         folds = split(dataset, how)
         return cross_validate(
-            method, folds, cache=cache, report=lambda done, name: report(method.name, done, len(folds), name)
+            method,
+            folds,
+            cache=cache,
+            report=lambda done, name: report(method.name, done, len(folds), name),
         )
 
     reports = {method.name: make_report(predict(method, dataset), decision=rule)}
@@ -125,7 +168,9 @@ def evaluate_recipe(
         reports[level.name] = make_report(predict(level, dataset))
     for seed in range(baselines or 0):
         permuted = permute_labels(dataset, seed=seed)
-        reports[f"permuted {seed + 1}"] = make_report(predict(method, permuted), decision=rule)
+        reports[f"permuted {seed + 1}"] = make_report(
+            predict(method, permuted), decision=rule
+        )
     return reports
 
 
@@ -138,9 +183,15 @@ class Trial:
 
 
 def compare_recipes(
-    recipes: Mapping[str, "RecipeFile"], dataset: Dataset, *, how: str = "5-fold", cache: "Cache | None" = None,
-    workers: int = 2, ray: bool = False, report: Progress = ignore,
-) -> list[Trial]:  # fmt: skip
+    recipes: Mapping[str, "RecipeFile"],
+    dataset: Dataset,
+    *,
+    how: str = "5-fold",
+    cache: "Cache | None" = None,
+    workers: int = 2,
+    ray: bool = False,
+    report: Progress = ignore,
+) -> list[Trial]:
     """Cross-validate recipes on the same folds; returns them best first, by balanced accuracy."""
     from tactophone.lab.benchmark.folds import cross_validate, default_cache, run_folds
     from tactophone.lab.benchmark.methods import method_of
@@ -149,9 +200,20 @@ def compare_recipes(
     methods = {name: method_of(recipe.configured()) for name, recipe in recipes.items()}
     folds = split(dataset, how)
     todo = [(method, fold) for method in methods.values() for fold in folds]
-    run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report("varying", done, len(todo), name))
+    run_folds(
+        todo,
+        cache,
+        workers=workers,
+        ray=ray,
+        report=lambda done, name: report("varying", done, len(todo), name),
+    )
     trials = [
-        Trial(name, estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class")))
+        Trial(
+            name,
+            estimate(
+                scores_of(cross_validate(method, folds, cache=cache), "two-class")
+            ),
+        )
         for name, method in methods.items()
     ]
     return sorted(trials, key=lambda trial: -trial.scores["balanced_accuracy"].value)
@@ -162,10 +224,18 @@ def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None
     from tactophone.lab.training.export import add_scores
 
     scores: dict[str, Any] = {
-        "dataset": dataset.name, "surfaces": report.surfaces, "recordings": report.recordings,
+        "dataset": dataset.name,
+        "surfaces": report.surfaces,
+        "recordings": report.recordings,
         "contact": round(report.contact, 3),
-    }  # fmt: skip
-    scores |= {f"{each}, as rendered": getattr(report.rendered, each).rounded(3) for each in RENDERED}
+    }
+    scores |= {
+        f"{each}, as rendered": getattr(report.rendered, each).rounded(3)
+        for each in RENDERED
+    }
     for rule in SCORING_RULES:
-        scores |= {f"{each}, {rule} rule": report.rules[rule][each].rounded(3) for each in HEADLINE}
+        scores |= {
+            f"{each}, {rule} rule": report.rules[rule][each].rounded(3)
+            for each in HEADLINE
+        }
     add_scores(model_path(model), name, scores)

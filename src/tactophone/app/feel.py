@@ -8,7 +8,13 @@ from typing import Any, cast
 
 from tactophone.app.plot import draw_recording
 from tactophone.app.recordings import open_recording
-from tactophone.app.vibration_wav import OutputFiles, RunScores, RunSummary, process_recording, score_run
+from tactophone.app.vibration_wav import (
+    OutputFiles,
+    RunScores,
+    RunSummary,
+    process_recording,
+    score_run,
+)
 from tactophone.core.errors import ConfigError, TactophoneError
 from tactophone.core.processes import make_room
 from tactophone.core.settings import Settings
@@ -52,20 +58,34 @@ class Felt:
     def as_json(self) -> dict[str, Any]:
         """Return what ``feel --json`` prints."""
         return {
-            "recording": str(self.path), "model": self.pipeline.detector.name, "profile": self.profile,
-            "label": self.label or None, **asdict(self.summary),
+            "recording": str(self.path),
+            "model": self.pipeline.detector.name,
+            "profile": self.profile,
+            "label": self.label or None,
+            **asdict(self.summary),
             "threshold_dbfs": self.pipeline.detector.threshold.dbfs,
-            "noise_floor_dbfs": self.floor.floor_dbfs if self.floor and self.floor.known else None, "notes": self.notes,
-            "false_bumps": self.scores and self.scores.false_bumps, "dips": self.scores and self.scores.dips,
-            "events": dict(self.events), "speed": self.summary.speed,
+            "noise_floor_dbfs": self.floor.floor_dbfs
+            if self.floor and self.floor.known
+            else None,
+            "notes": self.notes,
+            "false_bumps": self.scores and self.scores.false_bumps,
+            "dips": self.scores and self.scores.dips,
+            "events": dict(self.events),
+            "speed": self.summary.speed,
             "files": {kind: str(path) for kind, path in self.files.items()},
-        }  # fmt: skip
+        }
 
 
 def feel(
-    path: Path, folder: Path, settings: Settings, *, stem: str = "", plot: bool = False,
-    timeline_json: bool = False, report: Callable[[int, int], None] = ignore,
-) -> Felt:  # fmt: skip
+    path: Path,
+    folder: Path,
+    settings: Settings,
+    *,
+    stem: str = "",
+    plot: bool = False,
+    timeline_json: bool = False,
+    report: Callable[[int, int], None] = ignore,
+) -> Felt:
     """Process a recording and write its vibration, timeline and, if wanted, a figure.
 
     - ``folder``, ``stem``: where the files go, and how their names begin: by default as the recording's.
@@ -75,22 +95,41 @@ def feel(
     Raises `DatasetError` if the recording cannot be read, `ModelError` if the model does not fit it, and `ConfigError`
     if the results cannot be written.
     """
-    detector, tip, profile = settings.detector, settings.capture.tip, settings.rendering.profile
+    detector, tip, profile = (
+        settings.detector,
+        settings.capture.tip,
+        settings.rendering.profile,
+    )
     recording = open_recording(
-        path, detector.model, profile=profile, limits=Limits(ceiling=settings.rendering.ceiling),
-        contact=cast(ContactRule, detector.contact), events=detector.events, tip=tip,
-        threshold_dbfs=detector.threshold_dbfs, margin_db=detector.margin_db,
-    )  # fmt: skip
-    pipeline, outputs = recording.pipeline, OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json)
-    passthrough = PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None
+        path,
+        detector.model,
+        profile=profile,
+        limits=Limits(ceiling=settings.rendering.ceiling),
+        contact=cast(ContactRule, detector.contact),
+        events=detector.events,
+        tip=tip,
+        threshold_dbfs=detector.threshold_dbfs,
+        margin_db=detector.margin_db,
+    )
+    pipeline, outputs = (
+        recording.pipeline,
+        OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json),
+    )
+    passthrough = (
+        PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None
+    )
     events: list[TouchEvent] = []
 
     def follow(step: PipelineStep) -> None:
         recording.check_fit()
-        events.extend(event for prediction in step.predictions for event in prediction.events)
+        events.extend(
+            event for prediction in step.predictions for event in prediction.events
+        )
         report(step.block.end, recording.size)
 
-    summary, renderer = process_recording(recording.sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
+    summary, renderer = process_recording(
+        recording.sound, pipeline, outputs, passthrough=passthrough, on_step=follow
+    )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if detector.events or profile == "events":
         files["events"] = folder / f"{stem or path.stem}.events.csv"
@@ -106,20 +145,36 @@ def feel(
         files["figure"] = folder / f"{stem or path.stem}.feel.png"
         labelled = f", labelled {label}" if label else ""
         draw_recording(
-            files["figure"], timeline=outputs.timeline, microphones=renderer.microphones, vibration=renderer.vibration,
+            files["figure"],
+            timeline=outputs.timeline,
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
             title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
             truth=truth,
-        )  # fmt: skip
+        )
     return Felt(
-        path, pipeline, profile, recording.sound.channels == 1 and not detector.model and tip == DEFAULT_TIP, label,
-        truth, summary, files, recording.floor, recording.notes,
-        score_run(read_timeline(outputs.timeline), truth) if label else None, Counter(event.kind for event in events),
+        path,
+        pipeline,
+        profile,
+        recording.sound.channels == 1 and not detector.model and tip == DEFAULT_TIP,
+        label,
+        truth,
+        summary,
+        files,
+        recording.floor,
+        recording.notes,
+        score_run(read_timeline(outputs.timeline), truth) if label else None,
+        Counter(event.kind for event in events),
         tip_mismatch(recording.card, tip) if recording.card else "",
-    )  # fmt: skip
+    )
 
 
 def sounds_of(
-    paths: Iterable[Path], folder: Path, *, finger: str = "", report: Callable[[str], None] = ignore
+    paths: Iterable[Path],
+    folder: Path,
+    *,
+    finger: str = "",
+    report: Callable[[str], None] = ignore,
 ) -> Iterator[Path]:
     """Yield recordings, those in a folder, and a log's sound, written to ``folder``: of each finger, or of one.
 
@@ -128,18 +183,28 @@ def sounds_of(
     """
     from tactophone.live.log.mcap import is_mcap
 
-    found = {path: [sound for sound in sounds_in(path) if ".haptic." not in sound.name] or [path] for path in paths}
+    found = {
+        path: [sound for sound in sounds_in(path) if ".haptic." not in sound.name]
+        or [path]
+        for path in paths
+    }
     paths = [sound for sounds in found.values() for sound in sounds]
     if finger and not any(map(is_mcap, paths)):
-        raise ConfigError("--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out")
+        raise ConfigError(
+            "--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out"
+        )
     for path in paths:
         if not is_mcap(path):
             yield path
             continue
-        from tactophone.app.logged_run import write_sound  # for logs alone: it needs the extras link and record
+        from tactophone.app.logged_run import (
+            write_sound,
+        )  # for logs alone: it needs the extras link and record
 
         try:
-            yield from [sound.path for sound in write_sound(path, folder, finger=finger)]
+            yield from [
+                sound.path for sound in write_sound(path, folder, finger=finger)
+            ]
         except TactophoneError as error:
             report(str(error))
 

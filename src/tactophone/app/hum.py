@@ -54,7 +54,12 @@ class Hum:
         """50 or 60 Hz: that of which more power is a harmonic."""
         power = np.square(np.abs(self.amplitude)).mean(axis=-1).max(axis=-1)
         nearest = np.rint(self.frequency.max(axis=-1))
-        return max((50, 60), key=lambda mains: float(power[np.abs(nearest / mains % 1 - 0.5) > 0.45].sum()))
+        return max(
+            (50, 60),
+            key=lambda mains: float(
+                power[np.abs(nearest / mains % 1 - 0.5) > 0.45].sum()
+            ),
+        )
 
     def waveform(self, first: int, size: int) -> FloatArray:
         """Return the hum's samples from number ``first`` on, shape ``(size, channels)``."""
@@ -100,7 +105,9 @@ class HumMeter:
 
     def _measure(self, frame: FloatArray) -> None:
         # A bin is 1 Hz wide, as a frame lasts 1 s; a cosine of amplitude 1 gives 1 at its bin.
-        spectrum = np.nan_to_num(np.fft.rfft(frame * self._window, axis=0)) * np.float32(4 / self._rate)
+        spectrum = np.nan_to_num(
+            np.fft.rfft(frame * self._window, axis=0)
+        ) * np.float32(4 / self._rate)
         power = np.square(np.abs(spectrum))
         around = np.median(power[self._lines[:, None] + APART], axis=1)
         self._frames.append(spectrum[self._lines].astype(np.complex64))
@@ -119,5 +126,12 @@ def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hu
     off = turn / (2 * np.pi * hop)
     # The window weighs a line that is off by d Hz with sinc(d) / (1 - d^2), and turns it by half a frame.
     loss = np.sinc(off) / np.where(np.abs(off) > 0.999, np.inf, 1 - off * off)
-    middle = np.exp(-1j * (turn[..., None] * frames + np.pi * off[..., None])) / np.maximum(loss, 0.5)[..., None]
-    return Hum(rate, np.where(nominal, nominal + off, 0.0), (still * middle).astype(np.complex64))
+    middle = (
+        np.exp(-1j * (turn[..., None] * frames + np.pi * off[..., None]))
+        / np.maximum(loss, 0.5)[..., None]
+    )
+    return Hum(
+        rate,
+        np.where(nominal, nominal + off, 0.0),
+        (still * middle).astype(np.complex64),
+    )

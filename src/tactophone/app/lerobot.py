@@ -28,7 +28,10 @@ from tactophone.core.types import EVENT_KINDS, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
 
-LEROBOT_VALUES = ("age", *(field.name for field in PREDICTION_FIELDS[3:-1] if field.name != "unknown"))
+LEROBOT_VALUES = (
+    "age",
+    *(field.name for field in PREDICTION_FIELDS[3:-1] if field.name != "unknown"),
+)
 """What a finger's feature holds of a prediction: its age in s at the frame, -1 where none is known, and its numbers,
 ``event`` the last of them, which a log without touch events leaves out."""
 
@@ -80,7 +83,9 @@ class Finger:
 
     def names(self, most: int) -> list[str]:
         """Return the names of the values of ``most`` predictions, oldest first; the newest end in 0."""
-        return [f"{name}.{place}" for place in range(1 - most, 1) for name in self.values]
+        return [
+            f"{name}.{place}" for place in range(1 - most, 1) for name in self.values
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +103,13 @@ class Exported:
 
 
 def export(
-    log: Path, dataset: Path, out: Path, *, episode: int = 0, start: float | None = None, into_state: Sequence[str] = ()
+    log: Path,
+    dataset: Path,
+    out: Path,
+    *,
+    episode: int = 0,
+    start: float | None = None,
+    into_state: Sequence[str] = (),
 ) -> Exported:
     """Copy a data set to a new folder, with what was felt in one of its episodes.
 
@@ -117,30 +128,53 @@ def export(
     info = _read_info(dataset)
     fingers, lead = _read_fingers(log)
     held, state = _extended_state(into_state, info, dataset, fingers)
-    begin = min(float(finger.times[0]) for finger in fingers) if start is None else start
+    begin = (
+        min(float(finger.times[0]) for finger in fingers) if start is None else start
+    )
     _refuse_links(dataset)
     paths = sorted((dataset / "data").rglob("*.parquet"))
     frames = _count_frames(paths)
     _count_frames((dataset / "meta/episodes").rglob("*.parquet"))
-    tables = (parquet.read_table(path, columns=["timestamp", "episode_index"]) for path in paths)
-    moments = np.concatenate([_moments(table, episode, begin) for table in tables] or [np.empty(0)])
+    tables = (
+        parquet.read_table(path, columns=["timestamp", "episode_index"])
+        for path in paths
+    )
+    moments = np.concatenate(
+        [_moments(table, episode, begin) for table in tables] or [np.empty(0)]
+    )
     inside = np.sort(moments[np.isfinite(moments)])
-    felt = sum(int(np.sum((inside >= finger.times[0]) & (inside <= finger.times[-1] + 1))) for finger in fingers[:1])
+    felt = sum(
+        int(np.sum((inside >= finger.times[0]) & (inside <= finger.times[-1] + 1)))
+        for finger in fingers[:1]
+    )
     if not felt:
         raise ConfigError(
             f"{log} covers no frame of episode {episode} of {dataset}: give the time of its first frame, in s since "
             f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to {fingers[0].times[-1]:.1f}"
         )
     # As many as fall between any two frames, so that each stands in a frame.
-    most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
+    most = max(
+        2,
+        *(
+            int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1))
+            for finger in fingers
+        ),
+    )
     most = max(most, *(_felt_before(info, finger, dataset) for finger in fingers))
     if frames * most > MOST_NUMBERS:
-        raise DatasetError(f"{dataset}: {frames} frames of {most} predictions each are too many; export fewer frames")
+        raise DatasetError(
+            f"{dataset}: {frames} frames of {most} predictions each are too many; export fewer frames"
+        )
     _copy(dataset, out)
 
     def features(table: Any) -> dict[str, Rows]:
-        found = {finger.feature: _feature(finger, table, episode, begin, most) for finger in fingers}
-        return found | (_state(found, table, held, fingers, into_state) if into_state else {})
+        found = {
+            finger.feature: _feature(finger, table, episode, begin, most)
+            for finger in fingers
+        }
+        return found | (
+            _state(found, table, held, fingers, into_state) if into_state else {}
+        )
 
     written = _write_frames(paths, dataset, out, features)
     for finger in fingers:
@@ -154,13 +188,17 @@ def export(
     first = begin - lead  # of the episode, in its sound
     spans = {
         path.parts[-3]: {
-            "chunk_index": 0, "file_index": int(path.stem[5:]),
-            "from_timestamp": first, "to_timestamp": first + float(inside[-1] - inside[0]),
+            "chunk_index": 0,
+            "file_index": int(path.stem[5:]),
+            "from_timestamp": first,
+            "to_timestamp": first + float(inside[-1] - inside[0]),
         }
         for path in reversed(sounds)
-    }  # fmt: skip
+    }
     _write_meta(dataset, out, info, written, spans, episode)
-    return Exported(out, len(moments), felt, most, [finger.feature for finger in fingers], sounds)
+    return Exported(
+        out, len(moments), felt, most, [finger.feature for finger in fingers], sounds
+    )
 
 
 def _read_info(dataset: Path) -> dict[str, Any]:
@@ -168,11 +206,15 @@ def _read_info(dataset: Path) -> dict[str, Any]:
         info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_bytes())
         if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
             raise ValueError("no table with features")
-        if not all(isinstance(each, dict) and isinstance(each.get("names"), list | dict | None)
-                   for each in info["features"].values()):  # fmt: skip
+        if not all(
+            isinstance(each, dict) and isinstance(each.get("names"), list | dict | None)
+            for each in info["features"].values()
+        ):
             raise ValueError("a feature has neither names nor null")
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0") from None
+        raise DatasetError(
+            f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0"
+        ) from None
     if info.get("codebase_version") != "v3.0":
         raise DatasetError(
             f"{dataset}: version {info.get('codebase_version')}, but v3.0 is wanted; convert it with lerobot"
@@ -184,25 +226,57 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
     """Return the predictions of each finger, and the time of the beginning of the sound, in s since 1970."""
     found: dict[str, list[tuple[float, float, list[float]]]] = {}
     for message in read_messages(log):
-        if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION_TOPIC.kind:
+        if (
+            isinstance(message, LogEnd)
+            or message.topic.kind != log_topics.PREDICTION_TOPIC.kind
+        ):
             continue
         try:
             entries = msgspec.json.decode(message.data, type=dict[str, Any])
-            entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
-            entries["level_dbfs"] = max(LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS))
-            name = message.topic.name.split("/")[2] if message.topic.name.count("/") > 2 else "index"
+            entries |= {
+                "touch": Touch[entries["touch"].upper()],
+                "event": ("", *EVENT_KINDS).index(entries["event"]),
+            }
+            entries["level_dbfs"] = max(
+                LEROBOT_LOWEST_DBFS, entries.get("level_dbfs", LEROBOT_LOWEST_DBFS)
+            )
+            name = (
+                message.topic.name.split("/")[2]
+                if message.topic.name.count("/") > 2
+                else "index"
+            )
             row = [float(entries.get(key, 0.0)) for key in LEROBOT_VALUES[1:]]
-            found.setdefault(name, []).append((message.time, float(entries["window_end"]), row))
-        except (msgspec.DecodeError, KeyError, ValueError, TypeError, AttributeError) as error:
-            raise DatasetError(f"{log}: a prediction cannot be read ({error!r:.80}); was the file changed?") from None
+            found.setdefault(name, []).append(
+                (message.time, float(entries["window_end"]), row)
+            )
+        except (
+            msgspec.DecodeError,
+            KeyError,
+            ValueError,
+            TypeError,
+            AttributeError,
+        ) as error:
+            raise DatasetError(
+                f"{log}: a prediction cannot be read ({error!r:.80}); was the file changed?"
+            ) from None
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")
-    width = len(LEROBOT_VALUES) - 1 - (not any(row[-1] for rows in found.values() for *_, row in rows))
+    width = (
+        len(LEROBOT_VALUES)
+        - 1
+        - (not any(row[-1] for rows in found.values() for *_, row in rows))
+    )
     fingers = [
-        Finger(name, _even([row[:2] for row in rows]), np.array([row[:width] for *_, row in rows]))
+        Finger(
+            name,
+            _even([row[:2] for row in rows]),
+            np.array([row[:width] for *_, row in rows]),
+        )
         for name, rows in found.items()
     ]
-    return fingers, min(float(finger.times[0]) - found[finger.name][0][1] for finger in fingers)
+    return fingers, min(
+        float(finger.times[0]) - found[finger.name][0][1] for finger in fingers
+    )
 
 
 def _even(stamps: list[tuple[float, float]]) -> Rows:
@@ -220,7 +294,9 @@ def _even(stamps: list[tuple[float, float]]) -> Rows:
 def _moments(table: Any, episode: int, begin: float) -> Rows:
     """Return the time of each frame, in s since 1970; NaN in other episodes."""
     moments = begin + table["timestamp"].to_numpy().astype(float).ravel()
-    return np.where(table["episode_index"].to_numpy().ravel() == episode, moments, np.nan)
+    return np.where(
+        table["episode_index"].to_numpy().ravel() == episode, moments, np.nan
+    )
 
 
 def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
@@ -228,8 +304,10 @@ def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
     names = info["features"].get(finger.feature, {}).get("names") or []
     most = len(names) // len(finger.values)
     if names != finger.names(most):
-        raise ConfigError(f"{dataset}: its {finger.feature} has other columns than {', '.join(finger.values)}; "
-            "export all logs into the original, with touch events in all or in none")  # fmt: skip
+        raise ConfigError(
+            f"{dataset}: its {finger.feature} has other columns than {', '.join(finger.values)}; "
+            "export all logs into the original, with touch events in all or in none"
+        )
     return most
 
 
@@ -238,19 +316,28 @@ def _feature(finger: Finger, table: Any, episode: int, begin: float, most: int) 
     moments = _moments(table, episode, begin)
     newest = np.searchsorted(finger.times, moments, side="right") - 1
     known = (newest >= 0) & (moments <= finger.times[-1] + 1)
-    places = np.clip(newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1)
+    places = np.clip(
+        newest[:, None] - np.arange(most - 1, -1, -1), 0, len(finger.times) - 1
+    )
     ages = (moments[:, None] - finger.times[places])[..., None]
     felt = np.concatenate([ages, finger.rows[places]], axis=2)
     blank = np.zeros_like(felt)
     blank[..., 0] = -1
     if finger.feature in table.column_names:
-        before = np.array(table[finger.feature].to_pylist()).reshape(len(table), -1, felt.shape[2])
-        blank[:, most - before.shape[1] :] = np.where(np.isfinite(moments)[:, None, None], blank[:, :1], before)
+        before = np.array(table[finger.feature].to_pylist()).reshape(
+            len(table), -1, felt.shape[2]
+        )
+        blank[:, most - before.shape[1] :] = np.where(
+            np.isfinite(moments)[:, None, None], blank[:, :1], before
+        )
     return np.where(known[:, None, None], felt, blank).reshape(len(table), -1)
 
 
 def _write_frames(
-    paths: Iterable[Path], dataset: Path, out: Path, features: Callable[[Any], dict[str, Rows]]
+    paths: Iterable[Path],
+    dataset: Path,
+    out: Path,
+    features: Callable[[Any], dict[str, Rows]],
 ) -> dict[str, Rows]:
     """Write each file of frames with its new features, batch by batch; return the features of all frames."""
     import pyarrow
@@ -267,10 +354,14 @@ def _write_frames(
                 columns = dict(zip(table.column_names, table.columns, strict=True))
                 for name, values in features(table).items():
                     flat = pyarrow.array(values.astype(np.float32).ravel())
-                    columns[name] = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+                    columns[name] = pyarrow.FixedSizeListArray.from_arrays(
+                        flat, values.shape[1]
+                    )
                     collected.setdefault(name, []).append(values)
                 table = pyarrow.table(columns)
-                writer = writer or stack.enter_context(parquet.ParquetWriter(target, table.schema))
+                writer = writer or stack.enter_context(
+                    parquet.ParquetWriter(target, table.schema)
+                )
                 writer.write_table(table)
     return {name: np.concatenate(parts) for name, parts in collected.items()}
 
@@ -283,7 +374,11 @@ def _column_chunks(head: Any) -> Iterator[Any]:
 
 def _batch_size(head: Any) -> int:
     """Return how many frames are read at once: one value of a dictionary may stand in all of them."""
-    sizes = [each.total_uncompressed_size for each in _column_chunks(head) if each.physical_type == "BYTE_ARRAY"]
+    sizes = [
+        each.total_uncompressed_size
+        for each in _column_chunks(head)
+        if each.physical_type == "BYTE_ARRAY"
+    ]
     return max(1, min(10_000, BATCH_BYTES // max(map(int, sizes), default=1)))
 
 
@@ -293,27 +388,53 @@ def _extended_state(
     """Return how many of our values the state holds from an earlier export, and how it is described with them."""
     for name in names:
         if name not in (there := fingers[0].values):
-            raise ConfigError(f"--into-state {name}: no value of a prediction; there are {', '.join(there)}")
+            raise ConfigError(
+                f"--into-state {name}: no value of a prediction; there are {', '.join(there)}"
+            )
     if names and STATE not in info["features"]:
-        raise ConfigError(f"{dataset}: has no {STATE} to append to; leave --into-state out")
+        raise ConfigError(
+            f"{dataset}: has no {STATE} to append to; leave --into-state out"
+        )
     feature = info["features"].get(STATE, {"shape": [0]})
-    own: Any = feature.get("names") or [f"state.{place}" for place in range(feature["shape"][0])]
+    own: Any = feature.get("names") or [
+        f"state.{place}" for place in range(feature["shape"][0])
+    ]
     grouped = isinstance(own, dict)  # {"motors": [...]}
     appended = [f"tactile.{finger.name}.{name}" for finger in fingers for name in names]
-    held = own.get("tactile", []) if grouped else [each for each in own if each.startswith("tactile.")]
+    held = (
+        own.get("tactile", [])
+        if grouped
+        else [each for each in own if each.startswith("tactile.")]
+    )
     if held and held != appended:
-        raise ConfigError(f"{dataset}: its state has {', '.join(held)}; give --into-state as before")
-    named = {**own, "tactile": appended} if grouped else [*own[: len(own) - len(held)], *appended]
-    return len(held), {**feature, "names": named, "shape": [feature["shape"][0] - len(held) + len(appended)]}
+        raise ConfigError(
+            f"{dataset}: its state has {', '.join(held)}; give --into-state as before"
+        )
+    named = (
+        {**own, "tactile": appended}
+        if grouped
+        else [*own[: len(own) - len(held)], *appended]
+    )
+    return len(held), {
+        **feature,
+        "names": named,
+        "shape": [feature["shape"][0] - len(held) + len(appended)],
+    }
 
 
 def _state(
-    found: dict[str, Rows], table: Any, held: int, fingers: list[Finger], names: Sequence[str]
+    found: dict[str, Rows],
+    table: Any,
+    held: int,
+    fingers: list[Finger],
+    names: Sequence[str],
 ) -> dict[str, Rows]:
     """Return the state that policies read, with the newest values of all episodes at its end."""
     own = np.array(table[STATE].to_pylist(), float).reshape(len(table), -1)
     newest = [
-        values[:, values.shape[1] - len(finger.values) :][:, [finger.values.index(name) for name in names]]
+        values[:, values.shape[1] - len(finger.values) :][
+            :, [finger.values.index(name) for name in names]
+        ]
         for finger, values in zip(fingers, found.values(), strict=True)
     ]
     return {STATE: np.concatenate([own[:, : own.shape[1] - held], *newest], axis=1)}
@@ -322,33 +443,61 @@ def _state(
 def _stats(values: Rows) -> dict[str, list[float]]:
     """Return statistics as LeRobot has them: over all but the last axis, their count that of the frames."""
     rows = values.astype(np.float32).reshape(-1, values.shape[-1])
-    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
-    found |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
-    return {name: list(map(float, each)) for name, each in found.items()} | {"count": [len(values)]}
+    found = {
+        "min": rows.min(0),
+        "max": rows.max(0),
+        "mean": rows.mean(0),
+        "std": rows.std(0),
+    }
+    found |= {
+        name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()
+    }
+    return {name: list(map(float, each)) for name, each in found.items()} | {
+        "count": [len(values)]
+    }
 
 
 def _write_meta(
-    dataset: Path, out: Path, info: dict[str, Any], written: dict[str, Rows], sounds: dict[str, dict[str, float]],
+    dataset: Path,
+    out: Path,
+    info: dict[str, Any],
+    written: dict[str, Rows],
+    sounds: dict[str, dict[str, float]],
     episode: int,
-) -> None:  # fmt: skip
+) -> None:
     """Write ``info.json``, and the statistics of new features for all frames and for each episode."""
     import pyarrow
     from pyarrow import parquet
 
-    frames = [parquet.read_table(path, columns=["episode_index"]) for path in sorted((out / "data").rglob("*.parquet"))]
-    of_frame = np.concatenate([table["episode_index"].to_numpy().ravel() for table in frames])
+    frames = [
+        parquet.read_table(path, columns=["episode_index"])
+        for path in sorted((out / "data").rglob("*.parquet"))
+    ]
+    of_frame = np.concatenate(
+        [table["episode_index"].to_numpy().ravel() for table in frames]
+    )
     for path in sorted((out / "meta/episodes").rglob("*.parquet")):
         table = parquet.read_table(path)
         numbers = table["episode_index"].to_pylist()
         columns = dict(zip(table.column_names, table.columns, strict=True))
         for name, values in written.items():
             rows = [_stats(values[of_frame == number]) for number in numbers]
-            columns |= {f"stats/{name}/{key}": pyarrow.array([row[key] for row in rows]) for key in rows[0]}
+            columns |= {
+                f"stats/{name}/{key}": pyarrow.array([row[key] for row in rows])
+                for key in rows[0]
+            }
         for key, placed in sounds.items():
             for name, value in placed.items():
                 column = f"audio/{key}/{name}"
-                before = columns[column].to_pylist() if column in columns else [None] * len(numbers)
-                each = [value if number == episode else old for number, old in zip(numbers, before, strict=True)]
+                before = (
+                    columns[column].to_pylist()
+                    if column in columns
+                    else [None] * len(numbers)
+                )
+                each = [
+                    value if number == episode else old
+                    for number, old in zip(numbers, before, strict=True)
+                ]
                 columns[column] = pyarrow.array(each)
         path.unlink()
         parquet.write_table(pyarrow.table(columns), path)
@@ -357,7 +506,11 @@ def _write_meta(
         "touch": [touch.name.lower() for touch in Touch],
         "event": ["", *EVENT_KINDS],
     }
-    stats = json.loads((dataset / "meta/stats.json").read_bytes()) if (dataset / "meta/stats.json").exists() else {}
+    stats = (
+        json.loads((dataset / "meta/stats.json").read_bytes())
+        if (dataset / "meta/stats.json").exists()
+        else {}
+    )
     stats |= {name: _stats(values) for name, values in written.items()}
     for name, content in (("info.json", info), ("stats.json", stats)):
         (out / "meta" / name).unlink(missing_ok=True)
@@ -367,7 +520,9 @@ def _write_meta(
 def _refuse_links(dataset: Path) -> None:
     """Refuse links that leave the data set, and links to folders, which may lead in circles."""
     for path in dataset.rglob("*"):
-        if path.is_symlink() and (path.is_dir() or not path.resolve().is_relative_to(dataset.resolve())):
+        if path.is_symlink() and (
+            path.is_dir() or not path.resolve().is_relative_to(dataset.resolve())
+        ):
             raise DatasetError(f"{path}: a link; copy the data set with `cp -rL` first")
 
 
@@ -382,18 +537,28 @@ def _count_frames(paths: Iterable[Path]) -> int:
             head = parquet.read_metadata(path)
         except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
             reason = str(error).partition("\n")[0]
-            raise DatasetError(f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?") from None
+            raise DatasetError(
+                f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?"
+            ) from None
         count += head.num_rows
-        if (values := sum(each.num_values for each in _column_chunks(head))) > MOST_VALUES:
-            raise DatasetError(f"{path}: {values} values, but at most {MOST_VALUES} are read; export smaller files")
+        if (
+            values := sum(each.num_values for each in _column_chunks(head))
+        ) > MOST_VALUES:
+            raise DatasetError(
+                f"{path}: {values} values, but at most {MOST_VALUES} are read; export smaller files"
+            )
     if count > MOST_FRAMES:
-        raise DatasetError(f"{count} frames, but at most {MOST_FRAMES} are read at once; export parts of the data set")
+        raise DatasetError(
+            f"{count} frames, but at most {MOST_FRAMES} are read at once; export parts of the data set"
+        )
     return count
 
 
 def _copy(dataset: Path, out: Path) -> None:
     def copy(source: str, target: str) -> None:
-        if Path(source).relative_to(dataset).parts[0] == "videos":  # large, and nothing here writes there
+        if (
+            Path(source).relative_to(dataset).parts[0] == "videos"
+        ):  # large, and nothing here writes there
             with suppress(OSError):
                 os.link(source, target)
                 return
@@ -403,7 +568,9 @@ def _copy(dataset: Path, out: Path) -> None:
         shutil.copytree(dataset, out, copy_function=copy)
     except shutil.Error as error:  # of each file: source, target and reason
         shutil.rmtree(out)
-        raise ConfigError(f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder") from None
+        raise ConfigError(
+            f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder"
+        ) from None
 
 
 def _write_sound(log: Path, out: Path) -> list[Path]:
@@ -416,11 +583,16 @@ def _write_sound(log: Path, out: Path) -> list[Path]:
             sounds = []  # a run that carried predictions alone
         for sound in sounds:
             key = f"observation.audio.{sound.finger or 'index'}"
-            numbered = (out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=n) for n in itertools.count())
+            numbered = (
+                out / AUDIO_PATH.format(audio_key=key, chunk_index=0, file_index=n)
+                for n in itertools.count()
+            )
             path = next(path for path in numbered if not path.exists())
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 placed.append(sound.path.replace(path))
             except OSError as error:
-                raise DatasetError(f"{path}: cannot be written ({error.strerror}); was the data set changed?") from None
+                raise DatasetError(
+                    f"{path}: cannot be written ({error.strerror}); was the data set changed?"
+                ) from None
     return placed

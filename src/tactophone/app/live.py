@@ -34,7 +34,9 @@ class Live:
             for block in paced(source) if self._at_pace else source:
                 if self._ended.is_set():
                     return
-                yield self._pipeline.push(replace(block, moving=True) if self._moving else block)
+                yield self._pipeline.push(
+                    replace(block, moving=True) if self._moving else block
+                )
 
     def moving(self, moves: bool) -> None:
         """Say whether the robot moves now: around each start and stop, contact counts once it has lasted 150 ms."""
@@ -88,9 +90,13 @@ class Live:
 
 
 def open_live(
-    source: str | Source = "finger", model: str = "", *, profile: str = "graded", events: bool = False,
+    source: str | Source = "finger",
+    model: str = "",
+    *,
+    profile: str = "graded",
+    events: bool = False,
     tip: str = DEFAULT_TIP,
-) -> Live:  # fmt: skip
+) -> Live:
     """Open live sound and a pipeline for it.
 
     Parameters
@@ -115,12 +121,27 @@ def open_live(
     """
     opened = _open(source, tip) if isinstance(source, str) else source
     pipeline = open_pipeline(
-        model, sample_rate=opened.sample_rate, channels=opened.channels, profile=profile, events=events, tip=tip
+        model,
+        sample_rate=opened.sample_rate,
+        channels=opened.channels,
+        profile=profile,
+        events=events,
+        tip=tip,
     )
-    return Live(opened, pipeline, at_pace=isinstance(source, str) and source.partition(":")[0] in UNATTENDED)
+    return Live(
+        opened,
+        pipeline,
+        at_pace=isinstance(source, str) and source.partition(":")[0] in UNATTENDED,
+    )
 
 
 def _open(text: str, tip: str) -> Source:
     kind, _, device = text.partition(":")
     capture = {"source": kind, "device": device, "tip": tip, "loop": "false"}
-    return open_source(change(Settings(), [f"capture.{name}={value}" for name, value in capture.items()], where="live"))
+    return open_source(
+        change(
+            Settings(),
+            [f"capture.{name}={value}" for name, value in capture.items()],
+            where="live",
+        )
+    )

@@ -21,7 +21,14 @@ from tactophone.core.processes import make_room
 from tactophone.core.settings import Finger, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
-from tactophone.live.log.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
+from tactophone.live.log.mcap import (
+    LogEnd,
+    LogEntry,
+    LogFile,
+    LoggedPrediction,
+    read_log,
+    read_messages,
+)
 from tactophone.live.log.sound import SoundMessages
 from tactophone.live.runtime.output_gate import FingerOutput
 from tactophone.live.runtime.wiring import open_pipeline_for
@@ -35,7 +42,11 @@ from tactophone.net.link.session import Session
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
-from tactophone.signal.perception.models import default_model, model_path, shipped_models
+from tactophone.signal.perception.models import (
+    default_model,
+    model_path,
+    shipped_models,
+)
 from tactophone.signal.pipeline import Hand, Pipeline
 
 Change = Callable[[Settings], Settings]
@@ -45,7 +56,11 @@ LONGEST_GAP = 1.0
 
 _NOWHERE: Address = ("", 0)
 
-_CALIBRATION, _MODEL, _CEILING = "detector.calibration", "detector.model", "rendering.ceiling"
+_CALIBRATION, _MODEL, _CEILING = (
+    "detector.calibration",
+    "detector.model",
+    "rendering.ceiling",
+)
 
 
 @dataclass(slots=True)
@@ -70,14 +85,19 @@ def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
                 yield entry  # written after what it was made of, so it ends nothing
             case Controls(step=step) if step and pending:
                 pending.changes.append(entry)
-            case EventBatch(time, events, polled=True) if pending and time == pending.time and not pending.changes:
+            case EventBatch(time, events, polled=True) if (
+                pending and time == pending.time and not pending.changes
+            ):
                 pending.polled = events
             case _:
                 if pending:
                     yield pending
                     pending = None
                 if isinstance(entry, EventBatch):
-                    pending = WakeUp(entry.time, *((), entry.events) if entry.polled else (entry.events,))
+                    pending = WakeUp(
+                        entry.time,
+                        *((), entry.events) if entry.polled else (entry.events,),
+                    )
                 else:
                     yield entry
     if pending:
@@ -101,23 +121,42 @@ class LoggedEndpoint:
         logged = settings_of(run)
         settings, self.notes = change(logged), list[str]()
         # What was chosen for the replay, finger by finger, stays as it is.
-        self._chosen = [_differences(*pair) for pair in zip(each_finger(settings), each_finger(logged), strict=True)]
+        self._chosen = [
+            _differences(*pair)
+            for pair in zip(each_finger(settings), each_finger(logged), strict=True)
+        ]
         self.settings = _bounded(settings, ceiling)
         self.lowered = self.settings != settings
         own = each_finger(self.settings)
-        names = dict.fromkeys(each.detector.model or default_model(each.capture.tip) for each in own)
+        names = dict.fromkeys(
+            each.detector.model or default_model(each.capture.tip) for each in own
+        )
         for name in names if settings.detector.model == logged.detector.model else ():
             with model_path(name).open("rb") as file:
-                if hashlib.file_digest(file, "sha256").hexdigest() != run.models.get(name):
-                    self.notes.append(f"the model {name} here is not the one that the run used")
+                if hashlib.file_digest(file, "sha256").hexdigest() != run.models.get(
+                    name
+                ):
+                    self.notes.append(
+                        f"the model {name} here is not the one that the run used"
+                    )
         self._calibrations = [finger["calibration"] for finger in run.fingers] or [""]
         self._session, session = _open_session()
         channels = channels_of(self.settings, alone=2)
-        hand = Hand([self.open(count, finger=finger) for finger, count in enumerate(channels)], channels=channels)
-        self.endpoint = OperatorEndpoint(session, hand, reopen=None if self.settings.is_hand else self.open)
+        hand = Hand(
+            [self.open(count, finger=finger) for finger, count in enumerate(channels)],
+            channels=channels,
+        )
+        self.endpoint = OperatorEndpoint(
+            session, hand, reopen=None if self.settings.is_hand else self.open
+        )
         # The renderers stand for actuators: a replay moves nothing but numbers.
         self._outputs = [
-            FingerOutput(each, Oscillator(Limits(ceiling=each.rendering.ceiling)), self.endpoint, index=index)
+            FingerOutput(
+                each,
+                Oscillator(Limits(ceiling=each.rendering.ceiling)),
+                self.endpoint,
+                index=index,
+            )
             for index, each in enumerate(own)
         ]
 
@@ -139,9 +178,14 @@ class LoggedEndpoint:
         """
         datagrams = [(content, _NOWHERE) for content in wake_up.received]
         self._session.polled = list(wake_up.polled)
-        steps = itertools.chain(self.endpoint.receive(datagrams, now=wake_up.time), self.endpoint.poll(wake_up.time))
+        steps = itertools.chain(
+            self.endpoint.receive(datagrams, now=wake_up.time),
+            self.endpoint.poll(wake_up.time),
+        )
         for number, (_, step) in enumerate(steps, 1):
-            changes = [controls for controls in wake_up.changes if controls.step == number]
+            changes = [
+                controls for controls in wake_up.changes if controls.step == number
+            ]
             if step is not None:
                 yield self._outputs[step.finger].submit(step), not changes
             for controls in changes:
@@ -157,15 +201,23 @@ class LoggedEndpoint:
                 f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
             )
         output, chosen = self._outputs[controls.finger], self._chosen[controls.finger]
-        requests = [Request("arm" if controls.armed else "mute"), Request("output_level", controls.output_level)]
+        requests = [
+            Request("arm" if controls.armed else "mute"),
+            Request("output_level", controls.output_level),
+        ]
         if "ceiling" not in chosen:
-            requests.append(Request("ceiling", min(controls.ceiling, output.gate.local_ceiling)))
+            requests.append(
+                Request("ceiling", min(controls.ceiling, output.gate.local_ceiling))
+            )
         if "profile" not in chosen and output.pipeline.profile.name != controls.profile:
             requests.append(Request("profile", text=controls.profile))
         # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
         # end that.
         threshold_dbfs = controls.threshold_dbfs
-        if "detector" not in chosen and threshold_dbfs not in (None, output.pipeline.detector.threshold.dbfs):
+        if "detector" not in chosen and threshold_dbfs not in (
+            None,
+            output.pipeline.detector.threshold.dbfs,
+        ):
             requests.append(Request("threshold_dbfs", threshold_dbfs))
         output.apply(requests)
 
@@ -181,11 +233,19 @@ def _differences(settings: Settings, logged: Settings) -> set[str]:
 
 def settings_of(run: RunStart) -> Settings:
     """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
-    tables = {f"{section}.{name}": value for section, table in run.settings.items() for name, value in table.items()}
+    tables = {
+        f"{section}.{name}": value
+        for section, table in run.settings.items()
+        for name, value in table.items()
+    }
     settings = _with(Settings(), tables)
     fingers: list[Finger] = []
     for finger in run.fingers:
-        own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
+        own = {
+            name: value
+            for name, value in finger["settings"].items()
+            if name != _CALIBRATION and value is not None
+        }
         _with(settings, own)  # checked here, where the log can be named
         fingers.append(Finger(finger["name"], tuple(own.items())))
     return replace(settings, fingers=tuple(fingers) or settings.fingers)
@@ -197,18 +257,35 @@ def _with(settings: Settings, values: dict[str, Any]) -> Settings:
         if value is None or name == _CALIBRATION:
             continue
         if isinstance(value, str) and not value.isprintable():
-            raise ConfigError(f"the log: {name} = {value!r} holds what is no text; was the log changed?")
-        if name == _MODEL and value and value not in shipped_models() and Path(value).suffix != ".onnx":
-            raise ConfigError(f"the log: {name} = {value!r}, but a model is shipped or a file that ends in .onnx")
+            raise ConfigError(
+                f"the log: {name} = {value!r} holds what is no text; was the log changed?"
+            )
+        if (
+            name == _MODEL
+            and value
+            and value not in shipped_models()
+            and Path(value).suffix != ".onnx"
+        ):
+            raise ConfigError(
+                f"the log: {name} = {value!r}, but a model is shipped or a file that ends in .onnx"
+            )
         settings = set_value(settings, name, value, where="the log")
     return settings
 
 
 def _bounded(settings: Settings, ceiling: float) -> Settings:
     """Return settings with no ceiling above this one."""
-    rendering = replace(settings.rendering, ceiling=min(settings.rendering.ceiling, ceiling))
+    rendering = replace(
+        settings.rendering, ceiling=min(settings.rendering.ceiling, ceiling)
+    )
     fingers = (
-        Finger(each.name, tuple((name, min(own, ceiling) if name == _CEILING else own) for name, own in each.settings))
+        Finger(
+            each.name,
+            tuple(
+                (name, min(own, ceiling) if name == _CEILING else own)
+                for name, own in each.settings
+            ),
+        )
         for each in settings.fingers
     )
     return replace(settings, rendering=rendering, fingers=tuple(fingers))
@@ -228,7 +305,9 @@ class SoundDecoder:
             if not isinstance(item, WakeUp):
                 continue
             self._logged.polled = list(item.polled)
-            events = self._session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
+            events = self._session.receive(
+                [(content, _NOWHERE) for content in item.received], now=item.time
+            )
             for event in [*events, *self._session.poll(item.time)]:
                 match event:
                     case DecodedAudio(block):
@@ -244,7 +323,10 @@ def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBloc
         if not isinstance(item, AudioBlock):
             reached = None
             continue
-        if reached is None or not 0 <= item.start - reached <= LONGEST_GAP * LIVE_SAMPLE_RATE:
+        if (
+            reached is None
+            or not 0 <= item.start - reached <= LONGEST_GAP * LIVE_SAMPLE_RATE
+        ):
             number += 1
         reached = item.end
         yield number, item
@@ -265,14 +347,23 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
     Gaps too long to be concealed are silence; over `LONGEST_GAP` another file begins. Raises `DatasetError` if the log
     has no such finger or no sound: a link may carry predictions only.
     """
-    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    start = next(
+        (entry for entry in read_log(log) if isinstance(entry, RunStart)),
+        RunStart(role=""),
+    )
     settings = settings_of(start)
     names, channels = names_of(settings), channels_of(settings, alone=2)
     if finger and finger not in names:
-        known = f"there are {', '.join(names)}" if any(names) else "it has a single, unnamed finger"
+        known = (
+            f"there are {', '.join(names)}"
+            if any(names)
+            else "it has a single, unnamed finger"
+        )
         raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
     written: list[SessionSound] = []
-    for number, group in itertools.groupby(decoded_blocks(read_log(log)), key=lambda each: each[0]):
+    for number, group in itertools.groupby(
+        decoded_blocks(read_log(log)), key=lambda each: each[0]
+    ):
         blocks = (block for _, block in group)
         first = next(blocks)
         if max(1, first.channels // 2) != len(names):
@@ -286,14 +377,18 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                     make_room(path)
                     columns = slice(2 * place, min(2 * place + count, first.channels))
                     size = columns.stop - columns.start
-                    file = soundfile.SoundFile(path, "w", LIVE_SAMPLE_RATE, size, "FLOAT")
+                    file = soundfile.SoundFile(
+                        path, "w", LIVE_SAMPLE_RATE, size, "FLOAT"
+                    )
                     files.append((stack.enter_context(file), columns))
                     written.append(SessionSound(path, number, name))
             for samples in _without_gaps(itertools.chain([first], blocks)):
                 for file, columns in files:
                     file.write(samples[:, columns])
     if not written:
-        raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
+        raise DatasetError(
+            f"{log}: no sound in it; was it recorded with predictions sent in place of sound?"
+        )
     return written
 
 
@@ -305,7 +400,11 @@ def _without_gaps(blocks: Iterable[AudioBlock]) -> Iterator[FloatArray]:
         if reached and block.start > reached:
             yield np.zeros((block.start - reached, channels), np.float32)
         reached = block.end
-        yield block.samples if block.channels == channels else np.repeat(block.samples, channels, axis=1)[:, :channels]
+        yield (
+            block.samples
+            if block.channels == channels
+            else np.repeat(block.samples, channels, axis=1)[:, :channels]
+        )
 
 
 def add_sound(log: Path, path: Path) -> Path:
@@ -313,7 +412,10 @@ def add_sound(log: Path, path: Path) -> Path:
 
     Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
     """
-    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    start = next(
+        (entry for entry in read_log(log) if isinstance(entry, RunStart)),
+        RunStart(role=""),
+    )
     names = names_of(settings_of(start))
     if path.exists() and path.samefile(log):
         raise ConfigError(f"{path}: the log itself; name another file")
@@ -329,7 +431,11 @@ def add_sound(log: Path, path: Path) -> Path:
                 for each in added:
                     copy.write(each)
     except ValueError as error:
-        raise DatasetError(f"{log}: a message cannot be read ({error}); was the file changed?") from error
+        raise DatasetError(
+            f"{log}: a message cannot be read ({error}); was the file changed?"
+        ) from error
     except OSError as error:
-        raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
+        raise ConfigError(
+            f"cannot write {path} ({error.strerror}): choose another file for --audio"
+        ) from error
     return path

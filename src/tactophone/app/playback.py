@@ -55,10 +55,18 @@ def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | Non
                 return sought
             now = time.monotonic()
             begin += now - paused  # a pause moves all that follows
-            for finger, (block, pipeline, playback) in enumerate(zip(blocks, take.pipelines, playbacks, strict=True)):
+            for finger, (block, pipeline, playback) in enumerate(
+                zip(blocks, take.pipelines, playbacks, strict=True)
+            ):
                 step = structs.replace(pipeline.push(block), finger=finger)
-                telemetry.rendered(playback.push(step.commands, until=end), finger=finger)
-                telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
+                telemetry.rendered(
+                    playback.push(step.commands, until=end), finger=finger
+                )
+                telemetry.publish(
+                    step,
+                    now=now,
+                    truth=touch_at(block.time + block.duration / 2, take.truth),
+                )
             telemetry.update(state, now=now)
     return None
 
@@ -78,19 +86,31 @@ def _obey(telemetry: Telemetry, state: State) -> tuple[State, float | None]:
 
 
 def _source(path: Path) -> FileSource:
-    return FileSource(path, block_size=max(1, round(BLOCK_DURATION * FileSource(path).sample_rate)))
+    return FileSource(
+        path, block_size=max(1, round(BLOCK_DURATION * FileSource(path).sample_rate))
+    )
 
 
 def _state(take: Take, source: FileSource) -> State:
     fingers = tuple(
         FingerState(
-            name=name, muted_because="", ceiling=pipeline.limits.ceiling, local_ceiling=pipeline.limits.ceiling,
-            profile=pipeline.profile.name, detector=pipeline.detector.name,
+            name=name,
+            muted_because="",
+            ceiling=pipeline.limits.ceiling,
+            local_ceiling=pipeline.limits.ceiling,
+            profile=pipeline.profile.name,
+            detector=pipeline.detector.name,
             threshold_dbfs=pipeline.detector.threshold.dbfs,
         )
         for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
-    )  # fmt: skip
+    )
     return State(
-        role="replay", profiles=(fingers[0].profile,), source=take.title, link="replay", sample_rate=source.sample_rate,
-        channels=source.channels, fingers=fingers, duration=source.duration,
-    )  # fmt: skip
+        role="replay",
+        profiles=(fingers[0].profile,),
+        source=take.title,
+        link="replay",
+        sample_rate=source.sample_rate,
+        channels=source.channels,
+        fingers=fingers,
+        duration=source.duration,
+    )

@@ -62,7 +62,10 @@ class Preparation:
         """Read a source to its end, and return what to change but for the gain."""
         peak, total, railed = np.zeros((3, source.channels))
         count = invalid = 0
-        meter, detector = HumMeter(source.sample_rate, source.channels), health.FaultDetector(source.sample_rate)
+        meter, detector = (
+            HumMeter(source.sample_rate, source.channels),
+            health.FaultDetector(source.sample_rate),
+        )
         faults: dict[health.SensorFault, None] = {}
         with source:
             for block in source:
@@ -76,18 +79,37 @@ class Preparation:
                 count += block.size
                 meter.push(samples)
                 heard = structs.replace(block, samples=samples)
-                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(heard):
-                    faults |= dict.fromkeys(fault for fault in detector.faults if fault.kind not in _MEASURED)
+                if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(
+                    heard
+                ):
+                    faults |= dict.fromkeys(
+                        fault
+                        for fault in detector.faults
+                        if fault.kind not in _MEASURED
+                    )
         live = tuple(np.flatnonzero(~(peak < SILENT_CHANNEL)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
-        offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
+        offset = tuple(
+            float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels
+        )
         clipped = float(np.max(railed, where=peak <= 1, initial=0.0)) / max(count, 1)
-        return cls(channels, offset, hum=meter.hum(), invalid=invalid, clipped=clipped, faults=tuple(faults))
+        return cls(
+            channels,
+            offset,
+            hum=meter.hum(),
+            invalid=invalid,
+            clipped=clipped,
+            faults=tuple(faults),
+        )
 
     def for_tip(self, tip: str) -> Self:
         """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
-        if self.hum is None or self.hum.level_dbfs >= TRAINED_HUM_DBFS or (tip in TIPS and TIPS[tip].hard):
+        if (
+            self.hum is None
+            or self.hum.level_dbfs >= TRAINED_HUM_DBFS
+            or (tip in TIPS and TIPS[tip].hard)
+        ):
             return self
         return replace(self, hum=None)
 
@@ -100,24 +122,36 @@ class Preparation:
         """Return sentences on a recording of so many ``channels``, for a model that uses so many."""
         notes = []
         if len(self.channels) == channels:
-            notes += [str(fault) for fault in self.faults if used > 1 or fault.kind is not health.FaultKind.ALIKE]
+            notes += [
+                str(fault)
+                for fault in self.faults
+                if used > 1 or fault.kind is not health.FaultKind.ALIKE
+            ]
         else:
-            notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
+            notes.append(
+                f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel"
+            )
         if self.invalid:
             notes.append(
                 f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
                 "a file of floats to -1 to 1"
             )
         if self.clipped > health.FAULT_CLIPPED_SHARE:
-            notes.append(f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain")
+            notes.append(
+                f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain"
+            )
         if any(self.offset):
-            notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
+            notes.append(
+                f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed"
+            )
         if self.hum:
             notes.append(
                 f"hum of {self.hum.mains} Hz mains at {self.hum.level_dbfs:.0f} dBFS was removed: see the cables"
             )
         if self.gain_db:
-            notes.append(f"very quiet: amplified by {self.gain_db:.0f} dB; record with more gain")
+            notes.append(
+                f"very quiet: amplified by {self.gain_db:.0f} dB; record with more gain"
+            )
         return notes
 
 
@@ -132,7 +166,9 @@ class PreparedSource(ChangedSource):
     def __init__(self, source: Source, preparation: Preparation) -> None:
         super().__init__(source)
         self.channels = len(preparation.channels)
-        self._channels = list(preparation.channels) if self.channels < source.channels else None
+        self._channels = (
+            list(preparation.channels) if self.channels < source.channels else None
+        )
         self._offset = np.array(preparation.offset, np.float32)
         self._gain = np.float32(10 ** (preparation.gain_db / 20))
         self._hum = preparation.hum
@@ -152,4 +188,8 @@ class PreparedSource(ChangedSource):
             samples = samples - self._offset
         if self._gain != 1:
             samples = samples * self._gain
-        return block if samples is block.samples else structs.replace(block, samples=np.ascontiguousarray(samples))
+        return (
+            block
+            if samples is block.samples
+            else structs.replace(block, samples=np.ascontiguousarray(samples))
+        )

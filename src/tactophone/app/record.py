@@ -14,9 +14,14 @@ from tactophone.lab.recording.safe_writer import recording_in, recover
 
 
 def record_object(
-    settings: Settings, target: RecordedObject, plan: SessionPlan, *, key: Callable[[], Key | None] | None = None,
-    follow: Callable[[Recorder, AudioBlock], None] | None = None, report: Callable[[str], None] = ignore,
-) -> list[Recording]:  # fmt: skip
+    settings: Settings,
+    target: RecordedObject,
+    plan: SessionPlan,
+    *,
+    key: Callable[[], Key | None] | None = None,
+    follow: Callable[[Recorder, AudioBlock], None] | None = None,
+    report: Callable[[str], None] = ignore,
+) -> list[Recording]:
     """Record the takes that the data set lacks; return those finished.
 
     - ``key``: returns what was pressed since the block before. Without it, and where no person takes part, each take is
@@ -29,13 +34,21 @@ def record_object(
     """
     with recording_in(plan.root):
         for recovered in recover(plan.root):
-            report(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
+            report(
+                f"finished {recovered.path}, which was cut off: {recovered.known('quality')}"
+            )
         known = open_dataset(plan.root) if manifests_in(plan.root) else None
         with AudioInput(settings, target.name) as audio:
             rate, channels = audio.source.sample_rate, audio.source.channels
-            recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
+            recorder = Recorder(
+                target, plan, known, sample_rate=rate, channels=channels
+            )
             count = len(recorder.protocol.takes)
-            report(f"{count} takes to record" if count else "all takes are recorded already")
+            report(
+                f"{count} takes to record"
+                if count
+                else "all takes are recorded already"
+            )
             try:
                 for block in audio:
                     if key is None or audio.simulated:
@@ -59,4 +72,8 @@ def _press_go(recorder: Recorder, audio: AudioInput, plan: SessionPlan) -> None:
     if recorder.protocol.stage is Stage.READY:
         recorder.press(Key.GO)
         # The simulated person starts at once, so that the countdown is over when the stroke is under way.
-        audio.ask(SimulatedAct("take", plan.duration + plan.countdown, take=recorder.protocol.take.name))
+        audio.ask(
+            SimulatedAct(
+                "take", plan.duration + plan.countdown, take=recorder.protocol.take.name
+            )
+        )

@@ -17,7 +17,13 @@ from tactophone.app.sources import recorded
 from tactophone.core.hand import each_finger
 from tactophone.core.settings import Finger, Settings
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import AudioBlock, ChangedSource, ContactRule, PipelineStep, Source
+from tactophone.core.types import (
+    AudioBlock,
+    ChangedSource,
+    ContactRule,
+    PipelineStep,
+    Source,
+)
 from tactophone.lab.dataset.read import find_recording
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions, take_of
@@ -25,7 +31,11 @@ from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.perception.detector import TouchDetector
-from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard
+from tactophone.signal.perception.model_file import (
+    SUPPORTS_MISSING_CHANNEL,
+    Model,
+    ModelCard,
+)
 from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 
@@ -91,10 +101,18 @@ class OpenRecording:
 
 
 def open_recording(
-    path: str | Path, model: str | Model = "", *, profile: str = "graded", limits: Limits | None = None,
-    contact: ContactRule = "bands", events: bool = False, tip: str = DEFAULT_TIP, threshold_dbfs: float = math.nan,
-    margin_db: float = math.nan, block_size: int = 4096,
-) -> OpenRecording:  # fmt: skip
+    path: str | Path,
+    model: str | Model = "",
+    *,
+    profile: str = "graded",
+    limits: Limits | None = None,
+    contact: ContactRule = "bands",
+    events: bool = False,
+    tip: str = DEFAULT_TIP,
+    threshold_dbfs: float = math.nan,
+    margin_db: float = math.nan,
+    block_size: int = 4096,
+) -> OpenRecording:
     """Open a recording and a pipeline for it, as ``tactophone feel`` does.
 
     Parameters
@@ -132,18 +150,28 @@ def open_recording(
     """
     file = FileSource(path, block_size=block_size)
     known = find_recording(path)
-    source = _Exchanged(file) if known and known.channels == ("air", "contact") else file
+    source = (
+        _Exchanged(file) if known and known.channels == ("air", "contact") else file
+    )
     preparation = Preparation.of(source)
     pipeline = open_pipeline(
-        model, sample_rate=file.sample_rate, channels=len(preparation.channels), limits=limits,
-        profile="graded" if profile in PASSTHROUGH else profile, contact=contact, follow_floor=contact == "bands",
-        events=events, tip=tip,
-    )  # fmt: skip
+        model,
+        sample_rate=file.sample_rate,
+        channels=len(preparation.channels),
+        limits=limits,
+        profile="graded" if profile in PASSTHROUGH else profile,
+        contact=contact,
+        follow_floor=contact == "bands",
+        events=events,
+        tip=tip,
+    )
     detector, floor = pipeline.detector, None
     card = detector.detector.card if isinstance(detector, TouchDetector) else None
     preparation = preparation.for_tip(card.tip if card else "")
     if card is None or card.imported:  # trained on sound as its authors recorded it
-        preparation = replace(preparation, offset=(0.0,) * len(preparation.offset), hum=None)
+        preparation = replace(
+            preparation, offset=(0.0,) * len(preparation.offset), hum=None
+        )
     if not math.isnan(threshold_dbfs):
         detector.threshold.dbfs = threshold_dbfs
     elif card and isinstance(detector, TouchDetector):
@@ -156,7 +184,9 @@ def open_recording(
         detector.begin(floor)
         if detector.floor and not math.isnan(margin_db):
             detector.floor.margin_db = margin_db
-    notes = preparation.notes(file.channels, used=card.channels if card else file.channels)
+    notes = preparation.notes(
+        file.channels, used=card.channels if card else file.channels
+    )
     known_misfits = {}
     if card and file.sample_rate < card.sample_rate:
         known_misfits["narrow-band"] = (
@@ -164,7 +194,17 @@ def open_recording(
             f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
         )
     sound = PreparedSource(source, preparation)
-    return OpenRecording(file.path, sound, pipeline, file.size, file.channels, floor, card, notes, known_misfits)
+    return OpenRecording(
+        file.path,
+        sound,
+        pipeline,
+        file.size,
+        file.channels,
+        floor,
+        card,
+        notes,
+        known_misfits,
+    )
 
 
 def recording_predictor(model: str | Model) -> Predictor:
@@ -176,15 +216,21 @@ def recording_predictor(model: str | Model) -> Predictor:
         if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
             # Raises where the manifest says that the file holds other microphones than the model takes.
             recording.read(channels=card.channels, single=card.microphone, duration=0)
-        found = [prediction for step in opened.steps() for prediction in step.predictions]
+        found = [
+            prediction for step in opened.steps() for prediction in step.predictions
+        ]
         return take_of(recording, found, keep_touch=True)
 
     return predict
 
 
-def _measured(source: Source, preparation: Preparation, card: ModelCard) -> RecordingFloor:
+def _measured(
+    source: Source, preparation: Preparation, card: ModelCard
+) -> RecordingFloor:
     with PreparedSource(source, preparation) as sound:
-        heard = (structs.replace(block, samples=card.heard(block.samples)) for block in sound)
+        heard = (
+            structs.replace(block, samples=card.heard(block.samples)) for block in sound
+        )
         return measure_floor(heard, sample_rate=sound.sample_rate, rule=card.gate.rule)
 
 
@@ -193,20 +239,29 @@ class _Exchanged(ChangedSource):
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._source:
-            yield structs.replace(block, samples=np.ascontiguousarray(block.samples[:, ::-1]))
+            yield structs.replace(
+                block, samples=np.ascontiguousarray(block.samples[:, ::-1])
+            )
 
 
 def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:
     """Open the recording of a finger's settings, ``capture.device``, with their model, tip, profile and threshold."""
     return open_recording(
-        settings.capture.device, settings.detector.model, profile=settings.rendering.profile, tip=settings.capture.tip,
-        threshold_dbfs=settings.detector.threshold_dbfs, block_size=block_size,
-    )  # fmt: skip
+        settings.capture.device,
+        settings.detector.model,
+        profile=settings.rendering.profile,
+        tip=settings.capture.tip,
+        threshold_dbfs=settings.detector.threshold_dbfs,
+        block_size=block_size,
+    )
 
 
 def corrected_source(settings: Settings) -> Source:
     """Open the recordings of all fingers as one live source, corrected as `open_recording` does."""
-    opened = [open_settings(own, block_size=settings.capture.block_size) for own in each_finger(settings)]
+    opened = [
+        open_settings(own, block_size=settings.capture.block_size)
+        for own in each_finger(settings)
+    ]
     sources = [recorded(each.sound, each.path, each.duration) for each in opened]
     return CombinedSource(sources) if settings.is_hand else sources[0]
 
@@ -214,9 +269,19 @@ def corrected_source(settings: Settings) -> Source:
 def with_own_thresholds(settings: Settings) -> Settings:
     """Return settings with the contact threshold of each finger's recording, where none is given."""
 
-    found = [open_settings(own).pipeline.detector.threshold.dbfs for own in each_finger(settings)]
+    found = [
+        open_settings(own).pipeline.detector.threshold.dbfs
+        for own in each_finger(settings)
+    ]
     if not settings.is_hand:
-        return replace(settings, detector=replace(settings.detector, threshold_dbfs=found[0]))
+        return replace(
+            settings, detector=replace(settings.detector, threshold_dbfs=found[0])
+        )
     fingers = zip(settings.fingers, found, strict=True)
     name = "detector.threshold_dbfs"
-    return replace(settings, fingers=tuple(Finger(each.name, (*each.settings, (name, own))) for each, own in fingers))
+    return replace(
+        settings,
+        fingers=tuple(
+            Finger(each.name, (*each.settings, (name, own))) for each, own in fingers
+        ),
+    )

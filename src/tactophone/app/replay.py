@@ -15,7 +15,15 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
-from tactophone.app.logged_run import LONGEST_GAP, Change, LoggedEndpoint, WakeUp, add_sound, wake_ups, write_sound
+from tactophone.app.logged_run import (
+    LONGEST_GAP,
+    Change,
+    LoggedEndpoint,
+    WakeUp,
+    add_sound,
+    wake_ups,
+    write_sound,
+)
 from tactophone.app.playback import Take
 from tactophone.app.plot import draw_recording
 from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
@@ -46,9 +54,13 @@ class Comparison:
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
     """The first that differs: as logged, and as computed."""
 
-    def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
+    def add(
+        self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool
+    ) -> None:
         # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
-        if encoded(logged.prediction, logged.command) == encoded(computed.prediction, computed.command):
+        if encoded(logged.prediction, logged.command) == encoded(
+            computed.prediction, computed.command
+        ):
             self.equal += 1
         elif not certain:
             self.uncertain += 1
@@ -80,8 +92,12 @@ class Replay:
     lowered: bool = False
     """Whether a ceiling in the log was above the bound; the comparison then says nothing."""
     endpoint: LoggedEndpoint | None = None
-    _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
-    _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))
+    _logged: dict[int, deque[LoggedPrediction]] = field(
+        default_factory=partial(defaultdict, deque)
+    )
+    _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(
+        default_factory=partial(defaultdict, deque)
+    )
     _offset: int = 0
     _end: int = 0
 
@@ -118,13 +134,21 @@ class Replay:
 
     def _process(self, wake_up: WakeUp) -> Iterator[PipelineStep]:
         if self.endpoint is None:
-            raise DatasetError("the log begins within a run: packets before its start cannot be replayed")
+            raise DatasetError(
+                "the log begins within a run: packets before its start cannot be replayed"
+            )
         for step, certain in self.endpoint.process(wake_up):
             for number, prediction in enumerate(step.predictions):
-                command = step.commands[number] if step.commands else HapticCommand(math.nan, math.nan, prediction.end)
+                command = (
+                    step.commands[number]
+                    if step.commands
+                    else HapticCommand(math.nan, math.nan, prediction.end)
+                )
                 logged = LoggedPrediction(prediction, command, step.finger)
                 self._computed[step.finger].append((logged, certain))
-            self._leave_out(step.block.start + self._offset - self._end, step.block.sample_rate)
+            self._leave_out(
+                step.block.start + self._offset - self._end, step.block.sample_rate
+            )
             self._end = max(self._end, step.block.end + self._offset)
             yield _shifted(step, self._offset) if self._offset else step
 
@@ -135,7 +159,9 @@ class Replay:
         self._offset -= gap
         self.gaps += 1
         if self.gaps <= MOST_NOTED:
-            self.notes.append(f"{gap / rate:.0f} s without sound at {self._end / rate:.2f} s are left out")
+            self.notes.append(
+                f"{gap / rate:.0f} s without sound at {self._end / rate:.2f} s are left out"
+            )
         elif self.gaps == MOST_NOTED + 1:
             self.notes.append("further long gaps are left out too")
 
@@ -156,7 +182,9 @@ class RenderedFinger:
     files: dict[str, Path]
 
 
-def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> list[RenderedFinger]:
+def write_replay(
+    replay: Replay, folder: Path, stem: str, *, plot: bool = False
+) -> list[RenderedFinger]:
     """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
 
     Raises `DatasetError` if nothing in the log can be rendered.
@@ -165,20 +193,33 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
     steps = replay.steps()
     first = next(steps, None)
     if first is None or replay.endpoint is None:
-        raise DatasetError("the log holds no sound and no predictions: was a robot connected?")
-    names, pipelines = names_of(replay.endpoint.settings), replay.endpoint.endpoint.hand.pipelines
+        raise DatasetError(
+            "the log holds no sound and no predictions: was a robot connected?"
+        )
+    names, pipelines = (
+        names_of(replay.endpoint.settings),
+        replay.endpoint.endpoint.hand.pipelines,
+    )
     stems = [f"{stem}-{name}" if name else stem for name in names]
     outputs = [OutputFiles.in_folder(folder, each) for each in stems]
     with ExitStack() as stack:
         renderers = [
-            stack.enter_context(OfflineRenderer(files, pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE))
+            stack.enter_context(
+                OfflineRenderer(
+                    files, pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE
+                )
+            )
             for files, pipeline in zip(outputs, pipelines, strict=True)
         ]
         for step in itertools.chain([first], steps):
             renderers[step.finger].write(_complete(step))
         summaries = [renderer.finish(flush=False) for renderer in renderers]
-    written = [{"vibration": files.waveform, "timeline": files.timeline} for files in outputs]
-    for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
+    written = [
+        {"vibration": files.waveform, "timeline": files.timeline} for files in outputs
+    ]
+    for name, pipeline, renderer, files in (
+        zip(stems, pipelines, renderers, written, strict=True) if plot else ()
+    ):
         files["figure"] = folder / f"{name}.replay.png"
         draw_recording(
             files["figure"],
@@ -187,18 +228,25 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
             vibration=renderer.vibration,
             title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
         )
-    return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
+    return [
+        RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)
+    ]
 
 
 def _complete(step: PipelineStep) -> PipelineStep:
     """Give each prediction a command, silence where there was none, and each block two channels."""
     samples = step.block.samples
     if samples.shape[1] == 1:
-        block = structs.replace(step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1))
+        block = structs.replace(
+            step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1)
+        )
         step = structs.replace(step, block=block)
     if len(step.commands) == len(step.predictions):
         return step
-    silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)
+    silence = tuple(
+        HapticCommand(0.0, Limits().lowest, prediction.end)
+        for prediction in step.predictions
+    )
     return structs.replace(step, commands=silence)
 
 
@@ -207,7 +255,10 @@ def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
     shift = offset / step.block.sample_rate
     return PipelineStep(
         structs.replace(step.block, start=step.block.start + offset),
-        tuple(structs.replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
+        tuple(
+            structs.replace(each, start=each.start + shift, end=each.end + shift)
+            for each in step.predictions
+        ),
         tuple(structs.replace(each, time=each.time + shift) for each in step.commands),
         step.finger,
     )
@@ -224,9 +275,15 @@ class ReplayedLog:
 
 
 def replay_log(
-    log: Path, changes: Sequence[str] = (), *, out: Path | None = None, bag: Path | None = None,
-    audio: Path | None = None, plot: bool = False, follow: Callable[[Iterator[LogEntry]], Iterable[LogEntry]] = iter,
-) -> ReplayedLog:  # fmt: skip
+    log: Path,
+    changes: Sequence[str] = (),
+    *,
+    out: Path | None = None,
+    bag: Path | None = None,
+    audio: Path | None = None,
+    plot: bool = False,
+    follow: Callable[[Iterator[LogEntry]], Iterable[LogEntry]] = iter,
+) -> ReplayedLog:
     """Compute a log again, compare it, and write what is wanted.
 
     - ``changes``: ``NAME=VALUE`` of settings of the detector and of rendering, for every finger.
@@ -247,7 +304,10 @@ def replay_log(
     elif out:
         fingers = write_replay(replay, out, log.stem, plot=plot)
         for finger in fingers:
-            files |= {f"{finger.name} {kind}".strip(): path for kind, path in finger.files.items()}
+            files |= {
+                f"{finger.name} {kind}".strip(): path
+                for kind, path in finger.files.items()
+            }
     else:
         deque(replay.steps(), maxlen=0)
     if replay.lowered:
@@ -267,7 +327,10 @@ def changed_by(changes: Sequence[str]) -> Change:
 
     def changed(settings: Settings) -> Settings:
         fingers = (
-            Finger(each.name, tuple(own for own in each.settings if own[0] not in names)) for each in settings.fingers
+            Finger(
+                each.name, tuple(own for own in each.settings if own[0] not in names)
+            )
+            for each in settings.fingers
         )
         return replace(change(settings, changes), fingers=tuple(fingers))
 
@@ -277,17 +340,31 @@ def changed_by(changes: Sequence[str]) -> Change:
 def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
     """Write the sound of each session to a folder; return takes with the settings and calibration of the replay."""
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
-    endpoint, takes = LoggedEndpoint(run, changed_by(changes), ceiling=_ceiling(changes)), []
-    for _, group in itertools.groupby(write_sound(log, folder), key=lambda sound: sound.session):
+    endpoint, takes = (
+        LoggedEndpoint(run, changed_by(changes), ceiling=_ceiling(changes)),
+        [],
+    )
+    for _, group in itertools.groupby(
+        write_sound(log, folder), key=lambda sound: sound.session
+    ):
         paths = [sound.path for sound in group]
-        pipelines = [endpoint.open(FileSource(path).channels, finger=finger) for finger, path in enumerate(paths)]
-        takes.append(Take(log.name, paths, pipelines, fingers=names_of(endpoint.settings)))
+        pipelines = [
+            endpoint.open(FileSource(path).channels, finger=finger)
+            for finger, path in enumerate(paths)
+        ]
+        takes.append(
+            Take(log.name, paths, pipelines, fingers=names_of(endpoint.settings))
+        )
     return takes
 
 
 def _ceiling(changes: Sequence[str]) -> float:
     """Return what bounds the ceiling of a log: this machine's usual one, unless another was chosen."""
-    return 1.0 if any(text.startswith("rendering.ceiling=") for text in changes) else DEFAULT_CEILING
+    return (
+        1.0
+        if any(text.startswith("rendering.ceiling=") for text in changes)
+        else DEFAULT_CEILING
+    )
 
 
 def _write_bag(replay: Replay, log: Path, path: Path) -> Path:

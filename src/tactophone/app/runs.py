@@ -39,9 +39,14 @@ BRIDGES = {
 
 
 def loopback(
-    settings: Settings, *, name: str = "loopback", duration: float, record: Sequence[Path] = (),
-    bridges: Sequence[str] = (), report: Report = ignore,
-) -> "Snapshot":  # fmt: skip
+    settings: Settings,
+    *,
+    name: str = "loopback",
+    duration: float,
+    record: Sequence[Path] = (),
+    bridges: Sequence[str] = (),
+    report: Report = ignore,
+) -> "Snapshot":
     """Run both sides on this machine, and return the last snapshot of the operator: counters, gauges, state.
 
     - ``duration``: longest time, in s, once the run has started; it ends before if its sound does.
@@ -51,15 +56,21 @@ def loopback(
     """
     with (
         both_sides(settings, name=name, report=report) as sides,
-        observed(settings, name, record=record, bridges=bridges, report=report, warn=report),
+        observed(
+            settings, name, record=record, bridges=bridges, report=report, warn=report
+        ),
     ):
         last = wait_for_end(sides, name, duration)
     if last is None:
-        raise TactophoneError(f"{name}: no side started; `tactophone loopback` says why")
+        raise TactophoneError(
+            f"{name}: no side started; `tactophone loopback` says why"
+        )
     return last
 
 
-def wait_for_end(sides: "Sequence[Supervisor]", name: str, duration: float) -> "Snapshot | None":
+def wait_for_end(
+    sides: "Sequence[Supervisor]", name: str, duration: float
+) -> "Snapshot | None":
     """Wait until a side ends, at most so many seconds from the start of the run of that name.
 
     Returns the last snapshot of the run; ``None`` if it never started.
@@ -79,20 +90,33 @@ def wait_for_end(sides: "Sequence[Supervisor]", name: str, duration: float) -> "
 
 
 def open_side(
-    settings: Settings, name: str, open_source: "OpenSource | None", *, report: Report = ignore, **way: Any
+    settings: Settings,
+    name: str,
+    open_source: "OpenSource | None",
+    *,
+    report: Report = ignore,
+    **way: Any,
 ) -> "Supervisor":
     """Return the robot's side, or without a source the operator's, which is not started yet; ``way`` as of a call."""
     from tactophone.live.runtime.operator import run_operator
     from tactophone.live.runtime.robot import run_robot
     from tactophone.live.runtime.supervisor import Main, Supervisor
 
-    main: Main = partial(run_robot, open_source=open_source, **way) if open_source else partial(run_operator, **way)
+    main: Main = (
+        partial(run_robot, open_source=open_source, **way)
+        if open_source
+        else partial(run_operator, **way)
+    )
     return Supervisor(main, settings, name=name, report=report)
 
 
 @contextmanager
 def both_sides(
-    settings: Settings, *, name: str, open_source: "OpenSource | None" = None, report: Report = ignore
+    settings: Settings,
+    *,
+    name: str,
+    open_source: "OpenSource | None" = None,
+    report: Report = ignore,
 ) -> "Iterator[Sequence[Supervisor]]":
     """Run operator and robot, in this order, with the simulated network between them.
 
@@ -107,22 +131,35 @@ def both_sides(
         from tactophone.lab.simulation.network import ImpairmentProxy, network_profile
 
         # The simulated network stands in front of the operator's port.
-        prepare, profile = partial(prioritize_thread, operator.process.priority), network_profile(simulated.network)
+        prepare, profile = (
+            partial(prioritize_thread, operator.process.priority),
+            network_profile(simulated.network),
+        )
         address = "127.0.0.1", operator.link.port
-        with ImpairmentProxy(address, profile, seed=simulated.seed, prepare=prepare) as proxy:
+        with ImpairmentProxy(
+            address, profile, seed=simulated.seed, prepare=prepare
+        ) as proxy:
             yield proxy.address[1]
 
     simulated, opened = settings.simulation, open_source or usual_source
     between = None if simulated.network == "clean" else network
-    with pairing.both_sides(settings, name=name, open_source=opened, between=between, report=report) as sides:
+    with pairing.both_sides(
+        settings, name=name, open_source=opened, between=between, report=report
+    ) as sides:
         yield sides
 
 
 @contextmanager
 def observed(
-    settings: Settings, name: str, *, record: Sequence[Path] = (), bridges: Sequence[str] = (), sends: bool = False,
-    report: Report = ignore, warn: Report = ignore,
-) -> Iterator[None]:  # fmt: skip
+    settings: Settings,
+    name: str,
+    *,
+    record: Sequence[Path] = (),
+    bridges: Sequence[str] = (),
+    sends: bool = False,
+    report: Report = ignore,
+    warn: Report = ignore,
+) -> Iterator[None]:
     """Record the run of that name meanwhile, and show it elsewhere.
 
     - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for predictions and commands alone.
@@ -147,11 +184,15 @@ def observed(
         yield
 
 
-def _check(settings: Settings, record: Sequence[Path], bridges: Sequence[str], *, sends: bool) -> None:
+def _check(
+    settings: Settings, record: Sequence[Path], bridges: Sequence[str], *, sends: bool
+) -> None:
     """Refuse what would be ignored: above all a stop to which nobody listens."""
     for path in record:
         if path.suffix not in (".mcap", ".csv"):
-            raise ConfigError(f"--record {path}: wanted a file that ends in .mcap or .csv")
+            raise ConfigError(
+                f"--record {path}: wanted a file that ends in .mcap or .csv"
+            )
         if path.suffix == ".csv" and sends and not settings.link.send_predictions:
             raise ConfigError(
                 f"send --record {path} needs predictions on this side: add --send-predictions, or record at the "
@@ -160,7 +201,9 @@ def _check(settings: Settings, record: Sequence[Path], bridges: Sequence[str], *
     names = [text.partition("=")[0] for text in bridges]
     for name in names:
         if name not in BRIDGES:
-            raise ConfigError(f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}")
+            raise ConfigError(
+                f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}"
+            )
     chosen, usual = settings.bridges, Settings().bridges
     if chosen.finger != usual.finger and settings.is_hand:
         raise ConfigError(
@@ -168,17 +211,31 @@ def _check(settings: Settings, record: Sequence[Path], bridges: Sequence[str], *
         )
     ros = {"ros", "zenoh"}
     for setting, needed in {
-        "osc_listen": {"osc"}, "osc_avatar": {"osc"}, "ros_sinks": ros, "ros_publish": ros, "finger": {"osc", *ros},
-    }.items():  # fmt: skip
-        if getattr(chosen, setting) != getattr(usual, setting) and not needed & set(names):
+        "osc_listen": {"osc"},
+        "osc_avatar": {"osc"},
+        "ros_sinks": ros,
+        "ros_publish": ros,
+        "finger": {"osc", *ros},
+    }.items():
+        if getattr(chosen, setting) != getattr(usual, setting) and not needed & set(
+            names
+        ):
             words = " or ".join(f"--bridge {name}" for name in sorted(needed))
-            raise ConfigError(f"bridges.{setting} does nothing without {words}: add that, or leave it out")
+            raise ConfigError(
+                f"bridges.{setting} does nothing without {words}: add that, or leave it out"
+            )
     if chosen.osc_listen and sends:
-        raise ConfigError("bridges.osc_listen stops the operator's vibration: set it for `tactophone receive`")
+        raise ConfigError(
+            "bridges.osc_listen stops the operator's vibration: set it for `tactophone receive`"
+        )
 
 
 def _bridges(
-    settings: Settings, name: str, record: Sequence[Path], bridges: Sequence[str], report: Report
+    settings: Settings,
+    name: str,
+    record: Sequence[Path],
+    bridges: Sequence[str],
+    report: Report,
 ) -> "Iterator[Callable[[], Bridge]]":
     chosen = settings.bridges
     for path in record:
@@ -188,7 +245,11 @@ def _bridges(
         bridge, _, address = text.partition("=")
         if bridge == "foxglove":
             extras.require_modules("aiohttp")
-            from tactophone.faces.bridges.foxglove import FOXGLOVE_ADDRESS, LAYOUT, FoxgloveBridge
+            from tactophone.faces.bridges.foxglove import (
+                FOXGLOVE_ADDRESS,
+                LAYOUT,
+                FoxgloveBridge,
+            )
 
             if address.endswith(":0"):
                 raise ConfigError(
@@ -196,7 +257,9 @@ def _bridges(
                 )
 
             token = secrets.token_urlsafe(24)
-            yield partial(FoxgloveBridge, name, address or FOXGLOVE_ADDRESS, token=token)
+            yield partial(
+                FoxgloveBridge, name, address or FOXGLOVE_ADDRESS, token=token
+            )
             report(f"Foxglove: ws://{address or FOXGLOVE_ADDRESS}/{token}/")
             report(f"layout to import: {LAYOUT}")
         elif bridge == "osc":
@@ -204,19 +267,35 @@ def _bridges(
             from tactophone.faces.bridges.osc import OscBridge
 
             yield partial(
-                OscBridge, name, address, finger=chosen.finger, listen=chosen.osc_listen, avatar=chosen.osc_avatar
+                OscBridge,
+                name,
+                address,
+                finger=chosen.finger,
+                listen=chosen.osc_listen,
+                avatar=chosen.osc_avatar,
             )
         else:
-            extras.require_modules("cyclonedds", *(("zenoh", "rosbags") if bridge == "zenoh" else ()))
+            extras.require_modules(
+                "cyclonedds", *(("zenoh", "rosbags") if bridge == "zenoh" else ())
+            )
             from tactophone.faces.bridges.ros import RosBridge
 
             if address and not address.isdecimal():
-                raise ConfigError(f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0")
-            sinks = tuple(sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip())
+                raise ConfigError(
+                    f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0"
+                )
+            sinks = tuple(
+                sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip()
+            )
             yield partial(
-                RosBridge, name, finger=chosen.finger, publish=chosen.ros_publish, sinks=sinks,
-                domain=int(address) if address else None, over="zenoh" if bridge == "zenoh" else "dds",
-            )  # fmt: skip
+                RosBridge,
+                name,
+                finger=chosen.finger,
+                publish=chosen.ros_publish,
+                sinks=sinks,
+                domain=int(address) if address else None,
+                over="zenoh" if bridge == "zenoh" else "dds",
+            )
 
 
 def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
@@ -234,12 +313,16 @@ class PageRecorder:
     log begins, ends or fails.
     """
 
-    def __init__(self, name: str, folder: Path, *, report: Callable[[str], None] = ignore) -> None:
+    def __init__(
+        self, name: str, folder: Path, *, report: Callable[[str], None] = ignore
+    ) -> None:
         self._name, self._folder, self._report = name, folder, report
         self._orders, self.page = Pipe()
         self._log: BridgeProcess | None = None
         self._path = folder
-        self._thread = threading.Thread(target=self._follow, name="page-recorder", daemon=True)
+        self._thread = threading.Thread(
+            target=self._follow, name="page-recorder", daemon=True
+        )
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -264,7 +347,9 @@ class PageRecorder:
     def _begin(self) -> None:
         from tactophone.faces.bridges.process import BridgeProcess
 
-        self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
+        self._path = (
+            self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
+        ).absolute()
         log = BridgeProcess(log_of(self._name, self._path), report=self._fail)
         log.__enter__()
         self._log = log

@@ -12,7 +12,12 @@ from tactophone.app.sources import SETTLING, AudioInput, SimulatedAct
 from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, FloatArray, ignore
-from tactophone.signal.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
+from tactophone.signal.perception.calibration import (
+    CalibrationResult,
+    CalibrationSounds,
+    Finding,
+    measure_calibration,
+)
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import default_model, model_path, open_detector
 from tactophone.signal.perception.noise_floor import measure_floor
@@ -39,7 +44,10 @@ MOTION = (
 )
 CHECK_STEPS = (
     (SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still"),
-    (SimulatedAct("stroke", 5.0), "A stroke: stroke an object that you will use, to and fro, at medium pressure"),
+    (
+        SimulatedAct("stroke", 5.0),
+        "A stroke: stroke an object that you will use, to and fro, at medium pressure",
+    ),
     (SimulatedAct("tap", 3.0), "Taps: tap on it about twice a second"),
 )
 """What a check of the microphones asks for; of a robot, `MOTION` too, at the end."""
@@ -52,9 +60,13 @@ Step = Callable[[AudioInput, Iterator[AudioBlock], SimulatedAct, str], FloatArra
 
 
 def record_act(
-    audio: AudioInput, blocks: Iterator[AudioBlock], act: SimulatedAct, instruction: str = "",
-    *, follow: Callable[[AudioBlock, float], None] = ignore,
-) -> FloatArray:  # fmt: skip
+    audio: AudioInput,
+    blocks: Iterator[AudioBlock],
+    act: SimulatedAct,
+    instruction: str = "",
+    *,
+    follow: Callable[[AudioBlock, float], None] = ignore,
+) -> FloatArray:
     """Return the sound of an act, ``(samples, channels)``, without the time in which it settles.
 
     ``follow`` is called with each block and the seconds that are left. Raises `DatasetError` if the sound ends early.
@@ -87,15 +99,22 @@ class SetUpSounds:
     def findings(self) -> list[Finding]:
         """Return what is wrong with the microphones, by the sounds of all objects."""
         strokes = np.concatenate([sound for _, _, sound in self.objects])
-        sounds = CalibrationSounds(self.sample_rate, self.silence, strokes, self.objects[0][2])
+        sounds = CalibrationSounds(
+            self.sample_rate, self.silence, strokes, self.objects[0][2]
+        )
         result = measure_calibration(sounds, made=_now(), source=self.source)
         return [finding for finding in result.findings if finding.code not in NOT_ASKED]
 
 
 def record_set_up(
-    settings: Settings, smooth: Sequence[str] = SMOOTH, rough: Sequence[str] = ROUGH, *, seconds: float = SLIDE,
-    step: Step = record_act, begin: Callable[[int, AudioInput], None] = ignore,
-) -> SetUpSounds:  # fmt: skip
+    settings: Settings,
+    smooth: Sequence[str] = SMOOTH,
+    rough: Sequence[str] = ROUGH,
+    *,
+    seconds: float = SLIDE,
+    step: Step = record_act,
+    begin: Callable[[int, AudioInput], None] = ignore,
+) -> SetUpSounds:
     """Record silence, and sliding on smooth and rough objects; of the simulated finger, names of the catalogue.
 
     ``begin`` is called before each step: silence is step 1, and a number beyond the last object means the end.
@@ -105,7 +124,12 @@ def record_set_up(
     with AudioInput(settings, objects[0][0]) as audio:
         begin(1, audio)
         blocks = iter(audio)
-        silence = step(audio, blocks, SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still")
+        silence = step(
+            audio,
+            blocks,
+            SimulatedAct("rest", SILENCE),
+            "Silence: touch nothing and keep still",
+        )
         for number, (name, is_rough) in enumerate(objects):
             begin(2 + number, audio)
             words = f"Slide to and fro on {name} ({'rough' if is_rough else 'smooth'}), now fast, now slowly"
@@ -113,7 +137,9 @@ def record_set_up(
             if number and audio.name == "finger":
                 # A simulated finger lies on one object; the same seed gives the same set-up on the next.
                 with AudioInput(settings, name) as other:
-                    recorded.append((name, is_rough, step(other, iter(other), act, words)))
+                    recorded.append(
+                        (name, is_rough, step(other, iter(other), act, words))
+                    )
             else:
                 recorded.append((name, is_rough, step(audio, blocks, act, words)))
         begin(2 + len(objects), audio)
@@ -136,15 +162,26 @@ class Fitted:
         """Return what ``setup --json`` prints."""
         fit = self.fit
         return {
-            "passed": True, "file": self.file, "from": self.start, "tip": self.tip,
+            "passed": True,
+            "file": self.file,
+            "from": self.start,
+            "tip": self.tip,
             "threshold_dbfs": self.threshold_dbfs,
-            "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy,
-            "objects": fit.left_out, "findings": [finding.message for finding in self.findings],
-        }  # fmt: skip
+            "score": fit.score,
+            "before": fit.balanced_accuracy_before,
+            "after": fit.balanced_accuracy,
+            "objects": fit.left_out,
+            "findings": [finding.message for finding in self.findings],
+        }
 
 
 def fit_finger(
-    sounds: SetUpSounds, file: Path, *, tip: str, model: str = "", report: Callable[[int], None] = ignore
+    sounds: SetUpSounds,
+    file: Path,
+    *,
+    tip: str,
+    model: str = "",
+    report: Callable[[int], None] = ignore,
 ) -> Fitted:
     """Fit a model of kind texture to a set-up, by default the shipped one for the tip, and write it to a file.
 
@@ -160,10 +197,21 @@ def fit_finger(
     silence = [AudioBlock(original.card.heard(sounds.silence), rate)]
     floor = measure_floor(silence, sample_rate=rate, rule=original.card.gate.rule)
     if not floor.known:
-        raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
+        raise ModelError(
+            "the silence was not steady: keep the finger and the table still, and run setup again"
+        )
     threshold, collected = floor.threshold_dbfs, []
     for number, (each, rough, samples) in enumerate(sounds.objects, 1):
-        collected.append(collect(original, samples, sample_rate=rate, threshold_dbfs=threshold, name=each, rough=rough))
+        collected.append(
+            collect(
+                original,
+                samples,
+                sample_rate=rate,
+                threshold_dbfs=threshold,
+                name=each,
+                rough=rough,
+            )
+        )
         report(number)
     fit = fit_set_up(collected, channels=original.card.channels, tip=tip)
     findings = sounds.findings() + _misfits(name, sounds, threshold_dbfs=threshold)
@@ -175,14 +223,21 @@ def check_kind(model: str) -> None:
     """Raise `ModelError` if a model is of a kind that cannot be fitted."""
     card = read_model(model_path(model)).card
     if card.kind != KIND:
-        raise ModelError(f"model {card.name} is of kind {card.kind}; setup fits kind {KIND}: try --model texture")
+        raise ModelError(
+            f"model {card.name} is of kind {card.kind}; setup fits kind {KIND}: try --model texture"
+        )
 
 
 def check_microphones(
-    settings: Settings, file: Path, *, stroked: str = CHECKED_OBJECT, false_alarms_per_minute: float = 1.0,
-    moving: bool = False, step: Step = record_act,
+    settings: Settings,
+    file: Path,
+    *,
+    stroked: str = CHECKED_OBJECT,
+    false_alarms_per_minute: float = 1.0,
+    moving: bool = False,
+    step: Step = record_act,
     begin: Callable[[int, AudioInput], None] = ignore,
-) -> CalibrationResult:  # fmt: skip
+) -> CalibrationResult:
     """Measure the microphones in silence, strokes and taps; write a calibration file if nothing fatal was found.
 
     Where the finger is a robot's, ``moving``, its motion is heard too. ``begin`` is called before each step with its
@@ -196,7 +251,10 @@ def check_microphones(
         begin(len(parts) + 1, audio)
         sounds = CalibrationSounds(audio.source.sample_rate, *parts)
         result = measure_calibration(
-            sounds, made=_now(), source=audio.name, false_alarms_per_minute=false_alarms_per_minute
+            sounds,
+            made=_now(),
+            source=audio.name,
+            false_alarms_per_minute=false_alarms_per_minute,
         )
     if result.passed:
         result.calibration.write(file)
@@ -209,7 +267,11 @@ def _misfits(name: str, sounds: SetUpSounds, *, threshold_dbfs: float) -> list[F
     detector.threshold.dbfs = threshold_dbfs
     sound = np.concatenate((sounds.silence, *(each for _, _, each in sounds.objects)))
     detector.push(AudioBlock(sound, sounds.sample_rate))
-    misfit = detector.misfit if detector.misfit and detector.misfit.code != "undecided" else None  # what setup mends
+    misfit = (
+        detector.misfit
+        if detector.misfit and detector.misfit.code != "undecided"
+        else None
+    )  # what setup mends
     return [Finding(misfit.code, misfit.text, fatal=False)] if misfit else []
 
 

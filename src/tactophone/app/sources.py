@@ -52,7 +52,9 @@ def open_source(settings: Settings) -> "Source":
                 f"capture.device = {capture.device!r}, but for the simulated finger it is a seed, a whole number"
             ) from None
         if settings.is_hand:
-            return StrokingHand(len(fingers), capture.block_size, seed=seed, tip=capture.tip)
+            return StrokingHand(
+                len(fingers), capture.block_size, seed=seed, tip=capture.tip
+            )
         return StrokingFinger(capture.block_size, seed=seed, tip=capture.tip)
     if capture.source == "ros":
         return _ros_source(capture.device)
@@ -61,13 +63,21 @@ def open_source(settings: Settings) -> "Source":
     for place, own in enumerate(fingers):
         if not own.capture.device and settings.is_hand:
             name = settings.fingers[place].name
-            raise ConfigError(f'no recording is named for the finger {name}: write device = "FILE" under [{name}]')
+            raise ConfigError(
+                f'no recording is named for the finger {name}: write device = "FILE" under [{name}]'
+            )
         if not own.capture.device:
-            raise ConfigError("capture.source = 'file', but no file is named: give --source file:RECORDING")
+            raise ConfigError(
+                "capture.source = 'file', but no file is named: give --source file:RECORDING"
+            )
     sources = [
         recorded(file, file.path, file.duration)
         for own in fingers
-        for file in [FileSource(own.capture.device, block_size=capture.block_size, loop=capture.loop)]
+        for file in [
+            FileSource(
+                own.capture.device, block_size=capture.block_size, loop=capture.loop
+            )
+        ]
     ]
     return CombinedSource(sources) if settings.is_hand else sources[0]
 
@@ -79,10 +89,15 @@ def recorded(source: "Source", path: Path, duration: float) -> "RecordedSource":
     from tactophone.live.audio.files import RecordedSource
     from tactophone.signal.perception.resample import Resampler
 
-    resampler = Resampler(source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels)
+    resampler = Resampler(
+        source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels
+    )
     truth = ground_truth(path, duration=duration)
     return RecordedSource(
-        source, duration=duration, resample=resampler.push, label_at=partial(touch_at, segments=truth)
+        source,
+        duration=duration,
+        resample=resampler.push,
+        label_at=partial(touch_at, segments=truth),
     )
 
 
@@ -91,7 +106,9 @@ def _ros_source(topic: str) -> "Source":
     from tactophone.faces.bridges.ros import RosSource
 
     if not topic:
-        raise ConfigError("capture.source = 'ros', but no topic is named: give --source ros:/TOPIC")
+        raise ConfigError(
+            "capture.source = 'ros', but no topic is named: give --source ros:/TOPIC"
+        )
     source = RosSource(topic)
     if source.sample_rate != LIVE_SAMPLE_RATE:
         raise ConfigError(
@@ -100,7 +117,9 @@ def _ros_source(topic: str) -> "Source":
     return source
 
 
-def source_of(settings: Settings, *, page: bool = True) -> "tuple[OpenSource, Connection | None]":
+def source_of(
+    settings: Settings, *, page: bool = True
+) -> "tuple[OpenSource, Connection | None]":
     """Return what opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources.
 
     Raises `ConfigError` if it is the microphone of a page, and there is none.
@@ -108,7 +127,9 @@ def source_of(settings: Settings, *, page: bool = True) -> "tuple[OpenSource, Co
     if settings.capture.source != "browser":
         return open_source, None
     if not page:
-        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
+        raise ConfigError(
+            "--source browser takes the microphone of a page: add --dashboard, or --lan for a phone"
+        )
     inbox, microphone = Pipe(duplex=False)
     return partial(_open_browser, inbox), microphone
 
@@ -124,9 +145,16 @@ def for_one_microphone(settings: Settings) -> Settings:
 
     What touches is anything then, so the tip is the model's, unless another than the default is named.
     """
-    if settings.capture.source not in ("browser", "microphone") or settings.detector.model:
+    if (
+        settings.capture.source not in ("browser", "microphone")
+        or settings.detector.model
+    ):
         return settings
-    tip = [f"capture.tip={ONE_MICROPHONE_MODEL}"] if settings.capture.tip == DEFAULT_TIP else []
+    tip = (
+        [f"capture.tip={ONE_MICROPHONE_MODEL}"]
+        if settings.capture.tip == DEFAULT_TIP
+        else []
+    )
     return change(settings, [f"detector.model={ONE_MICROPHONE_MODEL}", *tip])
 
 
@@ -161,7 +189,11 @@ class AudioInput:
                 seed=simulated.seed,
                 tip=settings.capture.tip,
             )
-            faults = [FaultSpan.parse(text.strip()) for text in simulated.faults.split(",") if text.strip()]
+            faults = [
+                FaultSpan.parse(text.strip())
+                for text in simulated.faults.split(",")
+                if text.strip()
+            ]
             self.source: Source = FaultySource(self._participant, faults)
         else:
             self.source = open_source(change(settings, ["capture.loop=false"]))
@@ -189,7 +221,9 @@ class AudioInput:
         if act.take:
             from tactophone.lab.simulation.takes import TAKES
 
-            self._participant.take(next(take for take in TAKES if take.name == act.take), act.duration)
+            self._participant.take(
+                next(take for take in TAKES if take.name == act.take), act.duration
+            )
         elif act.verb == "rest":
             self._participant.rest()
         else:

@@ -46,7 +46,9 @@ class Table:
         """
         fields = {field.name: field for field in PREDICTION_FIELDS}
         if name not in fields:
-            raise ConfigError(f"no column {name}: there are {', '.join(fields)}{did_you_mean(name, fields)}")
+            raise ConfigError(
+                f"no column {name}: there are {', '.join(fields)}{did_you_mean(name, fields)}"
+            )
         field = fields[name]
         pairs = zip(self.predictions, self.commands, strict=True)
         return np.array([field.of(*pair) for pair in pairs], PREDICTION_RECORD[name])
@@ -83,15 +85,22 @@ class Table:
         """
         import pandas
 
-        frame = pandas.DataFrame({field.name: self.column(field.name) for field in PREDICTION_FIELDS})
+        frame = pandas.DataFrame(
+            {field.name: self.column(field.name) for field in PREDICTION_FIELDS}
+        )
         frame["touch"] = [Touch(number).name.lower() for number in self.touch]
-        frame["event"] = [prediction.events[-1].kind if prediction.events else "" for prediction in self.predictions]
+        frame["event"] = [
+            prediction.events[-1].kind if prediction.events else ""
+            for prediction in self.predictions
+        ]
         return frame
 
     def to_csv(self, path: str | Path) -> None:
         """Write the CSV file that ``tactophone feel`` writes."""
         with TimelineWriter(Path(path)) as writer:
-            for prediction, command in zip(self.predictions, self.commands, strict=True):
+            for prediction, command in zip(
+                self.predictions, self.commands, strict=True
+            ):
                 writer.write_row(prediction, command)
 
     def plot(self) -> Any:
@@ -118,9 +127,14 @@ class Table:
 
 
 def classify(
-    path: str | Path, model: str = "", *, profile: str = "graded", events: bool = False, tip: str = DEFAULT_TIP,
+    path: str | Path,
+    model: str = "",
+    *,
+    profile: str = "graded",
+    events: bool = False,
+    tip: str = DEFAULT_TIP,
     threshold_dbfs: float = math.nan,
-) -> Table:  # fmt: skip
+) -> Table:
     """Return all predictions of a recording, the same as those of ``tactophone feel``.
 
     Parameters
@@ -128,7 +142,14 @@ def classify(
     path, model, profile, events, tip, threshold_dbfs
         As for `open_recording`, which also says what it raises.
     """
-    recording = open_recording(path, model, profile=profile, events=events, tip=tip, threshold_dbfs=threshold_dbfs)
+    recording = open_recording(
+        path,
+        model,
+        profile=profile,
+        events=events,
+        tip=tip,
+        threshold_dbfs=threshold_dbfs,
+    )
     steps = list(recording.steps())
     return Table(
         tuple(prediction for step in steps for prediction in step.predictions),

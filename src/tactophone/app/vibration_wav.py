@@ -84,7 +84,11 @@ class PeakEnvelope:
         """Return the time of each column in s, and its least and greatest values, each ``(columns, channels)``."""
         time = np.arange(len(self._low)) * self._step / self._sample_rate
         empty = np.empty((0, self._rest.shape[1]), np.float32)
-        return time, np.array(self._low) if self._low else empty, np.array(self._high) if self._high else empty
+        return (
+            time,
+            np.array(self._low) if self._low else empty,
+            np.array(self._high) if self._high else empty,
+        )
 
     def _add_columns(self, sound: FloatArray) -> None:
         # What does not fill a column waits for the next block.
@@ -107,7 +111,11 @@ class OutputFiles:
     def in_folder(cls, folder: Path, stem: str, *, json: bool = False) -> Self:
         """Name the files ``stem.haptic.wav``, ``stem.timeline.csv`` and ``stem.timeline.json``."""
         timeline_json = folder / f"{stem}.timeline.json" if json else None
-        return cls(folder / f"{stem}.haptic.wav", folder / f"{stem}.timeline.csv", timeline_json)
+        return cls(
+            folder / f"{stem}.haptic.wav",
+            folder / f"{stem}.timeline.csv",
+            timeline_json,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,12 +153,21 @@ class OfflineRenderer:
     """
 
     def __init__(
-        self, outputs: OutputFiles, pipeline: Pipeline, *, channels: int, sample_rate: int,
+        self,
+        outputs: OutputFiles,
+        pipeline: Pipeline,
+        *,
+        channels: int,
+        sample_rate: int,
         passthrough: Passthrough | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
         self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
-        self._outputs, self._pipeline, self._sample_rate = outputs, pipeline, sample_rate
+        self._outputs, self._pipeline, self._sample_rate = (
+            outputs,
+            pipeline,
+            sample_rate,
+        )
         self._oscillator = Oscillator(pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
         self._playback = Playback(self._oscillator)
         self._passthrough = passthrough
@@ -163,10 +180,20 @@ class OfflineRenderer:
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
             outputs, enter = self._outputs, stack.enter_context
-            json_path = outputs.timeline_json and enter(atomic_write(outputs.timeline_json))
-            self._timeline = enter(TimelineWriter(enter(atomic_write(outputs.timeline)), json_path=json_path))
+            json_path = outputs.timeline_json and enter(
+                atomic_write(outputs.timeline_json)
+            )
+            self._timeline = enter(
+                TimelineWriter(
+                    enter(atomic_write(outputs.timeline)), json_path=json_path
+                )
+            )
             waveform = enter(atomic_write(outputs.waveform))
-            self._waveform = enter(soundfile.SoundFile(waveform, "w", LIVE_SAMPLE_RATE, 1, "PCM_24", format="WAV"))
+            self._waveform = enter(
+                soundfile.SoundFile(
+                    waveform, "w", LIVE_SAMPLE_RATE, 1, "PCM_24", format="WAV"
+                )
+            )
             self._resources = stack.pop_all()
         self._began = time.perf_counter()
         return self
@@ -192,19 +219,30 @@ class OfflineRenderer:
         # Counted before the tail: the fade at the end is the oscillator's timeout, but not a fault.
         faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
         if self._last:
-            tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
+            tail = (
+                self._pipeline.flush(self._last)
+                if flush
+                else PipelineStep(self._last, (), ())
+            )
             self._write(
-                structs.replace(tail, block=structs.replace(self._last, samples=self._last.samples[:0])),
+                structs.replace(
+                    tail,
+                    block=structs.replace(self._last, samples=self._last.samples[:0]),
+                ),
                 until=duration + VIBRATION_TAIL,
             )
         updates = sum(self._counts.values())
         contact = updates - self._counts[Touch.NONE]
         return RunSummary(
-            duration=duration, updates=updates, contact=contact / updates if updates else float("nan"),
+            duration=duration,
+            updates=updates,
+            contact=contact / updates if updates else float("nan"),
             rough=self._counts[Touch.ROUGH] / contact if contact else float("nan"),
             unknown=self._unknown / contact if contact else float("nan"),
-            loudest_dbfs=float(self._loudest_dbfs), elapsed=time.perf_counter() - self._began, faults=faults,
-        )  # fmt: skip
+            loudest_dbfs=float(self._loudest_dbfs),
+            elapsed=time.perf_counter() - self._began,
+            faults=faults,
+        )
 
     def _write(self, step: PipelineStep, *, until: float) -> None:
         if self._passthrough is None:
@@ -221,9 +259,13 @@ class OfflineRenderer:
 
 
 def process_recording(
-    source: Source, pipeline: Pipeline, outputs: OutputFiles, *, passthrough: Passthrough | None = None,
+    source: Source,
+    pipeline: Pipeline,
+    outputs: OutputFiles,
+    *,
+    passthrough: Passthrough | None = None,
     on_step: Callable[[PipelineStep], None] = ignore,
-) -> tuple[RunSummary, OfflineRenderer]:  # fmt: skip
+) -> tuple[RunSummary, OfflineRenderer]:
     """Process a source to its end.
 
     The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
@@ -234,16 +276,28 @@ def process_recording(
     """
     pipeline.reset()
     renderer = OfflineRenderer(
-        outputs, pipeline, channels=source.channels, sample_rate=source.sample_rate, passthrough=passthrough
+        outputs,
+        pipeline,
+        channels=source.channels,
+        sample_rate=source.sample_rate,
+        passthrough=passthrough,
     )
     try:
         with source, renderer:
             for block in source:
                 on_step(renderer.push(block))
             return renderer.finish(), renderer
-    except (OSError, soundfile.LibsndfileError) as error:  # of the results: a source has errors of its own
-        folder, reason = outputs.waveform.parent, getattr(error, "strerror", None) or error
-        raise ConfigError(f"the results cannot be written to {folder} ({reason}); choose another folder") from error
+    except (
+        OSError,
+        soundfile.LibsndfileError,
+    ) as error:  # of the results: a source has errors of its own
+        folder, reason = (
+            outputs.waveform.parent,
+            getattr(error, "strerror", None) or error,
+        )
+        raise ConfigError(
+            f"the results cannot be written to {folder} ({reason}); choose another folder"
+        ) from error
 
 
 class RunRecorder(RunFollower):
@@ -267,10 +321,14 @@ class RunRecorder(RunFollower):
         # Each step holds how much vibration had been rendered at its time: that aligns the two.
         first = int(np.median(steps["vibration_end"] - steps["time"] * sample_rate))
         rendered = np.concatenate([np.zeros(0, np.float32), *self._vibration])
-        return np.concatenate((np.zeros(max(0, -first), np.float32), rendered[max(0, first) :]))
+        return np.concatenate(
+            (np.zeros(max(0, -first), np.float32), rendered[max(0, first) :])
+        )
 
     def read(self) -> None:
-        with contextlib.suppress(OSError):  # the run has ended and removed its shared memory
+        with contextlib.suppress(
+            OSError
+        ):  # the run has ended and removed its shared memory
             self._last = self.watcher.snapshot(self._last, finger=self._finger)
             self._steps.append(self._last.steps)
             self._vibration.append(self._last.vibration)
@@ -292,13 +350,22 @@ class RunScores:
     """Median time in s from the end of a contact to the command for silence."""
 
 
-def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:
+def score_run(
+    timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]
+) -> RunScores:
     """Score a run's timeline against its labelled segments; a score without data is NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
-    smooth, rough = (within(time, [each for each in truth if each.label is label]) for label in SURFACE_LABELS)
+    smooth, rough = (
+        within(time, [each for each in truth if each.label is label])
+        for label in SURFACE_LABELS
+    )
     pairs = list(itertools.pairwise(truth))
-    touched = [after.start for before, after in pairs if after.contact and not before.contact]
-    lifted = [after.start for before, after in pairs if before.contact and not after.contact]
+    touched = [
+        after.start for before, after in pairs if after.contact and not before.contact
+    ]
+    lifted = [
+        after.start for before, after in pairs if before.contact and not after.contact
+    ]
     return RunScores(
         smooth_right=_share(touch[smooth] == Touch.SMOOTH),
         rough_right=_share(touch[rough] == Touch.ROUGH),
@@ -313,8 +380,14 @@ def _share(right: NDArray[np.bool_]) -> float:
     return float(right.mean()) if len(right) else float("nan")
 
 
-def _delay(time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]) -> float:
+def _delay(
+    time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]
+) -> float:
     """Return the median time in s from each event to the first line that meets the condition."""
     found = [time[condition & (time >= event)] for event in events]
-    delays = [float(after[0] - event) for after, event in zip(found, events, strict=True) if len(after)]
+    delays = [
+        float(after[0] - event)
+        for after, event in zip(found, events, strict=True)
+        if len(after)
+    ]
     return float(np.median(delays)) if delays else float("nan")

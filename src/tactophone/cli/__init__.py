@@ -67,7 +67,9 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 """Each verb with its line in ``tactophone --help``, in groups; ``a-b`` lives in ``a_b.py``."""
 
-VERBS: dict[str, str] = {verb: line for group in GROUPS.values() for verb, line in group.items()}
+VERBS: dict[str, str] = {
+    verb: line for group in GROUPS.values() for verb, line in group.items()
+}
 
 EXTRAS_OF_VERB = {
     "demo": ("link", "plot", "sim"),
@@ -109,7 +111,11 @@ _SHARED_MODULES = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130 (interrupted)."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verb = "" if words[:1] in (["-h"], ["--help"]) else next((word for word in words if not word.startswith("-")), "")
+    verb = (
+        ""
+        if words[:1] in (["-h"], ["--help"])
+        else next((word for word in words if not word.startswith("-")), "")
+    )
     args = argparse.Namespace()
     try:
         args = _parse(words or ["--help"], verb)
@@ -135,14 +141,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         full = error.errno == errno.ENOSPC
         given = map(vars(args).get, ("out", "plot", "to_rosbag", "identity"))
-        where = error.filename or (full and next(filter(None, given), None)) or "cannot read or write"
-        output.print_error(f"{where}: {error.strerror or error}{'; free some space, or write elsewhere' * full}")
+        where = (
+            error.filename
+            or (full and next(filter(None, given), None))
+            or "cannot read or write"
+        )
+        output.print_error(
+            f"{where}: {error.strerror or error}{'; free some space, or write elsewhere' * full}"
+        )
         return 1
     except RuntimeError as error:
         # By name: the library of sound files takes long to import, and tells nobody that the disk is full.
         if type(error).__name__ != "LibsndfileError":
             raise
-        output.print_error(f"{error} A sound file cannot be read or written: is the disk full? Free some space")
+        output.print_error(
+            f"{error} A sound file cannot be read or written: is the disk full? Free some space"
+        )
         return 1
 
 
@@ -159,41 +173,67 @@ def _parse(words: list[str], verb: str) -> argparse.Namespace:
         epilog=_listed(words),
         usage="%(prog)s [--help [all]] [--version] VERB ...",
     )
-    parser.add_argument("--version", action="version", version=f"tactophone {__version__}")
+    parser.add_argument(
+        "--version", action="version", version=f"tactophone {__version__}"
+    )
     if verb and verb not in VERBS:
         parser.error(f"there is no verb {verb}{did_you_mean(verb, VERBS)}")
-    verbs = parser.add_subparsers(prog=parser.prog, metavar="VERB", required=True, help=argparse.SUPPRESS)
+    verbs = parser.add_subparsers(
+        prog=parser.prog, metavar="VERB", required=True, help=argparse.SUPPRESS
+    )
     if verb:
         add_verb(verbs.add_parser(verb, description=VERBS[verb]), verb)
     return parser.parse_args(words)
 
 
 def add_verb(parser: argparse.ArgumentParser, verb: str) -> None:
-    module = importlib.import_module(f"tactophone.cli.{_SHARED_MODULES.get(verb, verb.replace('-', '_'))}")
+    module = importlib.import_module(
+        f"tactophone.cli.{_SHARED_MODULES.get(verb, verb.replace('-', '_'))}"
+    )
     parser.set_defaults(verb=verb)
     module.add_arguments(parser)
     if hasattr(module, "run"):
         parser.set_defaults(run=module.run)
-    parser.epilog = "\n".join(("examples:", *(f"  {example}" for example in examples_of(verb)), ""))
+    parser.epilog = "\n".join(
+        ("examples:", *(f"  {example}" for example in examples_of(verb)), "")
+    )
 
 
 def examples_of(verb: str) -> Sequence[str]:
     """Return the command lines that a verb's help shows."""
-    module = importlib.import_module(f"tactophone.cli.{_SHARED_MODULES.get(verb, verb.replace('-', '_'))}")
-    examples: Sequence[str] = module.EXAMPLES[verb] if isinstance(module.EXAMPLES, dict) else module.EXAMPLES
+    module = importlib.import_module(
+        f"tactophone.cli.{_SHARED_MODULES.get(verb, verb.replace('-', '_'))}"
+    )
+    examples: Sequence[str] = (
+        module.EXAMPLES[verb] if isinstance(module.EXAMPLES, dict) else module.EXAMPLES
+    )
     return examples
 
 
 def _listed(words: Sequence[str]) -> str:
     if "all" in words:
-        lines = [line for group, verbs in GROUPS.items() for line in (f"{group}:", *map(_line, verbs), "")]
+        lines = [
+            line
+            for group, verbs in GROUPS.items()
+            for line in (f"{group}:", *map(_line, verbs), "")
+        ]
     else:
         listed = {
-            group: [verb for verb in verbs if verb not in (*NEWCOMER, *SPECIAL)] for group, verbs in GROUPS.items()
+            group: [verb for verb in verbs if verb not in (*NEWCOMER, *SPECIAL)]
+            for group, verbs in GROUPS.items()
         }
         more = [f"  {group:14} {', '.join(verbs)}" for group, verbs in listed.items()]
-        lines = ["begin with:", *map(_line, NEWCOMER), "", "more, explained by `tactophone --help all`:", *more, ""]
-    return "\n".join([*lines, "`tactophone VERB --help` shows a verb's options and examples."])
+        lines = [
+            "begin with:",
+            *map(_line, NEWCOMER),
+            "",
+            "more, explained by `tactophone --help all`:",
+            *more,
+            "",
+        ]
+    return "\n".join(
+        [*lines, "`tactophone VERB --help` shows a verb's options and examples."]
+    )
 
 
 def _line(verb: str) -> str:

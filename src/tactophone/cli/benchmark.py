@@ -38,9 +38,15 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--data", type=Path, action="append", default=[], metavar="DIR",
+    add(
+        "--data",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
         help="a data set, repeatable; each is scored by itself, so that real and simulated sound never mix (default: a "
-        "small simulated one, rendered first)")  # fmt: skip
+        "small simulated one, rendered first)",
+    )
     add_filter(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
@@ -63,7 +69,10 @@ def run(args: argparse.Namespace) -> int:
     cache = cache_of(args)
     output.make_folder(args.out)  # now, not after hours
     results = [_run(dataset, cache, args) for dataset in _datasets(args, cache)]
-    summary = {"datasets": [asdict(of_dataset) for of_dataset in results], "profiles": steps_by_profile()}
+    summary = {
+        "datasets": [asdict(of_dataset) for of_dataset in results],
+        "profiles": steps_by_profile(),
+    }
     with atomic_write(args.out / "results.json") as unfinished:
         unfinished.write_text(json.dumps(output.finite(summary), indent=1))
     report = write_report(args.out, results, notes=NOTES)
@@ -79,34 +88,59 @@ def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
 
 def _simulated(folder: Path, workers: int) -> Path:
     from tactophone.lab.simulation.catalogue import catalogue
-    from tactophone.lab.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+    from tactophone.lab.simulation.render import (
+        RenderOptions,
+        plan_dataset,
+        render_dataset,
+        write_manifest,
+    )
     from tactophone.lab.simulation.takes import TAKES
 
-    takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
+    takes = [
+        take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")
+    ]
     objects = [obj for obj in catalogue() if obj.number >= 0]
-    jobs = plan_dataset(objects, RenderOptions(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
-    with output.tracked(render_dataset(folder, jobs, processes=workers), "simulating", len(jobs)) as rendered:
+    jobs = plan_dataset(
+        objects, RenderOptions(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes
+    )
+    with output.tracked(
+        render_dataset(folder, jobs, processes=workers), "simulating", len(jobs)
+    ) as rendered:
         for _ in rendered:
             pass
     write_manifest(folder, jobs)
     return folder
 
 
-def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "DatasetResults":
+def _run(
+    dataset: Dataset, cache: "Cache", args: argparse.Namespace
+) -> "DatasetResults":
     from tactophone.lab.benchmark.plan import run_benchmark, splits_of
 
-    splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
+    splits = (
+        args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
+    )
     names = args.methods.split(",") if args.methods else ()
     with output.progress(dataset.name) as update:
         return run_benchmark(
-            dataset, names, splits, cache, fast=args.fast, workers=args.workers, ray=args.ray,
+            dataset,
+            names,
+            splits,
+            cache,
+            fast=args.fast,
+            workers=args.workers,
+            ray=args.ray,
             report=lambda done, of, name: update(completed=done, total=of, note=name),
-        )  # fmt: skip
+        )
 
 
 def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
     """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
-    from tactophone.lab.benchmark.report import control_of, format_delay, steps_by_profile
+    from tactophone.lab.benchmark.report import (
+        control_of,
+        format_delay,
+        steps_by_profile,
+    )
 
     for of_dataset in results:
         for split in dict.fromkeys(result.split for result in of_dataset.results):
@@ -126,5 +160,8 @@ def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
             ]
             yield output.table(rows, padding=(0, 1, 0, 0))
             yield from (control_of(of_dataset, split), "")
-    steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
+    steps = ", ".join(
+        f"{name} {pitch:.1f} / {both:.1f}"
+        for name, (pitch, both) in steps_by_profile().items()
+    )
     yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"

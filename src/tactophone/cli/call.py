@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from tactophone.net.link.identity import Identity
 
 EXAMPLES = {
-    "call": ("tactophone call", "tactophone call --robot --source finger --remember lab", "tactophone call --check"),
+    "call": (
+        "tactophone call",
+        "tactophone call --robot --source finger --remember lab",
+        "tactophone call --check",
+    ),
     "answer": (
         "tactophone answer 3-escapade-peachy",
         "tactophone answer 3-escapade-peachy --source finger --remember home",
@@ -39,16 +43,39 @@ EXAMPLES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     answers = parser.get_default("verb") == "answer"
     if answers:
-        parser.add_argument("code", help="as `tactophone call` shows it there, or a name given to --remember")
-        parser.add_argument("--yes", action="store_true", help="accept whoever has the code, without a question")
+        parser.add_argument(
+            "code",
+            help="as `tactophone call` shows it there, or a name given to --remember",
+        )
+        parser.add_argument(
+            "--yes",
+            action="store_true",
+            help="accept whoever has the code, without a question",
+        )
     else:
-        parser.add_argument("code", nargs="?", default="", metavar="name", help="given to --remember before")
-        words = "only say which kind of router is here, and which route a call would take"
+        parser.add_argument(
+            "code",
+            nargs="?",
+            default="",
+            metavar="name",
+            help="given to --remember before",
+        )
+        words = (
+            "only say which kind of router is here, and which route a call would take"
+        )
         parser.add_argument("--check", action="store_true", help=words)
     usual = "what the caller is not" if answers else "the operator"
     words = f"be the robot (default: {usual})"
-    parser.add_argument("--robot", action="store_const", const="robot", dest="role", help=words)
-    parser.add_argument("--operator", action="store_const", const="operator", dest="role", help="be the operator")
+    parser.add_argument(
+        "--robot", action="store_const", const="robot", dest="role", help=words
+    )
+    parser.add_argument(
+        "--operator",
+        action="store_const",
+        const="operator",
+        dest="role",
+        help="be the operator",
+    )
     words = "keep the other end's fingerprint and a secret: the next call needs no code"
     parser.add_argument("--remember", default="", metavar="NAME", help=words)
     live.add_arguments(parser)
@@ -72,14 +99,22 @@ def run(args: argparse.Namespace) -> int:
         )
     identity = _identity(folder)
     spoken = bool(re.match(r"\d+-", args.code))
-    kept = args.remember or (args.code if not spoken else "")  # a name keeps what each call makes of its secret
+    kept = args.remember or (
+        args.code if not spoken else ""
+    )  # a name keeps what each call makes of its secret
     secrets = _secrets_of(folder, args.code) if args.code and not spoken else ()
     role: Role | Literal[""] = args.role or ("" if answers else "operator")
     name = re.sub(r"[^\w.+-]", "-", identity.name, flags=re.ASCII)[:64] or "unnamed"
     plan = Plan(
-        settings.call, answers, args.code if spoken else "", secrets, name, identity.fingerprint, role,
+        settings.call,
+        answers,
+        args.code if spoken else "",
+        secrets,
+        name,
+        identity.fingerprint,
+        role,
         expected=_fingerprint_of(folder, args.code) if secrets else "",
-    )  # fmt: skip
+    )
     with CallProcess(plan) as process, _Side(args, settings, process) as side:
         side.begin(role or "robot")
         steps = process.steps()
@@ -87,26 +122,42 @@ def run(args: argparse.Namespace) -> int:
         if kept:
             _remember(folder, kept, found)
         failures: list[str] = []
-        threading.Thread(target=_watch, args=(steps, found, failures), daemon=True).start()
-        code = live.follow(args, side.settings, side.started(), side.name, microphone=side.microphone)
+        threading.Thread(
+            target=_watch, args=(steps, found, failures), daemon=True
+        ).start()
+        code = live.follow(
+            args, side.settings, side.started(), side.name, microphone=side.microphone
+        )
         return 1 if failures else code
 
 
 def _found(
-    process: "CallProcess", steps: "Iterator[tuple[Step, Any]]", args: argparse.Namespace, side: "_Side", folder: Path
+    process: "CallProcess",
+    steps: "Iterator[tuple[Step, Any]]",
+    args: argparse.Namespace,
+    side: "_Side",
+    folder: Path,
 ) -> "Found":
     """Show the code, ask the person, and return the other end, to which there is a way now."""
     for step, content in steps:
         if step == "code" and not args.code:
             output.note(f"your code: {content}")
-            output.log().print(f"on the other machine: tactophone answer {content}", style="dim", soft_wrap=True)
+            output.log().print(
+                f"on the other machine: tactophone answer {content}",
+                style="dim",
+                soft_wrap=True,
+            )
         elif step == "code":
             output.log().print("waiting for the other end ...", style="dim")
         elif step == "asked":
             caller, role, version, fingerprint = content
-            output.note(f"{caller} calls, the {role}, with tactophone {version}; {_known(folder, fingerprint)}")
+            output.note(
+                f"{caller} calls, the {role}, with tactophone {version}; {_known(folder, fingerprint)}"
+            )
             side.begin("operator" if role == "robot" else "robot")
-            process.answer(args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes"))
+            process.answer(
+                args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes")
+            )
         elif step == "found":
             output.note(f"{content.name}: {_way(content)}; you are the {content.role}")
             return content  # type: ignore[no-any-return]
@@ -116,21 +167,37 @@ def _found(
 def _known(folder: Path, fingerprint: str) -> str:
     from tactophone.net.link.identity import Peers
 
-    name = next((name for name, pin in Peers.load(folder).items() if pin == fingerprint), "")
-    return f"you trust its key, as {name}" if name else f"its key is new to this machine: {fingerprint[:11]}..."
+    name = next(
+        (name for name, pin in Peers.load(folder).items() if pin == fingerprint), ""
+    )
+    return (
+        f"you trust its key, as {name}"
+        if name
+        else f"its key is new to this machine: {fingerprint[:11]}..."
+    )
 
 
 def _way(found: "Found") -> str:
     how = "over the relay" if found.relayed else f"directly to {found.host}"
-    there_and_back = f", {1000 * found.round_trip:.0f} ms there and back" if math.isfinite(found.round_trip) else ""
+    there_and_back = (
+        f", {1000 * found.round_trip:.0f} ms there and back"
+        if math.isfinite(found.round_trip)
+        else ""
+    )
     return f"connected {how} in {found.after:.1f} s, encrypted{there_and_back}"
 
 
-def _watch(steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[str]) -> None:
+def _watch(
+    steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[str]
+) -> None:
     """Report each new way, and how far the other end is; end the run as SIGTERM does once the last way is lost."""
     other = "operator" if found.role == "robot" else "robot"
     doing = "opening its microphones" if other == "robot" else "opening its output"
-    words = {"starting": f"still starting; {found.name} says when it is ready", "opening": doing, "ready": "ready"}
+    words = {
+        "starting": f"still starting; {found.name} says when it is ready",
+        "opening": doing,
+        "ready": "ready",
+    }
     try:
         for step, content in steps:
             if step == "state":
@@ -146,13 +213,25 @@ def _watch(steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[s
 class _Side(AbstractContextManager["_Side", None]):
     """The live side, which starts while the other end is searched for; a context manager."""
 
-    def __init__(self, args: argparse.Namespace, settings: Settings, process: "CallProcess") -> None:
+    def __init__(
+        self, args: argparse.Namespace, settings: Settings, process: "CallProcess"
+    ) -> None:
         from tactophone.net.link.way import PEER
 
-        self._args, self._keeper, self._say, self._role = args, process.keeper, process.say, ""
+        self._args, self._keeper, self._say, self._role = (
+            args,
+            process.keeper,
+            process.say,
+            "",
+        )
         self.name = settings.process.name or args.verb
         self.settings = change(
-            settings, ["link.peer=[{}]:{}".format(*PEER), "rendering.muted=true", f"process.name={self.name}"]
+            settings,
+            [
+                "link.peer=[{}]:{}".format(*PEER),
+                "rendering.muted=true",
+                f"process.name={self.name}",
+            ],
         )
         self.microphone: Connection | None = None
         self._resources = ExitStack()
@@ -166,11 +245,19 @@ class _Side(AbstractContextManager["_Side", None]):
         self._resources.close()
         self._role, open_source = role, None
         if role == "robot":
-            open_source, self.microphone = sources.source_of(self.settings, page=page.wanted(self._args, self.settings))
+            open_source, self.microphone = sources.source_of(
+                self.settings, page=page.wanted(self._args, self.settings)
+            )
         self._supervisor = runs.open_side(
-            self.settings, self.name, open_source, report=output.note, keeper=self._keeper
+            self.settings,
+            self.name,
+            open_source,
+            report=output.note,
+            keeper=self._keeper,
         )
-        self._supervisor.progress = lambda doing: self._say("opening") if doing.startswith("opening") else None
+        self._supervisor.progress = lambda doing: (
+            self._say("opening") if doing.startswith("opening") else None
+        )
         self._resources.push(self._supervisor)
         self._supervisor.begin()
 
@@ -204,7 +291,9 @@ def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
     with suppress(OSError, ValueError):
         if secrets := tuple(map(bytes.fromhex, path.read_text().split())):
             return secrets
-    raise ConfigError(f"{path} holds no secret of an earlier call: call once with a code and --remember {name}")
+    raise ConfigError(
+        f"{path} holds no secret of an earlier call: call once with a code and --remember {name}"
+    )
 
 
 def _fingerprint_of(folder: Path, name: str) -> str:
@@ -212,15 +301,22 @@ def _fingerprint_of(folder: Path, name: str) -> str:
 
     if found := dict(Peers.load(folder).items()).get(name):
         return found
-    raise ConfigError(f"{name} is not trusted any more: call once with a code and --remember {name}")
+    raise ConfigError(
+        f"{name} is not trusted any more: call once with a code and --remember {name}"
+    )
 
 
 def _remember(folder: Path, name: str, found: "Found") -> None:
     """Trust the other end from now on, and keep the secrets from which both derive the next code."""
     from tactophone.net.link.identity import Peers, write_private
 
-    if dict(Peers.load(folder).items()).get(name, found.fingerprint) != found.fingerprint:
-        output.warn(f"not remembered: {name} is the name of another machine in peers.txt; choose another name")
+    if (
+        dict(Peers.load(folder).items()).get(name, found.fingerprint)
+        != found.fingerprint
+    ):
+        output.warn(
+            f"not remembered: {name} is the name of another machine in peers.txt; choose another name"
+        )
         return
     path = _secret_path(folder, name)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -228,4 +324,6 @@ def _remember(folder: Path, name: str, found: "Found") -> None:
     write_private(draft, "\n".join(found.secrets).encode())
     draft.replace(path)
     Peers.load(folder).trusting(name, found.fingerprint).save(folder)
-    output.note(f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no code")
+    output.note(
+        f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no code"
+    )

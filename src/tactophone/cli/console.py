@@ -68,23 +68,35 @@ class Outcome:
         return 130 if self.signal == signal.SIGINT else 0
 
 
-def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0) -> Outcome:
+def follow(
+    supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0
+) -> Outcome:
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
     The first of the ``supervisors`` to end by itself ends all. A ``duration`` of 0 s means no limit.
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")
-    with _signals(supervisors) as received, single_keys() as has_keyboard, output.live_display() as live:
+    with (
+        _signals(supervisors) as received,
+        single_keys() as has_keyboard,
+        output.live_display() as live,
+    ):
         if has_keyboard:
             output.log().print(Text(KEYS_HELP, style="dim"))
-        while not received and time.monotonic() < deadline and all(side.running for side in supervisors):
+        while (
+            not received
+            and time.monotonic() < deadline
+            and all(side.running for side in supervisors)
+        ):
             view.update()
             if live is not None:
                 live.update(view.line(), refresh=True)
             if has_keyboard and not view.handle(read_key(REFRESH_INTERVAL)):
                 break
-            if not has_keyboard and supervisors[0].wait(min(REFRESH_INTERVAL, max(0.0, deadline - time.monotonic()))):
+            if not has_keyboard and supervisors[0].wait(
+                min(REFRESH_INTERVAL, max(0.0, deadline - time.monotonic()))
+            ):
                 break
     return Outcome(view.last, sum(side.restarts for side in supervisors), received)
 
@@ -95,7 +107,9 @@ class _ConsoleView:
         self._name = name
         self._watcher: Watcher | None = None
         self._printed: dict[str, str] = {}
-        self._felt: deque[tuple[Touch, float]] = deque([(Touch.NONE, 0.0)] * STRIP, STRIP)
+        self._felt: deque[tuple[Touch, float]] = deque(
+            [(Touch.NONE, 0.0)] * STRIP, STRIP
+        )
 
     def update(self) -> None:
         """Take a snapshot, and print what has changed in its state."""
@@ -118,13 +132,21 @@ class _ConsoleView:
         if self.last is None or not self.last.alive:
             return Text("waiting for sound ...", style="yellow")
         figures = _line(self.last)
-        return figures if self.last.state.role != "operator" else Text("\n").join([_strip(self._felt), figures])
+        return (
+            figures
+            if self.last.state.role != "operator"
+            else Text("\n").join([_strip(self._felt), figures])
+        )
 
     def _print_changes(self, state: State) -> None:
         # One entry per subject, so that a message is printed when it appears or changes, not at every update.
-        messages = {f"fault {fault.code}": f"! {fault.text}" for fault in state.faults} | {"link": state.link}
+        messages = {
+            f"fault {fault.code}": f"! {fault.text}" for fault in state.faults
+        } | {"link": state.link}
         if state.role == "operator":
-            messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
+            messages["muted"] = (
+                f"muted: {state.muted_because}" if state.muted_because else "armed"
+            )
         for subject, text in messages.items():
             if text and self._printed.get(subject) != text:
                 output.log().print(text[:MOST_WORDS], soft_wrap=True)
@@ -135,25 +157,37 @@ def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
     """Draw the vibration of each update: a bar from 1/8 at -30 dB to the whole height at -6 dB, the usual ceiling."""
     strip = Text(no_wrap=True)
     for touch, amplitude in felt:
-        height = round(np.interp(20 * np.log10(max(amplitude, 1e-6)), (-30, -6), (1, 8)))
-        strip.append("▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", TOUCH_STYLES.get(touch, "dim"))
+        height = round(
+            np.interp(20 * np.log10(max(amplitude, 1e-6)), (-30, -6), (1, 8))
+        )
+        strip.append(
+            "▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", TOUCH_STYLES.get(touch, "dim")
+        )
     return strip
 
 
 def _line(snapshot: Snapshot) -> Text:
-    peaks = np.abs(snapshot.sound[-4800:]).max(axis=0, initial=1e-6)  # of the newest 0.1 s
+    peaks = np.abs(snapshot.sound[-4800:]).max(
+        axis=0, initial=1e-6
+    )  # of the newest 0.1 s
     contact, air = 20 * np.log10(np.maximum(peaks, 1e-6))
     parts = [f"contact {contact:4.0f}  air {air:4.0f} dBFS"]
     if snapshot.steps.size and snapshot.state.role == "operator":
         step = snapshot.steps[-1]
-        parts.append(f"{Touch(step['touch']).name.lower():6} {step['frequency']:3.0f} Hz {step['amplitude']:4.2f}")
+        parts.append(
+            f"{Touch(step['touch']).name.lower():6} {step['frequency']:3.0f} Hz {step['amplitude']:4.2f}"
+        )
     counters = snapshot.counters
     packets = counters["packets_received"] or counters["packets_sent"]
     parts.append(f"{counters['packets_lost']} lost of {packets}")
     total = snapshot.gauges["latency_total"]
     if np.isfinite(total):
         parts.append(f"{1000 * total:.1f} ms")
-    style = "green" if snapshot.state.role != "operator" or snapshot.state.armed else "yellow"
+    style = (
+        "green"
+        if snapshot.state.role != "operator" or snapshot.state.armed
+        else "yellow"
+    )
     return Text("  ".join(parts), style=style, no_wrap=True, overflow="ellipsis")
 
 
@@ -169,10 +203,17 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
         for side in supervisors:
             side.stop_emergency()
 
-    handlers: dict[int, Callable[[int, FrameType | None], None]] = {signal.SIGTERM: end, signal.SIGUSR1: stop}
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell starts a script's background jobs
+    handlers: dict[int, Callable[[int, FrameType | None], None]] = {
+        signal.SIGTERM: end,
+        signal.SIGUSR1: stop,
+    }
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    ):  # as a shell starts a script's background jobs
         handlers[signal.SIGINT] = end
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    before = {
+        number: signal.signal(number, handler) for number, handler in handlers.items()
+    }
     try:
         yield received
     finally:

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
     words = "keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable"
-    parser.add_argument("--filter", action="append", metavar="KEY=VALUE[,VALUE...]", help=words)
+    parser.add_argument(
+        "--filter", action="append", metavar="KEY=VALUE[,VALUE...]", help=words
+    )
 
 
 def add_labels(parser: argparse.ArgumentParser) -> None:
@@ -28,21 +30,44 @@ def add_labels(parser: argparse.ArgumentParser) -> None:
 
 
 def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
-    return dict(options.assigned(args.labels.split(","), "--labels")) if args.labels else None
+    return (
+        dict(options.assigned(args.labels.split(","), "--labels"))
+        if args.labels
+        else None
+    )
 
 
 def add_kin(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--kin", type=Path, metavar="CSV",
+    parser.add_argument(
+        "--kin",
+        type=Path,
+        metavar="CSV",
         help="file with the columns surface,kin: surfaces of one kin stay on one side of a split (default: "
-        "the column kin, or the versions of a surface, by name)")  # fmt: skip
+        "the column kin, or the versions of a surface, by name)",
+    )
 
 
 def add_folds(parser: argparse._ActionsContainer) -> None:
     """Add where folds run, and where their results are kept."""
     add = parser.add_argument
-    add("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
-    add("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
-    add("--cache", type=Path, metavar="DIR", help="folder for the folds' results (default: the user's cache)")
+    add(
+        "--workers",
+        type=Within(int, 1),
+        default=2,
+        metavar="N",
+        help="processes, %(type)s",
+    )
+    add(
+        "--ray",
+        action="store_true",
+        help="run folds on a Ray cluster: RAY_ADDRESS, or a local one",
+    )
+    add(
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help="folder for the folds' results (default: the user's cache)",
+    )
 
 
 def cache_of(args: argparse.Namespace) -> "Cache":
@@ -101,6 +126,10 @@ def _filtered(dataset: Dataset, text: str) -> Dataset:
     allowed = set(values.split(","))
     kept = dataset.where(lambda recording: recording.known(key) in allowed)
     if not kept.recordings:
-        known = sorted({recording.known(key) or "(nothing)" for recording in dataset.recordings})
-        raise DatasetError(f"--filter {text}: no recording has it; {key} is one of {', '.join(known[:12])}")
+        known = sorted(
+            {recording.known(key) or "(nothing)" for recording in dataset.recordings}
+        )
+        raise DatasetError(
+            f"--filter {text}: no recording has it; {key} is one of {', '.join(known[:12])}"
+        )
     return kept

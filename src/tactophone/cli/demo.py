@@ -27,10 +27,25 @@ USUAL = ["simulation.network=wifi-busy"]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for picture and sound")
-    add("--recording", type=Path, metavar="FILE", help="WAV or FLAC to send in place of the simulated finger's sound")
+    add(
+        "--out",
+        type=Path,
+        default=Path("demo"),
+        metavar="DIR",
+        help="folder for picture and sound",
+    )
+    add(
+        "--recording",
+        type=Path,
+        metavar="FILE",
+        help="WAV or FLAC to send in place of the simulated finger's sound",
+    )
     options.add_json(parser, "print the scores as JSON")
-    add("--verbose", action="store_true", help="print the counts of packets, the latency by stage and every file too")
+    add(
+        "--verbose",
+        action="store_true",
+        help="print the counts of packets, the latency by stage and every file too",
+    )
     options.add_settings(parser, "demo", USUAL)
     options.add_fingers(parser)
     live.add_record(parser, bridge=False)
@@ -43,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
     output.make_folder(args.out)
     settings = options.settings_of(args, USUAL)
 
-    def follow(sides: "Sequence[Supervisor]", name: str, duration: float) -> "Snapshot | None":
+    def follow(
+        sides: "Sequence[Supervisor]", name: str, duration: float
+    ) -> "Snapshot | None":
         watched = page.shown(settings, name, page=page.wanted(args, settings))
         with live.recorded(args, settings, name), watched:
             outcome = console.follow(sides, name, duration=duration)
@@ -51,13 +68,29 @@ def run(args: argparse.Namespace) -> int:
             raise KeyboardInterrupt
         return outcome.last
 
-    with nullcontext(settings.process.name) if settings.process.name else free_name() as name:
+    with (
+        nullcontext(settings.process.name)
+        if settings.process.name
+        else free_name() as name
+    ):
         shown = demonstrate(
-            settings, args.out, recording=args.recording, name=name, follow=follow, report=output.note, warn=output.warn
+            settings,
+            args.out,
+            recording=args.recording,
+            name=name,
+            follow=follow,
+            report=output.note,
+            warn=output.warn,
         )
-    values: dict[str, Any] = {name: {**of.files, **asdict(of.scores)} for name, of in shown.fingers.items()}
+    values: dict[str, Any] = {
+        name: {**of.files, **asdict(of.scores)} for name, of in shown.fingers.items()
+    }
     if "" in values:
-        values = {**values[""], "counters": shown.last.counters, "gauges": shown.last.gauges}
+        values = {
+            **values[""],
+            "counters": shown.last.counters,
+            "gauges": shown.last.gauges,
+        }
     output.show(values, _parts(shown, verbose=args.verbose), as_json=args.json)
     return 0
 
@@ -72,7 +105,11 @@ def _parts(shown: "Demonstration", *, verbose: bool) -> Iterator[output.Part]:
         yield f"{lost:.1f} s of vibration are missing: this machine stood still for too long"
     for name, finger in shown.fingers.items():
         yield from _words(name, finger.scores)
-    files = {f"{name} {kind}".strip(): path for name, own in shown.fingers.items() for kind, path in own.files.items()}
+    files = {
+        f"{name} {kind}".strip(): path
+        for name, own in shown.fingers.items()
+        for kind, path in own.files.items()
+    }
     # The picture last: it is what to look at next.
     for kind, path in reversed(files.items()):
         if verbose or kind.endswith("picture"):

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.app.evaluation import HEADLINE, Progress, compare_recipes, evaluate_model, evaluate_recipe, note_scores
+from tactophone.app.evaluation import (
+    HEADLINE,
+    Progress,
+    compare_recipes,
+    evaluate_model,
+    evaluate_recipe,
+    note_scores,
+)
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
@@ -48,22 +55,48 @@ _MEASURES = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("model", nargs="?", metavar="MODEL",
-        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe")  # fmt: skip
-    add("--data", type=Path, required=True, metavar="DIR", help="a data set, or class folders rough/ and smooth/")
+    add(
+        "model",
+        nargs="?",
+        metavar="MODEL",
+        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
+    )
+    add(
+        "--data",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="a data set, or class folders rough/ and smooth/",
+    )
     add_filter(parser)
     add_kin(parser)
-    add("--by-recording", action="store_true", help="list every recording instead of surfaces")
-    add("--note", metavar="NAME", help="write the scores into the model's card, under this name")
+    add(
+        "--by-recording",
+        action="store_true",
+        help="list every recording instead of surfaces",
+    )
+    add(
+        "--note",
+        metavar="NAME",
+        help="write the scores into the model's card, under this name",
+    )
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
     words = f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)"
     group.add_argument("--split", metavar="NAME", help=words)
-    group.add_argument("--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
+    group.add_argument(
+        "--baselines",
+        type=Within(int, 0),
+        nargs="?",
+        const=1,
+        metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
-        "(without N: 1)")  # fmt: skip
+        "(without N: 1)",
+    )
     words = "an entry of a recipe file and its values, repeatable: every combination is tried, best first"
-    group.add_argument("--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words)
+    group.add_argument(
+        "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words
+    )
     add_folds(group)
     add_recipe(group)
 
@@ -76,7 +109,11 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError("--vary tries recipes: leave out the MODEL")
         return _vary(args)
     recipe = recipe_of(args) if args.model else recipe_for(args, args.data)
-    channels = read_model(model_path(args.model)).card.channels if args.model else recipe.configured().channels
+    channels = (
+        read_model(model_path(args.model)).card.channels
+        if args.model
+        else recipe.configured().channels
+    )
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     with _progress() as report:
         if args.model:
@@ -85,15 +122,24 @@ def run(args: argparse.Namespace) -> int:
         else:
             how, warnings = args.split or KIN_SPLIT, []
             reports = evaluate_recipe(
-                recipe, dataset, how=how, baselines=args.baselines, cache=cache_of(args), report=report
+                recipe,
+                dataset,
+                how=how,
+                baselines=args.baselines,
+                cache=cache_of(args),
+                report=report,
             )
     for warning in warnings:
         output.note(warning)
     if args.note:
         note_scores(args.model, args.note, reports[args.model], dataset)
-    output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
+    output.show(
+        reports, _parts(reports, by_recording=args.by_recording), as_json=args.json
+    )
     if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
-        output.note("warning: far worse than chance: check which labels are smooth, and the tip")
+        output.note(
+            "warning: far worse than chance: check which labels are smooth, and the tip"
+        )
     return 0
 
 
@@ -112,7 +158,9 @@ def _progress() -> Iterator[Progress]:
         yield report
 
 
-def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
+def _parts(
+    reports: "Mapping[str, Report]", *, by_recording: bool
+) -> Iterator[output.Part]:
     """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
     from tactophone.lab.evaluation.bootstrap import FEWEST_SURFACES
     from tactophone.lab.evaluation.metrics import SCORING_RULES
@@ -143,18 +191,34 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
         yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
     rates = (first.false_bumps, first.dips)
     bumps, dips = (
-        "-" if math.isnan(rate) else f"{rate:.1f}" if rate < FLICKER else "over one a second" for rate in rates
+        "-"
+        if math.isnan(rate)
+        else f"{rate:.1f}"
+        if rate < FLICKER
+        else "over one a second"
+        for rate in rates
     )
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
-    unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))
+    unknown, inside, outside = map(
+        output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
+    )
     yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
     # Three columns of a score and its interval are what 80 characters hold.
-    headings = dict(zip(HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
+    headings = dict(
+        zip(
+            HEADLINE,
+            ("balanced accuracy", "area under ROC", "recall at 1 %"),
+            strict=False,
+        )
+    )
     for rule in SCORING_RULES if len(reports) > 1 else ():
         yield from _table(
             f"{rule} rule",
             {
-                name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
+                name: {
+                    heading: report.rules[rule][measure]
+                    for measure, heading in headings.items()
+                }
                 for name, report in reports.items()
             },
         )
@@ -166,8 +230,15 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
         },
     )
     rows = first.by_recording if by_recording else first.by_surface
-    table = Table("recording" if by_recording else "surface", "label", "updates", "contact", "authors",
-                  "two-class", show_edge=False)  # fmt: skip
+    table = Table(
+        "recording" if by_recording else "surface",
+        "label",
+        "updates",
+        "contact",
+        "authors",
+        "two-class",
+        show_edge=False,
+    )
     for row in rows:
         shares = (row.contact, row.authors, row.two_class)
         cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
@@ -176,12 +247,17 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
 
 
 def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:
-    yield output.table([{corner: name, **cells} for name, cells in rows.items()], **output.RULED)
+    yield output.table(
+        [{corner: name, **cells} for name, cells in rows.items()], **output.RULED
+    )
     yield ""
 
 
 def _vary(args: argparse.Namespace) -> int:
-    choices = {name: values.split(",") for name, values in options.assigned(args.vary, "--vary").items()}
+    choices = {
+        name: values.split(",")
+        for name, values in options.assigned(args.vary, "--vary").items()
+    }
     recipes = {}
     for combination in itertools.product(*choices.values()):
         changes = dict(zip(choices, combination, strict=True))
@@ -191,18 +267,31 @@ def _vary(args: argparse.Namespace) -> int:
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     with _progress() as report:
         trials = compare_recipes(
-            recipes, dataset, how=args.split or "5-fold", cache=cache_of(args), workers=args.workers, ray=args.ray,
+            recipes,
+            dataset,
+            how=args.split or "5-fold",
+            cache=cache_of(args),
+            workers=args.workers,
+            ray=args.ray,
             report=report,
-        )  # fmt: skip
+        )
     table = [
-        {"settings": each.settings, **{key.replace("_", " "): str(each.scores[key]) for key in HEADLINE[:3]}}
+        {
+            "settings": each.settings,
+            **{key.replace("_", " "): str(each.scores[key]) for key in HEADLINE[:3]},
+        }
         for each in trials
     ]
     values = [
-        {"settings": each.settings, **{key: str(each.scores[key]) for key in HEADLINE[:3]},
-         "score": each.scores["balanced_accuracy"].value}
+        {
+            "settings": each.settings,
+            **{key: str(each.scores[key]) for key in HEADLINE[:3]},
+            "score": each.scores["balanced_accuracy"].value,
+        }
         for each in trials
-    ]  # fmt: skip
+    ]
     output.show(values, [table], as_json=args.json)
-    output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
+    output.log().print(
+        "the best of many is partly luck: score it again on surfaces that no trial was scored on"
+    )
     return 0

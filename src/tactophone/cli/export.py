@@ -14,25 +14,64 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("format", choices=("lerobot",), metavar="FORMAT", help="lerobot: LeRobotDataset v3.0")
+    add(
+        "format",
+        choices=("lerobot",),
+        metavar="FORMAT",
+        help="lerobot: LeRobotDataset v3.0",
+    )
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
     words = "folder of the robot's own data set"
-    add("--with", dest="dataset", type=Path, required=True, metavar="DATASET", help=words)
-    add("--out", type=Path, required=True, metavar="DIR", help="new folder: a copy with what was felt")
-    add("--episode", type=options.Within(int, 0), default=0, metavar="N",
-        help="episode that the log belongs to, %(type)s")  # fmt: skip
-    add("--start", type=options.Within(float, 0, unit="s since 1970"), metavar="S",
-        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction")  # fmt: skip
-    add("--into-state", type=lambda words: tuple(words.split(",")), default=(), metavar="NAMES",
+    add(
+        "--with",
+        dest="dataset",
+        type=Path,
+        required=True,
+        metavar="DATASET",
+        help=words,
+    )
+    add(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="new folder: a copy with what was felt",
+    )
+    add(
+        "--episode",
+        type=options.Within(int, 0),
+        default=0,
+        metavar="N",
+        help="episode that the log belongs to, %(type)s",
+    )
+    add(
+        "--start",
+        type=options.Within(float, 0, unit="s since 1970"),
+        metavar="S",
+        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction",
+    )
+    add(
+        "--into-state",
+        type=lambda words: tuple(words.split(",")),
+        default=(),
+        metavar="NAMES",
         help="also append the newest values of these columns to observation.state, the one feature that policies read: "
-        "roughness,contact,amplitude")  # fmt: skip
+        "roughness,contact,amplitude",
+    )
     options.add_json(parser, "print the summary as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     from tactophone.app.lerobot import export
 
-    found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start, into_state=args.into_state)
+    found = export(
+        args.log,
+        args.dataset,
+        args.out,
+        episode=args.episode,
+        start=args.start,
+        into_state=args.into_state,
+    )
     words = (
         f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
         f"{found.frames} frames; {len(found.sound)} files of sound"

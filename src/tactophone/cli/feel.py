@@ -30,7 +30,9 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     if felt.chosen_for_mono:
         yield "  (mono: treated as the contact microphone; for a rod with its own microphone, pass --tip stylus)"
     shares = (summary.contact, summary.rough, summary.unknown)
-    contact, rough, unknown = (output.percent(share, unknown="none") for share in shares)
+    contact, rough, unknown = (
+        output.percent(share, unknown="none") for share in shares
+    )
     yield f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"
     yield f"  threshold  {_threshold(felt)}"
     if felt.scores:
@@ -38,9 +40,13 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     for note in felt.notes:
         yield output.styled("yellow", "  note", f"       {note}")
     if felt.events:
-        yield "  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(felt.events.items()))
+        yield "  events     " + ", ".join(
+            f"{count} x {kind}" for kind, count in sorted(felt.events.items())
+        )
     if summary.faults:
-        yield "  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items())
+        yield "  silenced   " + ", ".join(
+            f"{count} x {cause}" for cause, count in summary.faults.items()
+        )
     for kind, path in felt.files.items():
         yield f"  {kind:10} {path!s}"
     yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.3g} x real time"
@@ -52,15 +58,24 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
 
 
 def _threshold(result: Felt) -> str:
-    floor, threshold = result.floor, f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS"
+    floor, threshold = (
+        result.floor,
+        f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS",
+    )
     if floor is None:
         return f"{threshold}, as given"
     if floor.known:
         over = floor.floor_dbfs > floor.threshold_dbfs
-        words = ", louder than any threshold: all of it is taken as touch" if over else ""
+        words = (
+            ", louder than any threshold: all of it is taken as touch" if over else ""
+        )
         return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
     if floor.loudest_dbfs < FLOOR_SILENT_DBFS:
-        why = "too short to show its noise" if result.summary.contact else "digital silence"
+        why = (
+            "too short to show its noise"
+            if result.summary.contact
+            else "digital silence"
+        )
         return f"none: the recording is {why}"
     return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
 
@@ -70,30 +85,71 @@ def _no_contact(result: Felt) -> tuple[str, str]:
     floor, loudest = result.floor, result.summary.loudest_dbfs
     again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
     if "sound" in result.summary.faults:
-        return "the samples are no sound: see the note", "write the file again: 16 or 24 bits, or floats from -1 to 1"
+        return (
+            "the samples are no sound: see the note",
+            "write the file again: 16 or 24 bits, or floats from -1 to 1",
+        )
     if result.summary.faults:
-        return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector.name)}"
+        return (
+            "the model's output is invalid",
+            f"tactophone model show {shlex.quote(result.pipeline.detector.name)}",
+        )
     if loudest < FLOOR_SILENT_DBFS:
-        return "the recording is digital silence: no microphone was connected", "tactophone setup --check"
+        return (
+            "the recording is digital silence: no microphone was connected",
+            "tactophone setup --check",
+        )
     if loudest < CHECKED_SILENT_DBFS:
-        return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone setup --check"
+        return (
+            f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off",
+            "tactophone setup --check",
+        )
     if floor is None:
-        return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"
+        return (
+            f"loudest window: {loudest:.1f} dBFS, under the threshold that was given",
+            f"{again} {loudest - 10:.0f}",
+        )
     found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
     return found, f"{again} {floor.floor_dbfs - 6:.0f}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("recordings", nargs="+", type=Path, metavar="RECORDING",
+    add(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
         help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; a "
-        "folder of them; or the sound of a run, an MCAP file of --record")  # fmt: skip
-    add("--finger", default="", metavar="NAME", help="only this finger of a hand's log (default: all)")
-    add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
-    add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="graded", metavar="NAME",
-        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip
+        "folder of them; or the sound of a run, an MCAP file of --record",
+    )
+    add(
+        "--finger",
+        default="",
+        metavar="NAME",
+        help="only this finger of a hand's log (default: all)",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="folder for the results; created if it does not exist",
+    )
+    add(
+        "--profile",
+        dest="rendering.profile",
+        choices=(*PROFILES, *PASSTHROUGH),
+        default="graded",
+        metavar="NAME",
+        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
+    )
     options.add_figure(parser)
-    add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
+    add(
+        "--json",
+        action="store_true",
+        help="print the summary as JSON, and write the timeline as JSON too",
+    )
     for name in options.flags_of("feel"):
         options.add_flag(parser, name)
     page.add_dashboard(parser)
@@ -109,7 +165,9 @@ def run(args: argparse.Namespace) -> int:
         failures.append(message)
         output.print_error(message)
 
-    for path, stem in unique_stems(sounds_of(args.recordings, args.out, finger=args.finger, report=failed)):
+    for path, stem in unique_stems(
+        sounds_of(args.recordings, args.out, finger=args.finger, report=failed)
+    ):
         try:
             results.append(_feel(path, stem, args, settings))
         except (TactophoneError, OSError) as error:
@@ -123,7 +181,10 @@ def run(args: argparse.Namespace) -> int:
     if page.wanted(args, settings) and results:
         from tactophone.app.playback import Take
 
-        takes = [Take(each.path.name, [each.path], [each.pipeline], each.truth) for each in results]
+        takes = [
+            Take(each.path.name, [each.path], [each.pipeline], each.truth)
+            for each in results
+        ]
         page.play_on_page(settings, takes, name="feel")
     return 1 if failures else 0
 
@@ -131,9 +192,14 @@ def run(args: argparse.Namespace) -> int:
 def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
     with output.progress("processing", note=path.name) as update:
         felt = feel(
-            path, args.out, settings, stem=stem, plot=args.plot,
-            timeline_json=args.json, report=lambda done, size: update(completed=done, total=size),
-        )  # fmt: skip
+            path,
+            args.out,
+            settings,
+            stem=stem,
+            plot=args.plot,
+            timeline_json=args.json,
+            report=lambda done, size: update(completed=done, total=size),
+        )
     if felt.tip_warning:
         output.note(f"{path}: {felt.tip_warning}")
     return felt

@@ -34,7 +34,10 @@ REPLAYED, VALIDATED, TESTED = 40, 12, 21
 MOST_LOST = 0.005
 """Largest loss of balanced accuracy on the few validation surfaces, so that others lose at most 0.02."""
 
-HEADINGS = {"balanced_accuracy": "balanced accuracy", "false_positive_rate": "smooth as rough"}
+HEADINGS = {
+    "balanced_accuracy": "balanced accuracy",
+    "false_positive_rate": "smooth as rough",
+}
 
 EXAMPLES = (
     "tactophone finetune general.onnx recordings --general simulated",
@@ -45,7 +48,10 @@ NEW, GENERAL = "new objects, held-out takes", "general test set"
 
 
 def _parts(
-    changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path | None
+    changes: "dict[str, dict[str, Change]]",
+    share: float,
+    seconds: float,
+    file: Path | None,
 ) -> Iterator[output.Part]:
     rows: list[tuple[Any, ...]] = []
     for name, part in changes.items():
@@ -54,15 +60,28 @@ def _parts(
             if math.isnan(change.before.value):
                 rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
                 continue
-            points = (100 * change.difference.value, 100 * change.difference.low, 100 * change.difference.high)
-            text = ("{:+.1f}" if math.isnan(points[1]) else "{:+.1f} ({:+.1f} to {:+.1f})").format(*points)
-            rows.append((f"  {HEADINGS[key]}", str(change.before), str(change.after), text))
+            points = (
+                100 * change.difference.value,
+                100 * change.difference.low,
+                100 * change.difference.high,
+            )
+            text = (
+                "{:+.1f}" if math.isnan(points[1]) else "{:+.1f} ({:+.1f} to {:+.1f})"
+            ).format(*points)
+            rows.append(
+                (f"  {HEADINGS[key]}", str(change.before), str(change.after), text)
+            )
     headings = ("", "before", "after", "change, points")
     yield [dict(zip(headings, row, strict=True)) for row in rows]
     yield f"share of the new parameters: {share:.0%}; {seconds:.0f} s; intervals: 90 %"
     new, elsewhere = (changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
-    if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
-        output.log().print("warning: no better on the new objects, or 2 points worse elsewhere; keep the old model")
+    if (
+        new.after.value < min(1.0, new.before.value + 1e-9)
+        or elsewhere.difference.value < -0.02
+    ):
+        output.log().print(
+            "warning: no better on the new objects, or 2 points worse elsewhere; keep the old model"
+        )
     rate = changes[GENERAL]["false_positive_rate"]
     words = (
         f" elsewhere smooth as rough is now {rate.after} (was {rate.before}); nothing was written: "
@@ -73,14 +92,48 @@ def _parts(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("model", metavar="MODEL", help="model to start from: a file, or the name of a shipped one")
-    add("new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more")
-    add("--general", type=Path, required=True, metavar="DIR", help="general data, to train on again and test with")
-    add("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
-    add("--strategy", choices=("blend", "fine-tuned"), default="blend",
-        help="train on both and mix with the old parameters, or the paper's own fine-tuning")  # fmt: skip
-    add("--anyway", action="store_true", help="write it even if smooth feels rough more often on the general data")
-    add("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
+    add(
+        "model",
+        metavar="MODEL",
+        help="model to start from: a file, or the name of a shipped one",
+    )
+    add(
+        "new",
+        type=Path,
+        metavar="DIR",
+        help="recordings of two or more new objects, two takes or more",
+    )
+    add(
+        "--general",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="general data, to train on again and test with",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=Path("finetuned.onnx"),
+        metavar="FILE",
+        help="model file to write",
+    )
+    add(
+        "--strategy",
+        choices=("blend", "fine-tuned"),
+        default="blend",
+        help="train on both and mix with the old parameters, or the paper's own fine-tuning",
+    )
+    add(
+        "--anyway",
+        action="store_true",
+        help="write it even if smooth feels rough more often on the general data",
+    )
+    add(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="contact threshold of the new recordings",
+    )
     add("--seed", type=SEED, default=0, metavar="N", help="random seed, %(type)s")
     options.add_json(parser, "print JSON instead of a table")
     add_filter(parser)
@@ -92,13 +145,19 @@ def run(args: argparse.Namespace) -> int:
     began = time.monotonic()
     data = _data(args)
     calibration = Calibration.read(args.calibration) if args.calibration else None
-    recipe = finetune.finetuning_recipe(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
+    recipe = finetune.finetuning_recipe(
+        model_path(args.model), args.strategy, seed=args.seed, calibration=calibration
+    )
     with output.progress("training") as update:
         trained = finetune.train_on_both(
             recipe,
             data,
-            reading=lambda done, count: update(completed=done, total=count, note="reading"),
-            report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
+            reading=lambda done, count: update(
+                completed=done, total=count, note="reading"
+            ),
+            report=lambda at: update(
+                completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"
+            ),
         )
     out = args.out
     with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +183,11 @@ def _data(args: argparse.Namespace) -> "FinetuningData":
     rest, test = _split(general)
     replay, validation = _split(general.where(lambda recording: recording in rest))
     return FinetuningData(
-        new, held_out, thinned(replay, REPLAYED), thinned(validation, VALIDATED), thinned(test, TESTED)
+        new,
+        held_out,
+        thinned(replay, REPLAYED),
+        thinned(validation, VALIDATED),
+        thinned(test, TESTED),
     )
 
 
@@ -138,7 +201,10 @@ def _split(dataset: Dataset) -> tuple[Sequence[Recording], Sequence[Recording]]:
 
 
 def _choose(
-    args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
+    args: argparse.Namespace,
+    recipe: "NetworkRecipe",
+    trained: "dict[str, FloatArray]",
+    data: "FinetuningData",
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
     from tactophone.lab.evaluation.bootstrap import accuracy_of
@@ -156,7 +222,9 @@ def _choose(
     for share, weights in mixtures(start, trained, args.strategy):
         path = args.out.with_name(f"tried-{args.out.name}")
         write_finetuned(path, recipe, weights, facts=facts)
-        lost = before - accuracy_of(_predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs))
+        lost = before - accuracy_of(
+            _predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs)
+        )
         if -lost > best[0] or lost <= MOST_LOST:
             best = (-lost, share)
             write_finetuned(args.out, recipe, weights, facts={**facts, "share": share})
@@ -175,7 +243,11 @@ def _measure(
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     parts: dict[str, tuple[Sequence[Recording], Callable[[Recording], str], float]] = {
         # By take, as a few new objects leave nothing else to draw: intervals hold for these objects only.
-        NEW: (data.held_out, lambda take: str(take.path), calibration.window_dbfs if calibration else gate_dbfs),
+        NEW: (
+            data.held_out,
+            lambda take: str(take.path),
+            calibration.window_dbfs if calibration else gate_dbfs,
+        ),
         GENERAL: (data.test, lambda take: take.surface, gate_dbfs),
     }
     return {
@@ -190,7 +262,9 @@ def _measure(
     }
 
 
-def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_dbfs: float) -> "list[TakePredictions]":
+def _predict(
+    path: Path, recordings: Sequence[Recording], note: str, threshold_dbfs: float
+) -> "list[TakePredictions]":
     from tactophone.lab.evaluation.predict import model_predictor
 
     model = read_model(path)

@@ -55,7 +55,9 @@ class Meters:
         if not block.size:
             return
         power = np.square(block.samples, dtype=np.float64).mean(axis=0)
-        self._powers += (power - self._powers) * min(1.0, block.duration / METER_INTERVAL)
+        self._powers += (power - self._powers) * min(
+            1.0, block.duration / METER_INTERVAL
+        )
         self._peaks = np.maximum(self._peaks, np.abs(block.samples).max(axis=0))
 
     def due(self) -> bool:
@@ -69,37 +71,62 @@ class Meters:
         """Return each microphone's name, level and peak in dBFS, and lower the peaks."""
         powers, peaks = np.sqrt(self._powers), self._peaks
         self._peaks = PEAK_HOLD * peaks
-        return [(MICROPHONES[channel], _dbfs(powers[channel]), _dbfs(peaks[channel])) for channel in range(len(powers))]
+        return [
+            (MICROPHONES[channel], _dbfs(powers[channel]), _dbfs(peaks[channel]))
+            for channel in range(len(powers))
+        ]
 
-    def rows(self, levels: Sequence[tuple[str, float, float]] | None = None) -> list[Text]:
+    def rows(
+        self, levels: Sequence[tuple[str, float, float]] | None = None
+    ) -> list[Text]:
         """Return a row of up to 80 characters for each microphone, of levels measured now if none are given."""
-        return [self._row(*level) for level in (self.levels() if levels is None else levels)]
+        return [
+            self._row(*level) for level in (self.levels() if levels is None else levels)
+        ]
 
     def _row(self, name: str, level_dbfs: float, peak_dbfs: float) -> Text:
-        style = "red" if peak_dbfs > RED_DBFS else "yellow" if peak_dbfs > YELLOW_DBFS else "green"
+        style = (
+            "red"
+            if peak_dbfs > RED_DBFS
+            else "yellow"
+            if peak_dbfs > YELLOW_DBFS
+            else "green"
+        )
         filled, mark = _place(level_dbfs), _place(self._threshold_dbfs)
         row = Text(f" {name:8}")
         for place in range(WIDTH):
             if name == MICROPHONES[CONTACT] and place == mark:
                 row.append("┃", "bold")
             else:
-                row.append("█" if place < filled else "░", style if place < filled else "dim")
+                row.append(
+                    "█" if place < filled else "░", style if place < filled else "dim"
+                )
         return row.append(f" {level_dbfs:5.0f} dBFS, peak {peak_dbfs:4.0f}", style)
 
 
 def _place(level_dbfs: float) -> int:
-    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / METER_LOWEST_DBFS))) if math.isfinite(level_dbfs) else -1
+    return (
+        round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / METER_LOWEST_DBFS)))
+        if math.isfinite(level_dbfs)
+        else -1
+    )
 
 
 def _dbfs(amplitude: float) -> float:
-    return max(20 * math.log10(amplitude), METER_LOWEST_DBFS) if amplitude > 0 else METER_LOWEST_DBFS
+    return (
+        max(20 * math.log10(amplitude), METER_LOWEST_DBFS)
+        if amplitude > 0
+        else METER_LOWEST_DBFS
+    )
 
 
 class GuidePage:
     """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
-        from tactophone.faces.web.server import serve_guide  # for --dashboard alone: it imports processes
+        from tactophone.faces.web.server import (
+            serve_guide,
+        )  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
         self._wait, self._finished = wait, False
@@ -110,7 +137,10 @@ class GuidePage:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         try:
             if isinstance(error, TactophoneError):
@@ -164,8 +194,14 @@ class GuideScreen:
     def begin(self, step: int) -> None:
         """Mark a step as the one now; all before it are done."""
         if self.page is not None:
-            coming = {"instruction": f"Next: {self.steps[step]}"} if step < len(self.steps) else {}
-            self.page.show(steps=self.steps, step=step, state="", countdown=[], **coming)
+            coming = (
+                {"instruction": f"Next: {self.steps[step]}"}
+                if step < len(self.steps)
+                else {}
+            )
+            self.page.show(
+                steps=self.steps, step=step, state="", countdown=[], **coming
+            )
 
     def offer(self, buttons: Mapping[str, str]) -> None:
         """Show buttons, by name, on the page; a second press of the last ones is dropped."""
@@ -174,16 +210,32 @@ class GuideScreen:
                 pass
             self.page.show(buttons=dict(buttons))
 
-    def show(self, meters: Meters, instruction: str, state: str, countdown: Sequence[float] = ()) -> None:
+    def show(
+        self,
+        meters: Meters,
+        instruction: str,
+        state: str,
+        countdown: Sequence[float] = (),
+    ) -> None:
         """Show an instruction, what to do now, the levels of the microphones, and what is left of how many seconds."""
         levels = meters.levels()
         if self.live is not None:
             rows = meters.rows(levels)
             self.live.update(
-                Group(Text(instruction, style="bold"), *rows, Text(f" {state}", style="cyan")), refresh=True
+                Group(
+                    Text(instruction, style="bold"),
+                    *rows,
+                    Text(f" {state}", style="cyan"),
+                ),
+                refresh=True,
             )
         if self.page is not None:
-            self.page.show(instruction=instruction, state=state, levels=levels, countdown=list(countdown))
+            self.page.show(
+                instruction=instruction,
+                state=state,
+                levels=levels,
+                countdown=list(countdown),
+            )
 
     def pressed(self, timeout: float = 0.0) -> str:
         """Return the key or the button that was pressed, waiting up to ``timeout`` s for each; empty if none was."""
@@ -192,9 +244,15 @@ class GuideScreen:
 
 
 def record_step(
-    audio: AudioInput, blocks: Iterator[AudioBlock], act: SimulatedAct, instruction: str,
-    *, meters: Meters, screen: GuideScreen, wait: bool,
-) -> FloatArray:  # fmt: skip
+    audio: AudioInput,
+    blocks: Iterator[AudioBlock],
+    act: SimulatedAct,
+    instruction: str,
+    *,
+    meters: Meters,
+    screen: GuideScreen,
+    wait: bool,
+) -> FloatArray:
     """Give an instruction, wait for an answer if ``wait``, and return the sound, ``(samples, channels)``.
 
     Raises `DatasetError` if the sound ends too early.

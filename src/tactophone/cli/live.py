@@ -50,23 +50,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_end(parser: argparse.ArgumentParser) -> None:
     """Add when a run ends, and what it then prints."""
-    parser.add_argument("--duration", type=options.Within(float, 0, unit="s"), default=0.0, metavar="S",
-        help="how long to run, %(type)s; 0: until interrupted")  # fmt: skip
+    parser.add_argument(
+        "--duration",
+        type=options.Within(float, 0, unit="s"),
+        default=0.0,
+        metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted",
+    )
     options.add_json(parser, "at the end, print all counters as JSON")
 
 
 def add_record(parser: argparse.ArgumentParser, *, bridge: bool = True) -> None:
     parser.add_argument(
-        "--record", type=Path, action="append", default=[], metavar="FILE",
+        "--record",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
         help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
         "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
-    )  # fmt: skip
+    )
     if not bridge:
         parser.set_defaults(bridge=())
         return
     words = "; ".join(f"{name}: {what}" for name, what in runs.BRIDGES.items())
-    parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=FOXGLOVE_ADDRESS]",
-        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip
+    parser.add_argument(
+        "--bridge",
+        action="append",
+        default=[],
+        metavar="NAME[=FOXGLOVE_ADDRESS]",
+        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -77,19 +91,29 @@ def run(args: argparse.Namespace) -> int:
     if args.verb == "loopback":
         settings = sources.for_one_microphone(settings)
     if args.verb != "receive":
-        open_source, microphone = sources.source_of(settings, page=page.wanted(args, settings))
+        open_source, microphone = sources.source_of(
+            settings, page=page.wanted(args, settings)
+        )
     sides: AbstractContextManager[Sequence[Supervisor]]
     if args.verb == "loopback":
-        sides = runs.both_sides(settings, name=name, open_source=open_source, report=output.note)
+        sides = runs.both_sides(
+            settings, name=name, open_source=open_source, report=output.note
+        )
     else:
-        sides = supervised(runs.open_side(settings, name, open_source, report=output.note))
+        sides = supervised(
+            runs.open_side(settings, name, open_source, report=output.note)
+        )
     return follow(args, settings, sides, name, microphone=microphone)
 
 
 def follow(
-    args: argparse.Namespace, settings: Settings, sides: "AbstractContextManager[Sequence[Supervisor]]", name: str,
-    *, microphone: Connection | None = None,
-) -> int:  # fmt: skip
+    args: argparse.Namespace,
+    settings: Settings,
+    sides: "AbstractContextManager[Sequence[Supervisor]]",
+    name: str,
+    *,
+    microphone: Connection | None = None,
+) -> int:
     """Start the sides, show and record the run of that name until it ends; return the verb's exit code.
 
     ``microphone`` takes the sound of a page's microphone.
@@ -97,7 +121,9 @@ def follow(
     with (
         sides as running,
         recorded(args, settings, name),
-        page.shown(settings, name, page=page.wanted(args, settings), microphone=microphone),
+        page.shown(
+            settings, name, page=page.wanted(args, settings), microphone=microphone
+        ),
     ):
         outcome = console.follow(running, name, duration=args.duration)
     return print_outcome(args, outcome)
@@ -107,9 +133,14 @@ def follow(
 def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterator[None]:
     """Record the run of that name meanwhile, and pass it on, as the options say."""
     with runs.observed(
-        settings, name, record=args.record, bridges=args.bridge, sends=args.verb == "send", report=output.note,
+        settings,
+        name,
+        record=args.record,
+        bridges=args.bridge,
+        sends=args.verb == "send",
+        report=output.note,
         warn=output.warn,
-    ):  # fmt: skip
+    ):
         yield
 
 
@@ -117,16 +148,31 @@ def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
     last = outcome.last
     if last is None:
         return 1
-    summary = {"counters": last.counters, "gauges": last.gauges, "state": last.state, "restarts": outcome.restarts}
-    output.show(summary, counts_and_budget(last.counters, last.gauges), as_json=args.json)
+    summary = {
+        "counters": last.counters,
+        "gauges": last.gauges,
+        "state": last.state,
+        "restarts": outcome.restarts,
+    }
+    output.show(
+        summary, counts_and_budget(last.counters, last.gauges), as_json=args.json
+    )
     return outcome.exit_code
 
 
-def counts_and_budget(counters: dict[str, Any], gauges: dict[str, float]) -> Iterator[output.Part]:
+def counts_and_budget(
+    counters: dict[str, Any], gauges: dict[str, float]
+) -> Iterator[output.Part]:
     """Yield what was counted, and the median latency by stage where it is known."""
-    counted = ((str(counters[name]), words) for name, words in COUNTERS.items() if counters[name])
+    counted = (
+        (str(counters[name]), words)
+        for name, words in COUNTERS.items()
+        if counters[name]
+    )
     yield output.listing(counted, justify="right", style="")
     if math.isfinite(gauges["latency_total"]):
         stages = (*STAGES, "total")
-        yield [{stage: f"{1000 * gauges[f'latency_{stage}']:.2f} ms" for stage in stages}]
+        yield [
+            {stage: f"{1000 * gauges[f'latency_{stage}']:.2f} ms" for stage in stages}
+        ]
         yield "total: from the middle of a packet's sound to its vibration (`latency` measures a touch's first one)"

@@ -35,14 +35,23 @@ class Within:
         try:
             value = self.kind(text)
         except ValueError:
-            raise ConfigError(f"{text}: must be a {'whole ' * (self.kind is int)}number, {self}") from None
-        outside = not self.low <= value <= self.high or (self.over and value == self.low) or value == math.inf
+            raise ConfigError(
+                f"{text}: must be a {'whole ' * (self.kind is int)}number, {self}"
+            ) from None
+        outside = (
+            not self.low <= value <= self.high
+            or (self.over and value == self.low)
+            or value == math.inf
+        )
         if outside:
             raise ConfigError(f"{text}: must be {self}")
         return value
 
     def __str__(self) -> str:
-        low, unit = f"{'over ' * self.over}{self.low:g}", f" {self.unit}" * bool(self.unit)
+        low, unit = (
+            f"{'over ' * self.over}{self.low:g}",
+            f" {self.unit}" * bool(self.unit),
+        )
         if self.high < math.inf:
             return f"{low} to {self.high:g}{unit}"
         return f"{low}{unit}" if self.over else f"{low}{unit} or more"
@@ -64,7 +73,9 @@ def per_minute(text: str) -> float:
     if unit in ("", "min"):
         with suppress(ConfigError):
             return Within(float, 0, 600, over=True)(number)
-    raise DatasetError(f"{text!r} is not a rate; write a number over 0 to 600 a minute, such as 1/min")
+    raise DatasetError(
+        f"{text!r} is not a rate; write a number over 0 to 600 a minute, such as 1/min"
+    )
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -73,9 +84,19 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str | None:
         # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
         default = action.default
-        shown = default is not argparse.SUPPRESS and (default or isinstance(default, int | float))
-        words = super()._get_help_string(action) if shown and not isinstance(default, bool) else action.help
-        return words.replace("%(default)s", "%(default)g") if words and isinstance(default, float) else words
+        shown = default is not argparse.SUPPRESS and (
+            default or isinstance(default, int | float)
+        )
+        words = (
+            super()._get_help_string(action)
+            if shown and not isinstance(default, bool)
+            else action.help
+        )
+        return (
+            words.replace("%(default)s", "%(default)g")
+            if words and isinstance(default, float)
+            else words
+        )
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:
@@ -83,13 +104,37 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._fill_text(text, width, indent)
 
 
-ELSEWHERE = {"'fetch'": "examples/published_sets.py authors OUT", ": bench": "hardware/bench.py"}
+ELSEWHERE = {
+    "'fetch'": "examples/published_sets.py authors OUT",
+    ": bench": "hardware/bench.py",
+}
 """What is no verb, by words of the error, and the program of the repository that does it."""
 
 FIRST_OPTIONS = (
-    "out", "plot", "recording", "data", "recipe", "split", "smooth", "rough", "check", "peer", "source", "actuator",
-    "tip", "dashboard", "lan", "https", "open", "model", "record", "network", "baselines", "threshold", "duration",
-)  # fmt: skip
+    "out",
+    "plot",
+    "recording",
+    "data",
+    "recipe",
+    "split",
+    "smooth",
+    "rough",
+    "check",
+    "peer",
+    "source",
+    "actuator",
+    "tip",
+    "dashboard",
+    "lan",
+    "https",
+    "open",
+    "model",
+    "record",
+    "network",
+    "baselines",
+    "threshold",
+    "duration",
+)
 """Options by how soon a newcomer needs them."""
 
 SHOWN_OPTIONS = 6
@@ -99,14 +144,31 @@ SHOWN_OPTIONS = 6
 class _Help(argparse.Action):
     """``--help`` shows the options that a newcomer needs, ``--help all`` every one."""
 
-    def __call__(self, parser: argparse.ArgumentParser, _: object, values: Any, option: str | None = None) -> None:
-        own = [action for action in parser._actions if action.option_strings and action is not self]
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        _: object,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        own = [
+            action
+            for action in parser._actions
+            if action.option_strings and action is not self
+        ]
         if values != "all" and len(own) > SHOWN_OPTIONS + 2:
             ranks = {f"--{name}": rank for rank, name in enumerate(FIRST_OPTIONS)}
-            own.sort(key=lambda action: (not action.required, ranks.get(action.option_strings[-1], len(ranks))))
+            own.sort(
+                key=lambda action: (
+                    not action.required,
+                    ranks.get(action.option_strings[-1], len(ranks)),
+                )
+            )
             for action in own[SHOWN_OPTIONS:]:
                 action.help = argparse.SUPPRESS
-            more = f"{len(own) - SHOWN_OPTIONS} more options: `{parser.prog} --help all`\n"
+            more = (
+                f"{len(own) - SHOWN_OPTIONS} more options: `{parser.prog} --help all`\n"
+            )
             parser.epilog = "\n".join(filter(None, (more, parser.epilog)))
         parser.print_help()
         parser.exit()
@@ -119,19 +181,31 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, add_help=False, **options)
+        super().__init__(
+            formatter_class=HelpFormatter, allow_abbrev=False, add_help=False, **options
+        )
         self.add_argument(
-            "-h", "--help", action=_Help, nargs="?", default=argparse.SUPPRESS, metavar="all",
+            "-h",
+            "--help",
+            action=_Help,
+            nargs="?",
+            default=argparse.SUPPRESS,
+            metavar="all",
             help="show this help and exit; --help all leaves nothing out",
-        )  # fmt: skip
+        )
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, and refuse what is unknown at once: this parser knows which options are near."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             option = unknown[0].partition("=")[0]
-            near = did_you_mean(option, (name for action in self._actions for name in action.option_strings))
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{near if option.startswith('-') else ''}")
+            near = did_you_mean(
+                option,
+                (name for action in self._actions for name in action.option_strings),
+            )
+            self.error(
+                f"unrecognized arguments: {' '.join(unknown)}{near if option.startswith('-') else ''}"
+            )
         return found, unknown
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
@@ -149,8 +223,14 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and how to get help, and exit with 2."""
-        message += "".join(f"; run `python {where}`" for words, where in ELSEWHERE.items() if words in message)
-        self.exit(2, f"{self.prog}: {message}\n`{self.prog} --help` shows what there is\n")
+        message += "".join(
+            f"; run `python {where}`"
+            for words, where in ELSEWHERE.items()
+            if words in message
+        )
+        self.exit(
+            2, f"{self.prog}: {message}\n`{self.prog} --help` shows what there is\n"
+        )
 
 
 def flags_of(verb: str) -> list[str]:
@@ -158,41 +238,72 @@ def flags_of(verb: str) -> list[str]:
     return [name for name, setting in SETTINGS.items() if verb in setting.verbs]
 
 
-def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None) -> None:
+def add_flag(
+    group: "argparse._ActionsContainer", name: str, default: Any = None
+) -> None:
     """Add the option of a setting, with its words, range and default; ``default`` is the verb's own."""
     setting = SETTINGS[name]
-    words, *unset = re.split("; (?:nan|empty): ", setting.words)  # a file's words for "not given"
+    words, *unset = re.split(
+        "; (?:nan|empty): ", setting.words
+    )  # a file's words for "not given"
     words = replace(setting, words=words).help.replace("%", "%%")
     if isinstance(setting.default, bool):
-        group.add_argument(setting.flag, dest=name, action="store_const", const="true", help=words)
+        group.add_argument(
+            setting.flag, dest=name, action="store_const", const="true", help=words
+        )
         return
     value = default if default is not None else unset[0] if unset else setting.default
     shown = "" if value == "" else f" (default: {value})"
-    kind = "S" if setting.unit == "s" else "N" if isinstance(setting.default, int | float) else setting.flag[2:].upper()
-    group.add_argument(setting.flag, dest=name, action="append" if name == "link.peer" else "store",
-        metavar="NAME[:DEVICE]" if setting.device else kind, help=f"{words}{shown}")  # fmt: skip
+    kind = (
+        "S"
+        if setting.unit == "s"
+        else "N"
+        if isinstance(setting.default, int | float)
+        else setting.flag[2:].upper()
+    )
+    group.add_argument(
+        setting.flag,
+        dest=name,
+        action="append" if name == "link.peer" else "store",
+        metavar="NAME[:DEVICE]" if setting.device else kind,
+        help=f"{words}{shown}",
+    )
 
 
-def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
+def add_settings(
+    parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()
+) -> None:
     """Add ``--settings``, ``--set`` and the options that `tactophone.core.settings` declares for a verb.
 
     ``usual`` are the verb's own defaults, as in `settings_of`.
     """
     own = dict(setting.split("=", 1) for setting in usual)
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
-    group.add_argument("--settings", type=Path, action="append", default=[], metavar="FILE",
-        help="TOML file of settings; options override it, and so does a later file")  # fmt: skip
+    group.add_argument(
+        "--settings",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="TOML file of settings; options override it, and so does a later file",
+    )
     words = "any other setting, such as link.port=48471"
-    group.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help=words)
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help=words
+    )
     for name in flags_of(verb):
         add_flag(group, name, own.get(name))
 
 
-def add_actions(parser: argparse.ArgumentParser) -> Callable[..., argparse.ArgumentParser]:
+def add_actions(
+    parser: argparse.ArgumentParser,
+) -> Callable[..., argparse.ArgumentParser]:
     """Let a verb have actions; returns what adds one, by its name, its words and the function that runs it."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
 
-    def add(name: str, words: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+    def add(
+        name: str, words: str, run: Callable[[argparse.Namespace], int]
+    ) -> argparse.ArgumentParser:
         action = actions.add_parser(name, help=words, description=words)
         action.set_defaults(run=run)
         return action
@@ -210,14 +321,22 @@ def add_fingers(parser: argparse.ArgumentParser) -> None:
 
 def add_finger(parser: argparse.ArgumentParser) -> None:
     add_fingers(parser)
-    parser.add_argument("--finger", metavar="NAME", help="the finger of --fingers to use, such as index")
+    parser.add_argument(
+        "--finger", metavar="NAME", help="the finger of --fingers to use, such as index"
+    )
 
 
 def add_figure(parser: argparse.ArgumentParser, place: str = "") -> None:
-    parser.add_argument("--plot", action="store_true", help=f"draw a figure of sound, prediction and vibration{place}")
+    parser.add_argument(
+        "--plot",
+        action="store_true",
+        help=f"draw a figure of sound, prediction and vibration{place}",
+    )
 
 
-def add_json(parser: argparse.ArgumentParser, words: str = "print JSON, for a program") -> None:
+def add_json(
+    parser: argparse.ArgumentParser, words: str = "print JSON, for a program"
+) -> None:
     parser.add_argument("--json", action="store_true", help=words)
 
 
@@ -232,12 +351,18 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
     settings = change(settings, usual)
     for name, value in vars(args).items():
         if name in SETTINGS and value is not None:
-            settings = change(settings, _assignments(name, value), where=SETTINGS[name].flag)
+            settings = change(
+                settings, _assignments(name, value), where=SETTINGS[name].flag
+            )
     settings = change(settings, getattr(args, "set", ()))
     if fingers := getattr(args, "fingers", None):
         settings = with_fingers(settings, fingers)
     # Only a verb that works with one finger has the option --finger beside --fingers.
-    if hasattr(args, "fingers") and hasattr(args, "finger") and (args.finger or fingers):
+    if (
+        hasattr(args, "fingers")
+        and hasattr(args, "finger")
+        and (args.finger or fingers)
+    ):
         return finger_named(settings, args.finger)
     return settings
 
@@ -263,5 +388,10 @@ def _assignments(name: str, value: Any) -> Iterable[str]:
     if not colon:
         return [f"{name}={text}"]
     if kind == "jack" and name == "capture.source":
-        raise ConfigError(f"{setting.flag} {text}: JACK has ports: --set capture.contact=PORT --set capture.air=PORT")
-    return [f"{name}={kind}", f"{'output.port' if kind == 'jack' else setting.device}={device}"]
+        raise ConfigError(
+            f"{setting.flag} {text}: JACK has ports: --set capture.contact=PORT --set capture.air=PORT"
+        )
+    return [
+        f"{name}={kind}",
+        f"{'output.port' if kind == 'jack' else setting.device}={device}",
+    ]

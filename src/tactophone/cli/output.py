@@ -22,7 +22,12 @@ from tactophone.core.errors import ConfigError, plain
 
 Entry = TypeVar("Entry")
 
-RULED: dict[str, Any] = {"box": HEAVY_HEAD, "pad_edge": True, "padding": (0, 1), "show_edge": False}
+RULED: dict[str, Any] = {
+    "box": HEAVY_HEAD,
+    "pad_edge": True,
+    "padding": (0, 1),
+    "show_edge": False,
+}
 """Style of a table with lines."""
 
 Part = str | RenderableType | Sequence[Mapping[str, Any]]
@@ -44,7 +49,9 @@ class _Console(Console):
         super().print(*objects, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        return super().render_str(plain(text), **options | {"markup": False, "emoji": False})
+        return super().render_str(
+            plain(text), **options | {"markup": False, "emoji": False}
+        )
 
 
 @functools.cache
@@ -79,10 +86,17 @@ def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> 
     """
     if as_json:
         # JSON has neither infinities nor NaN: they become null.
-        print(plain(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False)))
+        print(
+            plain(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False))
+        )
         return
     if parts is None:
-        parts = [[{name.replace("_", " "): value for name, value in _fields(row).items()} for row in result]]
+        parts = [
+            [
+                {name.replace("_", " "): value for name, value in _fields(row).items()}
+                for row in result
+            ]
+        ]
     for part in parts:
         if isinstance(part, Sequence) and not isinstance(part, str):
             if part:
@@ -101,7 +115,10 @@ def as_values(result: Any) -> Any:
     if hasattr(result, "as_json"):
         return as_values(result.as_json())
     if dataclasses.is_dataclass(result) and not isinstance(result, type):
-        return {name.rstrip("_"): as_values(value) for name, value in _fields(result).items()}
+        return {
+            name.rstrip("_"): as_values(value)
+            for name, value in _fields(result).items()
+        }
     if isinstance(result, Mapping):
         return {str(key): as_values(value) for key, value in result.items()}
     if isinstance(result, list | tuple):
@@ -118,7 +135,11 @@ def table(rows: Sequence[Mapping[str, Any]], **style: Any) -> Table:
     """Return a table of rows, whose keys are the headings; numbers stand to the right, and NaN is a dash."""
     made = Table(**({"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)} | style))
     for heading, value in rows[0].items():
-        made.add_column(heading, justify="right" if isinstance(value, int | float) else "left", overflow="fold")
+        made.add_column(
+            heading,
+            justify="right" if isinstance(value, int | float) else "left",
+            overflow="fold",
+        )
     for row in rows:
         made.add_row(*map(cell, row.values()))
     return made
@@ -157,7 +178,11 @@ def percent(share: float, *, unknown: str = "-") -> str:
 def live_display() -> AbstractContextManager[Live | None]:
     """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
     console = log()
-    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
+    return (
+        Live(console=console, auto_refresh=False, transient=True)
+        if console.is_terminal
+        else nullcontext()
+    )
 
 
 def print_error(message: str) -> None:
@@ -167,7 +192,9 @@ def print_error(message: str) -> None:
 def note(line: str) -> None:
     """Print a line for people on stderr; one that ends in a carriage return stands until the next. From any thread."""
     text = line.rstrip("\r")
-    log().print(text, soft_wrap=True, end="\r" if text != line and log().is_terminal else "\n")
+    log().print(
+        text, soft_wrap=True, end="\r" if text != line and log().is_terminal else "\n"
+    )
 
 
 def warn(line: str) -> None:
@@ -176,7 +203,9 @@ def warn(line: str) -> None:
 
 
 @contextmanager
-def progress(description: str, total: float | None = None, *, note: str = "") -> Iterator[Callable[..., None]]:
+def progress(
+    description: str, total: float | None = None, *, note: str = ""
+) -> Iterator[Callable[..., None]]:
     """Show a progress bar on stderr, where that is a terminal.
 
     Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
@@ -188,13 +217,19 @@ def progress(description: str, total: float | None = None, *, note: str = "") ->
         TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(
-        TextColumn(description, markup=False), *columns, console=log(), transient=True, disable=not log().is_terminal
+        TextColumn(description, markup=False),
+        *columns,
+        console=log(),
+        transient=True,
+        disable=not log().is_terminal,
     ) as bar:
         yield functools.partial(bar.update, bar.add_task("", total=total, note=note))
 
 
 @contextmanager
-def tracked(entries: Iterable[Entry], description: str, total: float | None = None) -> Iterator[Iterator[Entry]]:
+def tracked(
+    entries: Iterable[Entry], description: str, total: float | None = None
+) -> Iterator[Iterator[Entry]]:
     """Yield an iterator over entries that a progress bar counts; ``total`` is by default their length."""
 
     def counted() -> Iterator[Entry]:
@@ -202,7 +237,9 @@ def tracked(entries: Iterable[Entry], description: str, total: float | None = No
             yield entry
             update(advance=1)
 
-    with progress(description, len(entries) if isinstance(entries, Sized) else total) as update:
+    with progress(
+        description, len(entries) if isinstance(entries, Sized) else total
+    ) as update:
         yield counted()
 
 
@@ -211,6 +248,10 @@ def make_folder(path: Path, option: str = "--out") -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"{option} {path}: cannot be made ({error.strerror}); name a folder of your own") from error
+        raise ConfigError(
+            f"{option} {path}: cannot be made ({error.strerror}); name a folder of your own"
+        ) from error
     if not os.access(path, os.W_OK | os.X_OK):
-        raise ConfigError(f"{option} {path}: nothing can be written there; name a folder of your own")
+        raise ConfigError(
+            f"{option} {path}: nothing can be written there; name a folder of your own"
+        )

@@ -17,7 +17,9 @@ from tactophone.cli import options, output
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 
-if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
+if (
+    TYPE_CHECKING
+):  # what only --dashboard needs: a web server's libraries, and processes
     from tactophone.app.playback import Take
     from tactophone.faces.web.server import Page
 
@@ -38,7 +40,12 @@ def wanted(args: argparse.Namespace, settings: Settings) -> bool:
 
 @contextmanager
 def shown(
-    settings: Settings, name: str, *, page: bool = True, microphone: Connection | None = None, live: bool = True
+    settings: Settings,
+    name: str,
+    *,
+    page: bool = True,
+    microphone: Connection | None = None,
+    live: bool = True,
 ) -> Iterator[None]:
     """Serve the page of a run by its name within the context, if ``page``.
 
@@ -51,7 +58,12 @@ def shown(
 
     recorder = PageRecorder(name, Path(), report=output.note)
     record = recorder.page if live else None
-    with recorder, watch(name, microphone=microphone, recorder=record, **place(settings)) as served:
+    with (
+        recorder,
+        watch(
+            name, microphone=microphone, recorder=record, **place(settings)
+        ) as served,
+    ):
         announce(served, browser=settings.page.open)
         yield
 
@@ -61,9 +73,14 @@ def play_on_page(settings: Settings, takes: "Sequence[Take]", *, name: str) -> N
     from tactophone.app.playback import play
     from tactophone.live.telemetry.writer import Telemetry
 
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # in order: the shared memory is removed
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(0)
+    )  # in order: the shared memory is removed
     name = settings.process.name or name
-    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
+    with (
+        Telemetry(name, fingers=len(takes[0].paths)) as telemetry,
+        shown(settings, name, live=False),
+    ):
         output.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
             position: float | None = 0.0
@@ -80,12 +97,21 @@ def place(settings: Settings) -> dict[str, Any]:
     if not page.lan:
         return {"address": page.address or None, "certificate": _certificate(settings)}
     if page.address:
-        raise ConfigError("--lan and page.address both choose the address: give one of them")
+        raise ConfigError(
+            "--lan and page.address both choose the address: give one of them"
+        )
     from tactophone.faces.web.server import network_address
 
     name = socket.gethostname().lower()
-    names = (name, name if name.endswith(".local") else f"{name}.local")  # the second by multicast DNS
-    return {"address": f"{network_address()}:0", "certificate": _certificate(settings), "names": names}
+    names = (
+        name,
+        name if name.endswith(".local") else f"{name}.local",
+    )  # the second by multicast DNS
+    return {
+        "address": f"{network_address()}:0",
+        "certificate": _certificate(settings),
+        "names": names,
+    }
 
 
 def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
@@ -118,21 +144,39 @@ def qr_code(text: str) -> str:
         import segno
     except ModuleNotFoundError:
         return "no QR code: pip install 'tactophone[dashboard]'\n"
-    matrix = [[bool(module) for module in row] for row in segno.make(text, error="l").matrix_iter(border=2)]
+    matrix = [
+        [bool(module) for module in row]
+        for row in segno.make(text, error="l").matrix_iter(border=2)
+    ]
     rows = [*matrix, *([[False] * len(matrix[0])] if len(matrix) % 2 else [])]
-    blocks = {(False, False): " ", (False, True): "▄", (True, False): "▀", (True, True): "█"}
+    blocks = {
+        (False, False): " ",
+        (False, True): "▄",
+        (True, False): "▀",
+        (True, True): "█",
+    }
     lines = zip(rows[::2], rows[1::2], strict=True)
-    return "".join("".join(blocks[pair] for pair in zip(*line, strict=True)) + "\n" for line in lines)
+    return "".join(
+        "".join(blocks[pair] for pair in zip(*line, strict=True)) + "\n"
+        for line in lines
+    )
 
 
 def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     """Return the files of certificate and key, and print the fingerprint to compare; none without ``--https``."""
     if not settings.page.https:
         return None
-    from tactophone.net.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity
+    from tactophone.net.link.identity import (
+        CERTIFICATE_FILE,
+        IDENTITY_FOLDER,
+        KEY_FILE,
+        Identity,
+    )
 
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     fingerprint = Identity.load(folder).fingerprint
     output.note(f"certificate (SHA-256): {fingerprint}")
-    output.note("Your browser will call this certificate untrusted. Check that the fingerprint matches, then continue.")
+    output.note(
+        "Your browser will call this certificate untrusted. Check that the fingerprint matches, then continue."
+    )
     return folder / CERTIFICATE_FILE, folder / KEY_FILE

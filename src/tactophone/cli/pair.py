@@ -6,16 +6,30 @@ from pathlib import Path
 
 from tactophone.cli import options, output
 
-EXAMPLES = ("tactophone pair init", "tactophone pair show", "tactophone pair trust robot 0123:4567:89ab:cdef")
+EXAMPLES = (
+    "tactophone pair init",
+    "tactophone pair show",
+    "tactophone pair trust robot 0123:4567:89ab:cdef",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    steps = parser.add_subparsers(title="steps", dest="step", metavar="STEP", required=True)
-    init = steps.add_parser("init", help="create a key and a certificate, once for each machine")
-    init.add_argument("--name", default=socket.gethostname(), help="what other machines call this one")
-    show = steps.add_parser("show", help="print this machine's fingerprint and those it trusts")
+    steps = parser.add_subparsers(
+        title="steps", dest="step", metavar="STEP", required=True
+    )
+    init = steps.add_parser(
+        "init", help="create a key and a certificate, once for each machine"
+    )
+    init.add_argument(
+        "--name", default=socket.gethostname(), help="what other machines call this one"
+    )
+    show = steps.add_parser(
+        "show", help="print this machine's fingerprint and those it trusts"
+    )
     options.add_json(show, "print an object that a program can read")
-    trust = steps.add_parser("trust", help="accept the machine that has this fingerprint")
+    trust = steps.add_parser(
+        "trust", help="accept the machine that has this fingerprint"
+    )
     trust.add_argument("name", help="what to call it here")
     trust.add_argument("fingerprint", help="as `tactophone pair show` prints it there")
     forget = steps.add_parser("forget", help="stop accepting a machine")
@@ -40,8 +54,14 @@ def run(args: argparse.Namespace) -> int:
             if not args.json:
                 say("On the other machine, run:")
             # A fingerprint is no secret, but the channel that it is compared by must be trusted.
-            shown = {"name": identity.name, "fingerprint": identity.fingerprint, "trusted": dict(peers.items())}
-            trusted = (f"trusted: {name} {fingerprint}" for name, fingerprint in peers.items())
+            shown = {
+                "name": identity.name,
+                "fingerprint": identity.fingerprint,
+                "trusted": dict(peers.items()),
+            }
+            trusted = (
+                f"trusted: {name} {fingerprint}" for name, fingerprint in peers.items()
+            )
             output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
         case "trust":
             Peers.load(folder).trusting(args.name, args.fingerprint).save(folder)

@@ -14,7 +14,11 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.settings import change
 
 EXAMPLES = {
-    "play": ("tactophone play", "tactophone play --seed 3 --results rounds.jsonl", "tactophone play --lan --https"),
+    "play": (
+        "tactophone play",
+        "tactophone play --seed 3 --results rounds.jsonl",
+        "tactophone play --lan --https",
+    ),
     "try": (
         "tactophone try",
         "tactophone try --lan --https",
@@ -50,12 +54,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if verb == "play":
         words = "random seed of the first round's order, %(type)s; each further round adds 1 (default: random)"
         add("--seed", type=SEED, metavar="N", help=words)
-        add("--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
-            help="file to which each round's result is appended as one line of JSON")  # fmt: skip
+        add(
+            "--results",
+            type=Path,
+            default=Path("stone-box.jsonl"),
+            metavar="FILE",
+            help="file to which each round's result is appended as one line of JSON",
+        )
         options.add_settings(parser, verb, NEAR)
         return
     words = "; ".join(f"{name}: {what}" for name, what in TRY_SOURCES.items())
-    add("--source", choices=tuple(TRY_SOURCES), default="browser", help=f"what listens: {words}")
+    add(
+        "--source",
+        choices=tuple(TRY_SOURCES),
+        default="browser",
+        help=f"what listens: {words}",
+    )
     live.add_record(parser)
     live.add_end(parser)
     options.add_settings(parser, verb, USUAL_OF_TRY)
@@ -77,12 +91,19 @@ def _play(args: argparse.Namespace) -> int:
     name = settings.process.name or "play"
     seed = secrets.randbelow(10_000) if args.seed is None else args.seed
     inbox, finger = Pipe(duplex=False)
-    game = GameSettings(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results)
+    game = GameSettings(
+        name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results
+    )
     # The page comes first: both sides take seconds to start, and it shows their progress.
     with serve_game(game, **page.place(settings)) as served:
         page.announce(served, browser=settings.page.open)
 
-        with runs.both_sides(settings, name=name, open_source=partial(open_finger, inbox), report=output.note) as sides:
+        with runs.both_sides(
+            settings,
+            name=name,
+            open_source=partial(open_finger, inbox),
+            report=output.note,
+        ) as sides:
             outcome = console.follow(sides, name)
     return outcome.exit_code
 
@@ -98,7 +119,9 @@ def _try(args: argparse.Namespace) -> int:
     open_source, microphone = sources.source_of(settings)
     with watch(name, microphone=microphone, **page.place(settings)) as served:
         page.announce(served, "try", browser=settings.page.open)
-        both = runs.both_sides(settings, name=name, open_source=open_source, report=output.note)
+        both = runs.both_sides(
+            settings, name=name, open_source=open_source, report=output.note
+        )
         with both as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)

@@ -28,12 +28,27 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
-    add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
+    add(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for vibration and timeline, as from `feel`; none by default",
+    )
     for name in CHANGES:
         options.add_flag(parser, name, "")
     options.add_figure(parser, ", in --out")
-    add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")
-    add("--audio", type=Path, metavar="FILE.mcap", help="copy the log and add its sound, for Foxglove to play")
+    add(
+        "--to-rosbag",
+        type=Path,
+        metavar="DIR",
+        help="write a ROS 2 bag to a new folder: sound, predictions, commands",
+    )
+    add(
+        "--audio",
+        type=Path,
+        metavar="FILE.mcap",
+        help="copy the log and add its sound, for Foxglove to play",
+    )
     options.add_json(parser, "print the comparison as JSON")
     page.add_dashboard(parser, "replay")
 
@@ -45,24 +60,36 @@ def run(args: argparse.Namespace) -> int:
     if args.to_rosbag:
         extras.require_modules("cyclonedds", "rosbags")
         if args.out:
-            raise ConfigError("--to-rosbag writes no other files: leave --out away, or call replay twice")
+            raise ConfigError(
+                "--to-rosbag writes no other files: leave --out away, or call replay twice"
+            )
     if args.plot and args.out is None:
         raise ConfigError("--plot needs a folder for its file: add --out DIR")
-    changes = [f"{name}={value}" for name in CHANGES if (value := vars(args)[name]) is not None]
+    changes = [
+        f"{name}={value}" for name in CHANGES if (value := vars(args)[name]) is not None
+    ]
 
     def follow(entries: "Iterator[LogEntry]") -> "Iterator[LogEntry]":
         with output.progress("replaying", note=args.log.name):
             yield from entries
 
     replayed = replay_log(
-        args.log, changes, out=args.out, bag=args.to_rosbag, audio=args.audio, plot=args.plot, follow=follow
+        args.log,
+        changes,
+        out=args.out,
+        bag=args.to_rosbag,
+        audio=args.audio,
+        plot=args.plot,
+        follow=follow,
     )
     parts = _parts(replayed.replay, replayed.files, changed=bool(changes))
     output.show(_values(args.log, replayed), parts, as_json=args.json)
     own = options.settings_of(args)
     if page.wanted(args, own):
         with TemporaryDirectory(prefix="tactophone-") as folder:
-            page.play_on_page(own, takes_of(args.log, changes, Path(folder)), name="replay")
+            page.play_on_page(
+                own, takes_of(args.log, changes, Path(folder)), name="replay"
+            )
     return 1 if replayed.replay.comparison.different and not changes else 0
 
 
@@ -70,12 +97,26 @@ def _values(log: Path, replayed: "ReplayedLog") -> dict[str, Any]:
     replay, files = replayed.replay, replayed.files
     # The summary of the only finger, or of each by its name.
     of = {finger.name: asdict(finger.summary) for finger in replayed.fingers}
-    compared = {name: getattr(replay.comparison, name) for name in ("equal", "different", "uncertain")}
-    of_run = {name: getattr(replay, name) for name in ("role", "processes", "complete", "missed", "notes")}
-    return {"log": log, **of_run, **compared, "files": files, **({"summary": of.get("", of)} if of else {})}
+    compared = {
+        name: getattr(replay.comparison, name)
+        for name in ("equal", "different", "uncertain")
+    }
+    of_run = {
+        name: getattr(replay, name)
+        for name in ("role", "processes", "complete", "missed", "notes")
+    }
+    return {
+        "log": log,
+        **of_run,
+        **compared,
+        "files": files,
+        **({"summary": of.get("", of)} if of else {}),
+    }
 
 
-def _parts(replay: "Replay", files: dict[str, Path], *, changed: bool) -> Iterator[output.Part]:
+def _parts(
+    replay: "Replay", files: dict[str, Path], *, changed: bool
+) -> Iterator[output.Part]:
     comparison = replay.comparison
     total = comparison.equal + comparison.different
     if replay.role == "robot":
@@ -84,7 +125,9 @@ def _parts(replay: "Replay", files: dict[str, Path], *, changed: bool) -> Iterat
         yield f"{comparison.different} of {total} predictions or commands differ from those logged"
     elif comparison.different:
         yield f"{comparison.different} of {total} predictions or commands differ from those logged; the first:"
-        for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
+        for name, entry in zip(
+            ("logged", "computed"), comparison.first or (), strict=False
+        ):
             yield f"  {name:9}{entry.prediction} {entry.command}"
     else:
         yield f"{comparison.equal} predictions and commands, equal to the bit to those logged"

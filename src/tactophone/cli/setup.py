@@ -53,12 +53,22 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
     fit, start = result.fit, result.start
     before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
     yield from findings_in_words(result.findings)
-    rows = [(e.name, "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
+    rows = [
+        (e.name, "rough" if e.rough else "smooth", e.before, e.after)
+        for e in fit.left_out
+    ]
     yield [
-        {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
-         "right, left out of the fit": output.percent(own)}
-        for name, kind, shipped, own in [*rows, (output.styled("bold", "balanced"), "", before, after)]
-    ]  # fmt: skip
+        {
+            "object": name,
+            "is": kind,
+            f"right, {start} as it ships": output.percent(shipped),
+            "right, left out of the fit": output.percent(own),
+        }
+        for name, kind, shipped, own in [
+            *rows,
+            (output.styled("bold", "balanced"), "", before, after),
+        ]
+    ]
     if not fit.abstains:
         unknown = output.percent(fit.unknown)
         yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
@@ -68,7 +78,11 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
     if not after >= 0.75:  # also where it is NaN
         yield output.styled("yellow", "note:", f" {_estimate(fit)}")
     tip = "" if result.tip == DEFAULT_TIP else f"--tip {result.tip} "
-    yield output.styled("green", "written:", f" {result.file!s}; use it as {tip}--model of `feel` and `receive`")
+    yield output.styled(
+        "green",
+        "written:",
+        f" {result.file!s}; use it as {tip}--model of `feel` and `receive`",
+    )
 
 
 def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
@@ -97,7 +111,9 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
     if found.passed:
         name = str(file)
         yield output.styled(
-            "green", "good:", f" written to {name}; use it as --calibration of `record`, `train` and `receive`"
+            "green",
+            "good:",
+            f" written to {name}; use it as --calibration of `record`, `train` and `receive`",
         )
     else:
         yield "nothing was written: correct what is refused above, and check again"
@@ -111,27 +127,53 @@ def findings_in_words(findings: Sequence[Finding]) -> Iterator[output.Part]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--out", type=Path, metavar="FILE", help="file to write (default: finger.onnx; with --check calibration.toml)")
-    add("--model", default="", metavar="NAME|FILE",
-        help="texture model to start from (default: the shipped one for the tip)")  # fmt: skip
+    add(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="file to write (default: finger.onnx; with --check calibration.toml)",
+    )
+    add(
+        "--model",
+        default="",
+        metavar="NAME|FILE",
+        help="texture model to start from (default: the shipped one for the tip)",
+    )
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         words = (
             f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
             f"{', '.join(names)})"
         )
         add(f"--{label}", metavar="NAMES", help=words)
-    add("--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
-        help="time to slide on each object, %(type)s")  # fmt: skip
-    add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
+    add(
+        "--seconds",
+        type=Within(float, 2, 60, unit="s"),
+        default=SLIDE,
+        metavar="S",
+        help="time to slide on each object, %(type)s",
+    )
+    add(
+        "--yes",
+        action="store_true",
+        help="ask nothing, and start each step without a key press",
+    )
     options.add_json(parser, "print the result as JSON")
-    add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
+    add(
+        "--dashboard",
+        action="store_true",
+        help="guide on a page of this machine too, and print its address",
+    )
     words = (
         "only check the microphones and measure noise floor and contact threshold: silence, strokes, taps, and a "
         "robot's motion; writes a calibration file, by default calibration.toml"
     )
     add("--check", action="store_true", help=words)
-    add("--false-alarms", default="1/min", metavar="N/min",
-        help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
+    add(
+        "--false-alarms",
+        default="1/min",
+        metavar="N/min",
+        help="with --check: false contacts to allow in silence, over 0 to 600 a minute",
+    )
     options.add_settings(parser, "setup")
     options.add_finger(parser)
 
@@ -146,13 +188,27 @@ class Steps:
         """Mark a step as the one now; of the first, open the meters."""
         if number == 1:
             self._meters = Meters(audio.source.channels, math.nan)
-            self._wait = self._screen.answers and not (self._unattended or audio.simulated)
+            self._wait = self._screen.answers and not (
+                self._unattended or audio.simulated
+            )
         self._screen.begin(number)
 
     def __call__(
-        self, audio: AudioInput, blocks: Iterator[AudioBlock], act: "SimulatedAct", instruction: str
+        self,
+        audio: AudioInput,
+        blocks: Iterator[AudioBlock],
+        act: "SimulatedAct",
+        instruction: str,
     ) -> FloatArray:
-        return record_step(audio, blocks, act, instruction, meters=self._meters, screen=self._screen, wait=self._wait)
+        return record_step(
+            audio,
+            blocks,
+            act,
+            instruction,
+            meters=self._meters,
+            screen=self._screen,
+            wait=self._wait,
+        )
 
 
 def _settings(args: argparse.Namespace) -> Settings:
@@ -167,41 +223,81 @@ def run(args: argparse.Namespace) -> int:
     smooth, rough = _names(args, "smooth"), _names(args, "rough")
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
-        slides = [*(f"{name} (smooth)" for name in smooth), *(f"{name} (rough)" for name in rough)]
-        screen = GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
+        slides = [
+            *(f"{name} (smooth)" for name in smooth),
+            *(f"{name} (rough)" for name in rough),
+        ]
+        screen = GuideScreen(
+            None, has_keyboard, page, steps=("tip", "silence", *slides)
+        )
         tip = _ask_tip(args, screen)
         with output.live_display() as live:
             steps = Steps(replace(screen, live=live), unattended=args.yes)
-            sounds = record_set_up(settings, smooth, rough, seconds=args.seconds, step=steps, begin=steps.begin)
+            sounds = record_set_up(
+                settings,
+                smooth,
+                rough,
+                seconds=args.seconds,
+                step=steps,
+                begin=steps.begin,
+            )
         return _fit_and_write(args, file, sounds, tip, screen)
 
 
-def _fit_and_write(args: argparse.Namespace, file: Path, sounds: SetUpSounds, tip: str, screen: GuideScreen) -> int:
+def _fit_and_write(
+    args: argparse.Namespace,
+    file: Path,
+    sounds: SetUpSounds,
+    tip: str,
+    screen: GuideScreen,
+) -> int:
     check_kind(args.model or default_model(tip))
     findings = sounds.findings()
     refused = any(finding.fatal for finding in findings)
     words = "nothing was written: correct what is refused above, and run setup again"
     if screen.page is not None:
-        screen.page.show(findings=[str(each) for each in findings], **({"instruction": words} if refused else {}))
+        screen.page.show(
+            findings=[str(each) for each in findings],
+            **({"instruction": words} if refused else {}),
+        )
     if refused:
         messages = [finding.message for finding in findings]
-        output.show({"passed": False, "findings": messages}, [*findings_in_words(findings), words], as_json=args.json)
+        output.show(
+            {"passed": False, "findings": messages},
+            [*findings_in_words(findings), words],
+            as_json=args.json,
+        )
         return 1
     with output.progress("fitting", len(sounds.objects)) as update:
-        result = fit_finger(sounds, file, tip=tip, model=args.model, report=lambda done: update(completed=done))
+        result = fit_finger(
+            sounds,
+            file,
+            tip=tip,
+            model=args.model,
+            report=lambda done: update(completed=done),
+        )
     output.show(result, _fitted(result), as_json=args.json)
     if screen.page is not None:
         content = output.finite(output.as_values(result))
         words = f"Written: {file}; {_estimate(result.fit)}. Now feel with it:"
-        screen.page.show(result=content | {"words": words, "command": f"tactophone receive --model {file}"})
+        screen.page.show(
+            result=content
+            | {"words": words, "command": f"tactophone receive --model {file}"}
+        )
     return 0
 
 
 def _names(args: argparse.Namespace, label: str) -> list[str]:
     given, usual = getattr(args, label), {"smooth": SMOOTH, "rough": ROUGH}[label]
-    names = list(usual) if given is None else [name.strip() for name in given.split(",") if name.strip()]
+    names = (
+        list(usual)
+        if given is None
+        else [name.strip() for name in given.split(",") if name.strip()]
+    )
     if not names:
-        raise ConfigError(f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'")
+        raise ConfigError(
+            f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'"
+        )
     return names
 
 
@@ -211,11 +307,22 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     if args.yes or not screen.answers:
         return tip
     keys = f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}"
-    key = _ask(screen, QUESTION, {name: name for name in TIP_NAMES}, f"{QUESTION}\n\n{tip_picture()}\n\n{keys}")
-    return key if key in TIP_NAMES else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
+    key = _ask(
+        screen,
+        QUESTION,
+        {name: name for name in TIP_NAMES},
+        f"{QUESTION}\n\n{tip_picture()}\n\n{keys}",
+    )
+    return (
+        key
+        if key in TIP_NAMES
+        else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
+    )
 
 
-def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str) -> str:
+def _ask(
+    screen: GuideScreen, question: str, buttons: dict[str, str], words: str
+) -> str:
     """Ask on the page and, in these words, on the terminal; return the button or the key that was pressed."""
     output.log().print(words, highlight=False, markup=False)
     if screen.page is not None:
@@ -232,29 +339,69 @@ def _ask(screen: GuideScreen, question: str, buttons: dict[str, str], words: str
 
 def _check_set_up(args: argparse.Namespace) -> int:
     settings = _settings(args)
-    rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
+    rate, path = (
+        options.per_minute(args.false_alarms),
+        args.out or Path("calibration.toml"),
+    )
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         if page is not None:
-            page.show(title="Check the microphones", about="Silence, strokes and taps, and a robot's motion")
-        screen = GuideScreen(None, has_keyboard, page, steps=("robot", "silence", "stroke", "taps", "motion"))
-        moving = not args.yes and screen.answers and settings.capture.source not in UNATTENDED
+            page.show(
+                title="Check the microphones",
+                about="Silence, strokes and taps, and a robot's motion",
+            )
+        screen = GuideScreen(
+            None,
+            has_keyboard,
+            page,
+            steps=("robot", "silence", "stroke", "taps", "motion"),
+        )
+        moving = (
+            not args.yes
+            and screen.answers
+            and settings.capture.source not in UNATTENDED
+        )
         if moving:
             words = f"{ROBOT_QUESTION}  press y, or any other key for no"
-            moving = _ask(screen, ROBOT_QUESTION, {"y": "Yes", "n": "No, a hand does"}, words) == "y"
+            moving = (
+                _ask(
+                    screen, ROBOT_QUESTION, {"y": "Yes", "n": "No, a hand does"}, words
+                )
+                == "y"
+            )
         with output.live_display() as live:
-            steps = Steps(replace(screen, live=live, steps=screen.steps[: 4 + moving]), unattended=args.yes)
+            steps = Steps(
+                replace(screen, live=live, steps=screen.steps[: 4 + moving]),
+                unattended=args.yes,
+            )
             found = check_microphones(
-                settings, path, stroked=stroked, false_alarms_per_minute=rate, moving=moving, step=steps,
+                settings,
+                path,
+                stroked=stroked,
+                false_alarms_per_minute=rate,
+                moving=moving,
+                step=steps,
                 begin=steps.begin,
-            )  # fmt: skip
+            )
         if page is not None:
-            words = f"written: {path}" if found.passed else "nothing was written: correct this, and check again"
-            page.show(findings=[str(each) for each in found.findings], instruction=words)
-    values = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
+            words = (
+                f"written: {path}"
+                if found.passed
+                else "nothing was written: correct this, and check again"
+            )
+            page.show(
+                findings=[str(each) for each in found.findings], instruction=words
+            )
+    values = {
+        "passed": found.passed,
+        "findings": found.findings,
+        "gain_db": found.gain_db,
+    }
     values |= {"motion_db": found.motion_db}
-    output.show(values | asdict(found.calibration), _checked(found, path), as_json=args.json)
+    output.show(
+        values | asdict(found.calibration), _checked(found, path), as_json=args.json
+    )
     return 0 if found.passed else 1
 
 
@@ -263,7 +410,11 @@ def _estimate(fit: "SetUpFit") -> str:
     if math.isnan(after):
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:
-        words = "the wrong way round: check which objects are smooth" if after < 0.25 else "little better than chance"
+        words = (
+            "the wrong way round: check which objects are smooth"
+            if after < 0.25
+            else "little better than chance"
+        )
         return (
             f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
             "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"

@@ -40,9 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         options.add_json(parser)
         return
     parser.add_argument(
-        "name", nargs="?",
+        "name",
+        nargs="?",
         help="name of the run, as `tactophone status` shows it (default: every run here that can vibrate; arm takes "
-        "the only one)")  # fmt: skip
+        "the only one)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,20 +57,36 @@ def run(args: argparse.Namespace) -> int:
         return 0
     names = running()
     if args.name and args.name not in names:
-        there = f"; there are {', '.join(names)}{did_you_mean(args.name, names)}" if names else ""
-        raise TactophoneError(f"no run called {args.name}: start `tactophone receive` or loopback{there}")
+        there = (
+            f"; there are {', '.join(names)}{did_you_mean(args.name, names)}"
+            if names
+            else ""
+        )
+        raise TactophoneError(
+            f"no run called {args.name}: start `tactophone receive` or loopback{there}"
+        )
     chosen = [args.name] if args.name else names
-    watchers = [watcher for name in chosen if (watcher := Watcher(name)).snapshot().state.role == "operator"]
+    watchers = [
+        watcher
+        for name in chosen
+        if (watcher := Watcher(name)).snapshot().state.role == "operator"
+    ]
     if not watchers:
         others = f"; of {', '.join(names)} none is an operator's" if names else ""
-        raise TactophoneError(f"no operator process here to ask: start `tactophone receive` or loopback{others}")
+        raise TactophoneError(
+            f"no operator process here to ask: start `tactophone receive` or loopback{others}"
+        )
     if args.verb == "arm" and len(watchers) > 1:
         found = ", ".join(watcher.name for watcher in watchers)
-        raise TactophoneError(f"{len(watchers)} runs can vibrate here ({found}): name the one to arm")
+        raise TactophoneError(
+            f"{len(watchers)} runs can vibrate here ({found}): name the one to arm"
+        )
     code = max([_ask(watcher, args.verb) for watcher in watchers])
     if len(watchers) > 1:
         done = {"stop": "stopped", "mute": "muted"}[args.verb]
-        output.note(f"{done} {len(watchers)} runs; `tactophone arm NAME` lets one vibrate again")
+        output.note(
+            f"{done} {len(watchers)} runs; `tactophone arm NAME` lets one vibrate again"
+        )
     return code
 
 

@@ -50,7 +50,10 @@ def plain(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(char if char.isprintable() or char in "\n\t" else "\N{REPLACEMENT CHARACTER}" for char in text)
+    return "".join(
+        char if char.isprintable() or char in "\n\t" else "\N{REPLACEMENT CHARACTER}"
+        for char in text
+    )
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str:
@@ -67,5 +70,7 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     # Half of a long name is a good hint too, well written or nearly so: "marble" or "marbel" for "polished marble".
     words = {word for lower in by_lower for word in lower.split()}
     (part,) = difflib.get_close_matches(name, words, n=1, cutoff=0.75) or (name,)
-    found = [choice for lower, choice in by_lower.items() if len(part) > 3 and part in lower][:3]
+    found = [
+        choice for lower, choice in by_lower.items() if len(part) > 3 and part in lower
+    ][:3]
     return f"; did you mean {' or '.join(found)}?" if found else ""

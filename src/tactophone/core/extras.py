@@ -23,7 +23,9 @@ _MODULES = {
     "lerobot": ("pyarrow",),
 }
 
-EXTRA_OF_MODULE = {module: extra for extra, modules in _MODULES.items() for module in modules}
+EXTRA_OF_MODULE = {
+    module: extra for extra, modules in _MODULES.items() for module in modules
+}
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
 
 WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
@@ -43,7 +45,9 @@ def require_modules(*modules: str) -> None:
 
     Raises `ConfigError` if one is missing; names the command that installs it.
     """
-    if missing := [module for module in modules if importlib.util.find_spec(module) is None]:
+    if missing := [
+        module for module in modules if importlib.util.find_spec(module) is None
+    ]:
         raise ConfigError(_advice(missing))
 
 

@@ -55,7 +55,9 @@ def with_fingers(settings: Settings, text: str) -> Settings:
                 f"{name} = {value!r} applies to a single finger; with --fingers, set {key} in that finger's table"
             )
     if text.lstrip("+-").isdecimal():
-        return replace(settings, fingers=_checked(default_names(int(text)), where="--fingers"))
+        return replace(
+            settings, fingers=_checked(default_names(int(text)), where="--fingers")
+        )
     path = Path(text).expanduser()
     tables = read_tables(
         path,
@@ -86,7 +88,10 @@ def of_finger(settings: Settings, index: int) -> Settings:
     >>> of_finger(with_fingers(Settings(), "2"), 1).capture.contact
     'system:capture_3'
     """
-    own, settings = settings.fingers[index].settings, replace(settings, fingers=(Finger(),))
+    own, settings = (
+        settings.fingers[index].settings,
+        replace(settings, fingers=(Finger(),)),
+    )
     for name, value in own:
         settings = set_value(settings, name, value, where=name)
     return settings
@@ -103,7 +108,11 @@ def names_of(settings: Settings) -> list[str]:
 
 def channels_of(settings: Settings, *, alone: int) -> list[int]:
     """Return the channels of every finger's sound: 2, or 1 without an air microphone; ``alone`` if there is no hand."""
-    return [2 if own.capture.air else 1 for own in each_finger(settings)] if settings.is_hand else [alone]
+    return (
+        [2 if own.capture.air else 1 for own in each_finger(settings)]
+        if settings.is_hand
+        else [alone]
+    )
 
 
 def finger_named(settings: Settings, name: str | None) -> Settings:
@@ -115,34 +124,54 @@ def finger_named(settings: Settings, name: str | None) -> Settings:
     if name is None and len(names) == 1:
         return of_finger(settings, 0)
     if name is None:
-        raise ConfigError(f"--fingers names {', '.join(names)}, but one finger is needed: add --finger {names[0]}")
+        raise ConfigError(
+            f"--fingers names {', '.join(names)}, but one finger is needed: add --finger {names[0]}"
+        )
     if name not in names:
-        known = f"there are {', '.join(names)}" if names else "name the hand with --fingers hand.toml"
-        raise ConfigError(f"there is no finger {name!r}; {known}{did_you_mean(name, names)}")
+        known = (
+            f"there are {', '.join(names)}"
+            if names
+            else "name the hand with --fingers hand.toml"
+        )
+        raise ConfigError(
+            f"there is no finger {name!r}; {known}{did_you_mean(name, names)}"
+        )
     return of_finger(settings, names.index(name))
 
 
-def _checked(tables: Mapping[str, Mapping[str, Any]], *, where: str) -> tuple[Finger, ...]:
+def _checked(
+    tables: Mapping[str, Mapping[str, Any]], *, where: str
+) -> tuple[Finger, ...]:
     """Check every entry, and that no two fingers share a port or channel."""
     if not 1 <= len(tables) <= MOST_FINGERS:
         found = f"{len(tables)} fingers" if tables else "no finger"
-        raise ConfigError(f"{where}: {found}, but a hand has 1 to {MOST_FINGERS}; write one table for each, as [index]")
+        raise ConfigError(
+            f"{where}: {found}, but a hand has 1 to {MOST_FINGERS}; write one table for each, as [index]"
+        )
     fingers = tuple(
-        Finger(name, tuple(_own(name, place, table, where=where))) for place, (name, table) in enumerate(tables.items())
+        Finger(name, tuple(_own(name, place, table, where=where)))
+        for place, (name, table) in enumerate(tables.items())
     )
     _check_shared(fingers, where=where)
     return fingers
 
 
-def _own(name: str, place: int, table: Mapping[str, Any], *, where: str) -> Iterator[tuple[str, Any]]:
+def _own(
+    name: str, place: int, table: Mapping[str, Any], *, where: str
+) -> Iterator[tuple[str, Any]]:
     if not re.fullmatch(FINGER_PATTERN, name):
         raise ConfigError(
             f"{where}: a finger called {name!r}, but a name has up to 16 small letters, digits, hyphens, as in [index]"
         )
     for key in table:
         if key not in OWN_SETTINGS:
-            near = did_you_mean(key, OWN_SETTINGS) or f"; there are {', '.join(OWN_SETTINGS)}"
-            raise ConfigError(f"{where}: [{name}] has {key}, which is no setting of a finger{near}")
+            near = (
+                did_you_mean(key, OWN_SETTINGS)
+                or f"; there are {', '.join(OWN_SETTINGS)}"
+            )
+            raise ConfigError(
+                f"{where}: [{name}] has {key}, which is no setting of a finger{near}"
+            )
     # Two inputs and one output for each finger, in order, where the table does not say otherwise.
     placed = {
         "contact": f"system:capture_{2 * place + 1}",
@@ -152,8 +181,15 @@ def _own(name: str, place: int, table: Mapping[str, Any], *, where: str) -> Iter
     }
     for key, written in {**placed, **table}.items():
         # A channel of a PortAudio device may be written as a number.
-        value = str(written) if key in ("contact", "air") and type(written) is int else written
-        yield OWN_SETTINGS[key], SETTINGS[OWN_SETTINGS[key]].check(value, where=f"{where}: [{name}]")
+        value = (
+            str(written)
+            if key in ("contact", "air") and type(written) is int
+            else written
+        )
+        yield (
+            OWN_SETTINGS[key],
+            SETTINGS[OWN_SETTINGS[key]].check(value, where=f"{where}: [{name}]"),
+        )
 
 
 def _check_shared(fingers: Sequence[Finger], *, where: str) -> None:

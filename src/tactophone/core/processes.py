@@ -70,7 +70,9 @@ class _ChildProcess(_SafeProcess):
     """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
 
     def start(self) -> None:
-        with _safe_path():  # the resource tracker unblocks SIGINT when it begins, so it begins here
+        with (
+            _safe_path()
+        ):  # the resource tracker unblocks SIGINT when it begins, so it begins here
             before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
                 super().start()
@@ -133,11 +135,16 @@ class Child:
     - ``niceness``: by how much its priority is lowered: on a busy machine it waits, not the sound.
     """
 
-    def __init__(self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0) -> None:
+    def __init__(
+        self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0
+    ) -> None:
         context = _ChildContext()
         self._pipe, its = context.Pipe()
         self._process = context.Process(
-            target=_begin, args=(_Later((work, arguments)), niceness, its), name=name, daemon=True
+            target=_begin,
+            args=(_Later((work, arguments)), niceness, its),
+            name=name,
+            daemon=True,
         )
         self._process.start()
         self._process.pipe = self._pipe
@@ -166,7 +173,13 @@ class Child:
         self._process.join()
         code = self._process.exitcode or 0
         with suppress(ValueError):
-            return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}" if code else ""
+            return (
+                f"signal {signal.Signals(-code).name}"
+                if code < 0
+                else f"exit code {code}"
+                if code
+                else ""
+            )
         return f"exit code {code}"
 
     def ask_to_end(self) -> None:
@@ -198,7 +211,9 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     if orphaned():
         return
     # A side that still starts looks at nothing else, and without its parent nobody would end it.
-    threading.Thread(target=_end_with_parent, args=(ORPHAN_TIMEOUT,), daemon=True).start()
+    threading.Thread(
+        target=_end_with_parent, args=(ORPHAN_TIMEOUT,), daemon=True
+    ).start()
     parent = Parent(pipe)
     try:
         work, arguments = later.unpickle()
@@ -217,14 +232,21 @@ def orphaned() -> bool:
     return parent is not None and not parent.is_alive()
 
 
-def open_pool(workers: int, *, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
+def open_pool(
+    workers: int, *, prepare: Callable[[], None] | None = None
+) -> ProcessPoolExecutor:
     """Return a pool of ``workers`` processes, each of which calls ``prepare`` first.
 
     They are spawned, not forked: torch and BLAS do not survive a fork once their threads run. They end with the process
     that started them, however that ends.
     """
     with _safe_path():  # its locks start the resource tracker
-        return ProcessPoolExecutor(workers, mp_context=_PoolContext(), initializer=_begin_worker, initargs=(prepare,))
+        return ProcessPoolExecutor(
+            workers,
+            mp_context=_PoolContext(),
+            initializer=_begin_worker,
+            initargs=(prepare,),
+        )
 
 
 def _begin_worker(prepare: Callable[[], None] | None) -> None:

@@ -61,25 +61,44 @@ class Setting:
         """Return a value as this setting holds it; raises `ConfigError`, which says what was wanted."""
         kind = type(self.default)
         # NaN lies in no range; as a default it means "from the model", and may then be written too.
-        if kind is float and isinstance(value, float) and math.isnan(value) and math.isnan(self.default):
+        if (
+            kind is float
+            and isinstance(value, float)
+            and math.isnan(value)
+            and math.isnan(self.default)
+        ):
             return value
         if self.group and value not in self.choices and value in registered(self.group):
             return value
         wanted: Any = Literal[self.choices] if self.choices else kind
         if not math.isinf(self.span[0]):
-            wanted = Annotated[kind, msgspec.Meta(ge=kind(self.span[0]), le=kind(self.span[1]))]
+            wanted = Annotated[
+                kind, msgspec.Meta(ge=kind(self.span[0]), le=kind(self.span[1]))
+            ]
         try:
             return msgspec.convert(value, wanted)
         except msgspec.ValidationError:
-            fits = type(value) is kind or (kind, type(value)) == (float, int)  # True is no number
+            fits = type(value) is kind or (kind, type(value)) == (
+                float,
+                int,
+            )  # True is no number
             allowed = self.range if self.choices or fits else f"a {_KINDS[kind]}"
             hint = did_you_mean(str(value), self.choices)
             by_option = f"{where} {value}: must be"
-            found = by_option if where == self.flag else f"{where}: {self.name} = {value!r}, but it is"
+            found = (
+                by_option
+                if where == self.flag
+                else f"{where}: {self.name} = {value!r}, but it is"
+            )
             raise ConfigError(f"{found} {allowed}{hint}") from None
 
 
-_KINDS = {str: "text", int: "whole number", float: "number", bool: "switch: true or false"}
+_KINDS = {
+    str: "text",
+    int: "whole number",
+    float: "number",
+    bool: "switch: true or false",
+}
 
 
 def _setting(default: Any, words: str, *, verbs: str = "", **rest: Any) -> Any:
@@ -114,8 +133,15 @@ class Capture:
         verbs="answer call demo feel loopback play receive send setup",
     )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
-    air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
-    block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
+    air: str = _setting(
+        "system:capture_2", "JACK port of the air microphone; empty: there is none"
+    )
+    block_size: int = _setting(
+        128,
+        "block of a file or of the simulated finger",
+        unit="samples",
+        span=(1, 4096),
+    )
     loop: bool = _setting(True, "repeat a recording when it ends")
 
 
@@ -129,9 +155,13 @@ class Link:
         flag="--peer",
         verbs="send",
     )
-    host: str = _setting("", "address at which the operator's side listens; empty: all, of IPv4 and IPv6")
+    host: str = _setting(
+        "", "address at which the operator's side listens; empty: all, of IPv4 and IPv6"
+    )
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
-    identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
+    identity: str = _setting(
+        "", "folder with this side's key and trusted peers; empty: ~/.config/tactophone"
+    )
     codec: str = _setting(
         "opus",
         "pcm16 for a local network, opus for the rest",
@@ -140,10 +170,18 @@ class Link:
         verbs="latency send",
     )
     packet_duration: float = _setting(
-        0.005, "sound in a packet", unit="s", span=(0.0005, 0.02), flag="--packet-duration", verbs="latency"
+        0.005,
+        "sound in a packet",
+        unit="s",
+        span=(0.0005, 0.02),
+        flag="--packet-duration",
+        verbs="latency",
     )
     bandwidth: float = _setting(
-        0.0, "highest frequency to transmit; 0: as the operator's model needs", unit="Hz", span=(0, 20_000)
+        0.0,
+        "highest frequency to transmit; 0: as the operator's model needs",
+        unit="Hz",
+        span=(0, 20_000),
     )
     bitrate_bps: int = _setting(
         0,
@@ -151,7 +189,9 @@ class Link:
         unit="bit/s",
         span=(0, 510_000),
     )
-    redundancy: int = _setting(-1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2))
+    redundancy: int = _setting(
+        -1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2)
+    )
     send_predictions: bool = _setting(
         False,
         "run the detector on the robot and send only its predictions",
@@ -173,8 +213,13 @@ class Call:
         "stun.l.google.com:19302,stun.cloudflare.com:3478",
         "STUN servers, HOST or HOST:PORT with commas between them; from two, --check learns the kind of router",
     )
-    turn: str = _setting("", "TURN relay, USER:PASSWORD@HOST or USER:PASSWORD@HOST:PORT; empty: none")
-    relay_only: bool = _setting(False, "never take a direct way, so that the other end learns no address of this one")
+    turn: str = _setting(
+        "", "TURN relay, USER:PASSWORD@HOST or USER:PASSWORD@HOST:PORT; empty: none"
+    )
+    relay_only: bool = _setting(
+        False,
+        "never take a direct way, so that the other end learns no address of this one",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,25 +239,36 @@ class Detector:
         verbs="receive",
     )
     check_microphones: bool = _setting(
-        True, "detect faulty microphones and fall back safely; switch off for synthetic test signals"
+        True,
+        "detect faulty microphones and fall back safely; switch off for synthetic test signals",
     )
     threshold_dbfs: float = _setting(
-        math.nan, "level of the contact gate; nan: from the calibration, or just over the noise floor", unit="dBFS",
-        span=(-120, 0), flag="--threshold", verbs="feel try",
-    )  # fmt: skip
+        math.nan,
+        "level of the contact gate; nan: from the calibration, or just over the noise floor",
+        unit="dBFS",
+        span=(-120, 0),
+        flag="--threshold",
+        verbs="feel try",
+    )
     contact: str = _setting(
         "bands",
         "what decides on contact: bands, each over its own noise, within milliseconds and deaf to steady motors; the "
         "level alone; or the level of the model's window, as in the paper",
-        choices=("bands", "level", "window"), flag="--contact", verbs="feel",
-    )  # fmt: skip
+        choices=("bands", "level", "window"),
+        flag="--contact",
+        verbs="feel",
+    )
     margin_db: float = _setting(
         math.nan,
         "how far over its noise a band is heard, for a loud robot; nan: from the calibration, or 5",
-        unit="dB", span=(3, 12),
-    )  # fmt: skip
+        unit="dB",
+        span=(3, 12),
+    )
     events: bool = _setting(
-        False, "detect taps, strokes and slips too; the profile events always does", flag="--events", verbs="feel"
+        False,
+        "detect taps, strokes and slips too; the profile events always does",
+        flag="--events",
+        verbs="feel",
     )
 
 
@@ -228,10 +284,16 @@ class Rendering:
         verbs="demo loopback play receive replay try",
     )
     ceiling: float = _setting(
-        DEFAULT_CEILING, "greatest amplitude; a profile that asks for more is scaled down as a whole",
-        unit="of full drive", span=(0, 1), flag="--ceiling", verbs="feel loopback receive replay try",
-    )  # fmt: skip
-    output_level: float = _setting(1.0, "volume below the ceiling", unit="of the profile's amplitude", span=(0, 1))
+        DEFAULT_CEILING,
+        "greatest amplitude; a profile that asks for more is scaled down as a whole",
+        unit="of full drive",
+        span=(0, 1),
+        flag="--ceiling",
+        verbs="feel loopback receive replay try",
+    )
+    output_level: float = _setting(
+        1.0, "volume below the ceiling", unit="of the profile's amplitude", span=(0, 1)
+    )
     muted: bool = _setting(False, "start muted, until armed")
 
 
@@ -240,33 +302,63 @@ class Output:
     """Where the vibration goes."""
 
     actuator: str = _setting(
-        "jack", "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
-        choices=("jack", "portaudio", "gamepad", "file", "none"), group=ACTUATORS, flag="--actuator",
-        verbs="answer call devices loopback receive try", device="output.device",
-    )  # fmt: skip
+        "jack",
+        "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
+        choices=("jack", "portaudio", "gamepad", "file", "none"),
+        group=ACTUATORS,
+        flag="--actuator",
+        verbs="answer call devices loopback receive try",
+        device="output.device",
+    )
     device: str = _setting(
-        "", "PortAudio device (name or number), gamepad (name), or the WAV file to write; empty: the default"
+        "",
+        "PortAudio device (name or number), gamepad (name), or the WAV file to write; empty: the default",
     )
     channel: int = _setting(
-        1, "output channel of the PortAudio device, counted from 1; 3 or 4 on a DualSense", span=(1, 64)
+        1,
+        "output channel of the PortAudio device, counted from 1; 3 or 4 on a DualSense",
+        span=(1, 64),
     )
     port: str = _setting("system:playback_1", "JACK port of the actuator's amplifier")
-    period: int = _setting(128, "period of the actuators file and none", unit="samples", span=(16, 4096))
+    period: int = _setting(
+        128, "period of the actuators file and none", unit="samples", span=(16, 4096)
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
     """What the actuator can play, for the profiles perceptual, erm, lra, piezo and dualsense: `devices measure`."""
 
-    resonance: float = _setting(math.nan, "resonance; nan: typical of the profile", unit="Hz", span=(10, 2000))
-    lowest: float = _setting(math.nan, "lower end of its band; nan: the profile's", unit="Hz", span=(10, 2000))
-    highest: float = _setting(math.nan, "upper end of its band; nan: the profile's", unit="Hz", span=(10, 2000))
-    slowest: float = _setting(math.nan, "lowest speed of a rotating motor; nan: typical", unit="Hz", span=(1, 1000))
+    resonance: float = _setting(
+        math.nan, "resonance; nan: typical of the profile", unit="Hz", span=(10, 2000)
+    )
+    lowest: float = _setting(
+        math.nan,
+        "lower end of its band; nan: the profile's",
+        unit="Hz",
+        span=(10, 2000),
+    )
+    highest: float = _setting(
+        math.nan,
+        "upper end of its band; nan: the profile's",
+        unit="Hz",
+        span=(10, 2000),
+    )
+    slowest: float = _setting(
+        math.nan,
+        "lowest speed of a rotating motor; nan: typical",
+        unit="Hz",
+        span=(1, 1000),
+    )
     fastest: float = _setting(
-        math.nan, "speed of a rotating motor at full drive; nan: typical", unit="Hz", span=(1, 1000)
+        math.nan,
+        "speed of a rotating motor at full drive; nan: typical",
+        unit="Hz",
+        span=(1, 1000),
     )
     response: str = _setting(
-        "", "levels in dB relative to the resonance by frequency in Hz, as in 40:-12,160:0,250:-6; empty: flat"
+        "",
+        "levels in dB relative to the resonance by frequency in Hz, as in 40:-12,160:0,250:-6; empty: flat",
     )
 
 
@@ -281,8 +373,12 @@ class Process:
         verbs="answer call demo feel latency loopback play receive replay send try",
     )
     jack_server: str = _setting("", "JACK server; empty: the default one")
-    priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
-    watchdog: bool = _setting(True, "silence a late process; kill a stalled one and start a new one, muted")
+    priority: int = _setting(
+        58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95)
+    )
+    watchdog: bool = _setting(
+        True, "silence a late process; kill a stalled one and start a new one, muted"
+    )
     stall_timeout: float = _setting(
         0.05,
         "time without a callback, while vibrating, after which a process is late and silenced",
@@ -295,7 +391,9 @@ class Process:
 class Page:
     """The page that --dashboard serves, and those of `play` and `try`."""
 
-    address: str = _setting("", "HOST:PORT of the page; empty: any free port, for this machine only")
+    address: str = _setting(
+        "", "HOST:PORT of the page; empty: any free port, for this machine only"
+    )
     lan: bool = _setting(
         False,
         "serve the page to the local network too, and print a QR code for a phone",
@@ -321,12 +419,19 @@ class Page:
 class Bridges:
     """What --bridge passes on, and how: docs/guide/bridges.md."""
 
-    finger: str = _setting("index", "finger in the names of OSC and ROS; the fingers of a hand have their own")
+    finger: str = _setting(
+        "index",
+        "finger in the names of OSC and ROS; the fingers of a hand have their own",
+    )
     osc_listen: int = _setting(
-        0, "UDP port of this machine at which /tactophone/stop is obeyed; 0: none", span=(0, 65_535)
+        0,
+        "UDP port of this machine at which /tactophone/stop is obeyed; 0: none",
+        span=(0, 65_535),
     )
     osc_avatar: bool = _setting(False, "send VRChat's avatar parameters too")
-    ros_publish: bool = _setting(True, "publish predictions, sound and diagnostics to ROS 2")
+    ros_publish: bool = _setting(
+        True, "publish predictions, sound and diagnostics to ROS 2"
+    )
     ros_sinks: str = _setting(
         "",
         "ROS 2 devices to drive with the vibration, KIND or KIND:TOPIC with commas between them: joy, senseglove, "
@@ -346,11 +451,20 @@ class Simulation:
         verbs="demo loopback",
     )
     seed: int = _setting(
-        0, "random seed of network, strokes and set-up", span=(0, 2**31 - 1), flag="--seed", verbs="demo"
+        0,
+        "random seed of network, strokes and set-up",
+        span=(0, 2**31 - 1),
+        flag="--seed",
+        verbs="demo",
     )
-    gain_db: float = _setting(0.0, "extra gain of the simulated contact microphone", unit="dB", span=(-40, 40))
+    gain_db: float = _setting(
+        0.0, "extra gain of the simulated contact microphone", unit="dB", span=(-40, 40)
+    )
     air_gain_db: float = _setting(
-        0.0, "extra gain of the simulated air microphone; a stylus may drive it too far", unit="dB", span=(-40, 40)
+        0.0,
+        "extra gain of the simulated air microphone; a stylus may drive it too far",
+        unit="dB",
+        span=(-40, 40),
     )
     faults: str = _setting(
         "",
@@ -392,10 +506,16 @@ class Settings:
         return bool(self.fingers[0].name)
 
 
-SECTIONS = tuple(section.name for section in dataclasses.fields(Settings) if section.name != "fingers")
+SECTIONS = tuple(
+    section.name
+    for section in dataclasses.fields(Settings)
+    if section.name != "fingers"
+)
 
 SETTINGS: Mapping[str, Setting] = {
-    f"{section}.{each.name}": replace(each.metadata["setting"], name=f"{section}.{each.name}")
+    f"{section}.{each.name}": replace(
+        each.metadata["setting"], name=f"{section}.{each.name}"
+    )
     for section in SECTIONS
     for each in dataclasses.fields(getattr(Settings(), section))
 }
@@ -419,7 +539,9 @@ def read_settings(path: Path, settings: Settings | None = None) -> Settings:
     return settings
 
 
-def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[str, Any]]:
+def read_tables(
+    path: Path, *, missing: str, outside: str
+) -> dict[str, Mapping[str, Any]]:
     """Read a TOML file that holds tables alone.
 
     ``missing`` and ``outside`` end the error messages about a file that cannot be read, and an entry outside a table.
@@ -437,7 +559,9 @@ def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[
     return tables
 
 
-def change(settings: Settings, assignments: Iterable[str], *, where: str = "--set") -> Settings:
+def change(
+    settings: Settings, assignments: Iterable[str], *, where: str = "--set"
+) -> Settings:
     """Apply ``section.name=value`` assignments; a value that is not TOML is taken as plain text.
 
     >>> change(Settings(), ["link.packet_duration=0.0025", "capture.source=finger"]).link.packet_duration
@@ -446,12 +570,18 @@ def change(settings: Settings, assignments: Iterable[str], *, where: str = "--se
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals:
-            raise ConfigError(f"{where} {assignment}: wanted section.name=value, such as link.port=48470")
+            raise ConfigError(
+                f"{where} {assignment}: wanted section.name=value, such as link.port=48470"
+            )
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
-        if name in SETTINGS and isinstance(SETTINGS[name].default, str) and not isinstance(value, str):
+        if (
+            name in SETTINGS
+            and isinstance(SETTINGS[name].default, str)
+            and not isinstance(value, str)
+        ):
             value = text  # a device may be named "3"
         settings = set_value(settings, name, value, where=where)
     return settings
@@ -464,4 +594,6 @@ def set_value(settings: Settings, name: str, value: Any, *, where: str) -> Setti
         raise ConfigError(f"{where}: there is no setting {name}{hint}")
     section, _, key = name.partition(".")
     checked = SETTINGS[name].check(value, where=where)
-    return replace(settings, **{section: replace(getattr(settings, section), **{key: checked})})
+    return replace(
+        settings, **{section: replace(getattr(settings, section), **{key: checked})}
+    )

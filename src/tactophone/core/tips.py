@@ -35,25 +35,78 @@ class Tip:
 
 _ROWS = (
     Tip(
-        "rubber", "soft rubber of 4 MPa, 6 mm radius", "rubber", hard=False, impulses=False, air_led_db=28.0,
-        picture=(" soft rubber,", " silicone", "  .-----.", " (       )", "  '-___-'", "===========",
-                 "mark: 2 mm,", "a round blot"),
-    ),
-    Tip(
-        "pad", "hard skin of 3.3 GPa on a silicone pad, 3 mm radius", "texture", hard=False, impulses=True,
+        "rubber",
+        "soft rubber of 4 MPa, 6 mm radius",
+        "rubber",
+        hard=False,
+        impulses=False,
         air_led_db=28.0,
-        picture=(" hard skin on", " a silicone pad", "  .-----.", " (  ---  )", "  '-...-'", "===========",
-                 "mark: 0.1 mm", "to 0.5 mm"),
+        picture=(
+            " soft rubber,",
+            " silicone",
+            "  .-----.",
+            " (       )",
+            "  '-___-'",
+            "===========",
+            "mark: 2 mm,",
+            "a round blot",
+        ),
     ),
     Tip(
-        "plastic", "plastic rod of 8 mm", "plastic", hard=True, impulses=True, air_led_db=28.0,
-        picture=(" rod or pen", " of plastic", "    | |", "    | |", "    \\_/", "===========", "mark: 0.1 mm", ""),
+        "pad",
+        "hard skin of 3.3 GPa on a silicone pad, 3 mm radius",
+        "texture",
+        hard=False,
+        impulses=True,
+        air_led_db=28.0,
+        picture=(
+            " hard skin on",
+            " a silicone pad",
+            "  .-----.",
+            " (  ---  )",
+            "  '-...-'",
+            "===========",
+            "mark: 0.1 mm",
+            "to 0.5 mm",
+        ),
     ),
     Tip(
-        "stylus", "steel stylus of 5 mm", "stylus", hard=True, impulses=True, air_led_db=40.0,
-        picture=(" steel rod", "", "    | |", "    | |", "     V", "===========", "mark: a dot", ""),
+        "plastic",
+        "plastic rod of 8 mm",
+        "plastic",
+        hard=True,
+        impulses=True,
+        air_led_db=28.0,
+        picture=(
+            " rod or pen",
+            " of plastic",
+            "    | |",
+            "    | |",
+            "    \\_/",
+            "===========",
+            "mark: 0.1 mm",
+            "",
+        ),
     ),
-)  # fmt: skip
+    Tip(
+        "stylus",
+        "steel stylus of 5 mm",
+        "stylus",
+        hard=True,
+        impulses=True,
+        air_led_db=40.0,
+        picture=(
+            " steel rod",
+            "",
+            "    | |",
+            "    | |",
+            "     V",
+            "===========",
+            "mark: a dot",
+            "",
+        ),
+    ),
+)
 
 TIPS: Mapping[str, Tip] = MappingProxyType({tip.name: tip for tip in _ROWS})
 """The tips by name, softest first, in the order of the rows of ``tips.npz``."""
@@ -66,5 +119,11 @@ DEFAULT_TIP = "pad"
 
 def tip_picture() -> str:
     """Return the tips side by side, numbered from 1."""
-    columns = [(f" {number} {tip.name}", *tip.picture) for number, tip in enumerate(TIPS.values(), 1)]
-    return "\n".join("    " + "".join(f"{line:18}" for line in row).rstrip() for row in zip(*columns, strict=True))
+    columns = [
+        (f" {number} {tip.name}", *tip.picture)
+        for number, tip in enumerate(TIPS.values(), 1)
+    ]
+    return "\n".join(
+        "    " + "".join(f"{line:18}" for line in row).rstrip()
+        for row in zip(*columns, strict=True)
+    )

@@ -109,14 +109,18 @@ def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
     cuts = [
         number
         for number, (one, other) in enumerate(pairwise(blocks), 1)
-        if (one.end, one.concealed, one.moving) != (other.start, other.concealed, other.moving)
+        if (one.end, one.concealed, one.moving)
+        != (other.start, other.concealed, other.moving)
     ]
     for begin, end in pairwise([0, *cuts, len(blocks)]):
         first = blocks[begin]
         if end - begin == 1:
             yield first
         else:
-            yield replace(first, samples=np.concatenate([block.samples for block in blocks[begin:end]]))
+            yield replace(
+                first,
+                samples=np.concatenate([block.samples for block in blocks[begin:end]]),
+            )
 
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")
@@ -274,7 +278,11 @@ class ChangedSource:
     """Base of sources that change the sound of another one, and open and close with it."""
 
     def __init__(self, source: Source) -> None:
-        self._source, self.sample_rate, self.channels = source, source.sample_rate, source.channels
+        self._source, self.sample_rate, self.channels = (
+            source,
+            source.sample_rate,
+            source.channels,
+        )
 
     def __enter__(self) -> Self:
         self._source.__enter__()

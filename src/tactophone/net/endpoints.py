@@ -16,7 +16,13 @@ import numpy as np
 
 from tactophone.core.errors import ModelError
 from tactophone.core.microphones import fingers_of
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    Detector,
+    PipelineStep,
+    Prediction,
+)
 from tactophone.net.link.events import Connected
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.send import Datagrams, SendGroup
@@ -40,10 +46,20 @@ class RobotEndpoint:
     """
 
     def __init__(
-        self, group: SendGroup, detector: Detector | Sequence[Detector] | None = None, *, channels: Sequence[int] = ()
+        self,
+        group: SendGroup,
+        detector: Detector | Sequence[Detector] | None = None,
+        *,
+        channels: Sequence[int] = (),
     ) -> None:
         self.group, self._channels = group, channels
-        self.detectors = list(detector) if isinstance(detector, Sequence) else [detector] if detector else []
+        self.detectors = (
+            list(detector)
+            if isinstance(detector, Sequence)
+            else [detector]
+            if detector
+            else []
+        )
 
     def push(self, block: AudioBlock) -> list[PipelineStep]:
         """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
@@ -62,12 +78,17 @@ class RobotEndpoint:
             self.group.send_predictions(predicted, fingers=len(found))
         return [
             PipelineStep(part, predictions, (), finger)
-            for finger, (part, predictions) in enumerate(zip(blocks, found, strict=True))
+            for finger, (part, predictions) in enumerate(
+                zip(blocks, found, strict=True)
+            )
         ]
 
     def steps(self, block: AudioBlock) -> list[PipelineStep]:
         """Return each finger's step of a block that was sent without predictions."""
-        return [PipelineStep(part, (), (), finger) for finger, part in enumerate(self._split(block))]
+        return [
+            PipelineStep(part, (), (), finger)
+            for finger, part in enumerate(self._split(block))
+        ]
 
     def _split(self, block: AudioBlock) -> list[AudioBlock]:
         return split_fingers(block, self._channels) if self._channels else [block]
@@ -88,7 +109,11 @@ class OperatorEndpoint:
     """
 
     def __init__(
-        self, session: ReceiveSession, pipeline: Pipeline | Hand, *, reopen: Callable[[int], Pipeline] | None = None
+        self,
+        session: ReceiveSession,
+        pipeline: Pipeline | Hand,
+        *,
+        reopen: Callable[[int], Pipeline] | None = None,
     ) -> None:
         self.session = session
         self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
@@ -117,15 +142,32 @@ class OperatorEndpoint:
         for event in events:
             steps: Iterable[PipelineStep] = ()
             match event:
-                case DecodedAudio(block=block, stale=stale) if self._accepts(block.channels):  # nearly always
+                case DecodedAudio(block=block, stale=stale) if self._accepts(
+                    block.channels
+                ):  # nearly always
                     # Late sound still goes through the detector, but what it leads to is no longer rendered.
                     found = self.hand.push(block)
-                    steps = (PipelineStep(each.block, (), (), each.finger) for each in found) if stale else found
-                case PredictionReceived(prediction, stale, finger, fingers) if self._has_fingers(fingers):
-                    commands = () if stale else (self.hand.pipelines[finger].command_for(prediction),)
+                    steps = (
+                        (
+                            PipelineStep(each.block, (), (), each.finger)
+                            for each in found
+                        )
+                        if stale
+                        else found
+                    )
+                case PredictionReceived(prediction, stale, finger, fingers) if (
+                    self._has_fingers(fingers)
+                ):
+                    commands = (
+                        ()
+                        if stale
+                        else (self.hand.pipelines[finger].command_for(prediction),)
+                    )
                     # The sound stayed on the robot: an empty block at the end of the window stands for it.
                     end = round(prediction.end * LIVE_SAMPLE_RATE)
-                    block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
+                    block = AudioBlock(
+                        np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end
+                    )
                     steps = (PipelineStep(block, (prediction,), commands, finger),)
                 case Connected():
                     self.hand.reset()
@@ -139,7 +181,9 @@ class OperatorEndpoint:
     def _accepts(self, channels: int) -> bool:
         """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""
         if channels != self._accepted or self.refusal:
-            accepted = self._has_fingers(fingers_of(channels)) and self._match_channels(channels)
+            accepted = self._has_fingers(fingers_of(channels)) and self._match_channels(
+                channels
+            )
             self._accepted = channels if accepted else 0
         return self._accepted > 0
 

@@ -33,7 +33,11 @@ from tactophone.signal.perception.detector import begins_anew, push_together
 from tactophone.signal.perception.events import EventDetector, EventMerger
 from tactophone.signal.perception.levels import Ear
 from tactophone.signal.perception.model_file import Model
-from tactophone.signal.perception.models import default_model, open_detector, open_registered
+from tactophone.signal.perception.models import (
+    default_model,
+    open_detector,
+    open_registered,
+)
 
 
 class Pipeline:
@@ -64,7 +68,12 @@ class Pipeline:
     """
 
     def __init__(
-        self, detector: Detector, profile: Profile, limits: Limits | None = None, *, events: EventMerger | None = None
+        self,
+        detector: Detector,
+        profile: Profile,
+        limits: Limits | None = None,
+        *,
+        events: EventMerger | None = None,
     ) -> None:
         self.detector = detector
         self._events = events
@@ -90,15 +99,22 @@ class Pipeline:
         """Process a block of sound; returns its predictions and commands."""
         return self.complete(block, self.detector.push(block))
 
-    def complete(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
+    def complete(
+        self, block: AudioBlock, predictions: list[Prediction]
+    ) -> PipelineStep:
         """Return the step of a block from the predictions that the detector made of it."""
         if self._events:
-            predictions = list(self._events.merge(block, predictions, latency=self.detector.latency))
+            predictions = list(
+                self._events.merge(block, predictions, latency=self.detector.latency)
+            )
         return self._step(block, predictions)
 
     def flush(self, block: AudioBlock) -> PipelineStep:
         """Return what the end of the stream still completes; ``block`` is the last one pushed."""
-        return self._step(replace(block, samples=block.samples[:0], start=block.end), self.detector.flush())
+        return self._step(
+            replace(block, samples=block.samples[:0], start=block.end),
+            self.detector.flush(),
+        )
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
@@ -111,10 +127,16 @@ class Pipeline:
         (profile, peak), limits = self._profile_and_peak, self.limits
         command = profile.command(prediction)
         amplitude = command.amplitude * limits.scale_for(peak)
-        return limits.bound(HapticCommand(amplitude, command.frequency, prediction.end + self.detector.latency))
+        return limits.bound(
+            HapticCommand(
+                amplitude, command.frequency, prediction.end + self.detector.latency
+            )
+        )
 
     def _step(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
-        return PipelineStep(block, tuple(predictions), tuple(map(self.command_for, predictions)))
+        return PipelineStep(
+            block, tuple(predictions), tuple(map(self.command_for, predictions))
+        )
 
 
 class Hand:
@@ -134,22 +156,38 @@ class Hand:
     [(0, 2), (1, 2), (2, 2)]
     """
 
-    def __init__(self, pipelines: Sequence[Pipeline], *, channels: Sequence[int] = ()) -> None:
+    def __init__(
+        self, pipelines: Sequence[Pipeline], *, channels: Sequence[int] = ()
+    ) -> None:
         self.pipelines = list(pipelines)
         self.fingers = len(self.pipelines)
         self._channels = list(channels) or [2] * self.fingers
         self._held: list[AudioBlock] = []
         self._due = self._next = 0
         # A detector without such a gate has nothing to share, and sound waits for none with events.
-        gates = [getattr(pipeline.detector, "gate", None) for pipeline in self.pipelines]
-        self._gates: list[ContactGate] = [gate for gate in gates if isinstance(gate, ContactGate)]
-        self._patient = len(self._gates) == self.fingers and not any(each.has_events for each in self.pipelines)
-        if self.fingers > 1 and self._patient and len({gate.ear.settings for gate in self._gates}) == 1:
+        gates = [
+            getattr(pipeline.detector, "gate", None) for pipeline in self.pipelines
+        ]
+        self._gates: list[ContactGate] = [
+            gate for gate in gates if isinstance(gate, ContactGate)
+        ]
+        self._patient = len(self._gates) == self.fingers and not any(
+            each.has_events for each in self.pipelines
+        )
+        if (
+            self.fingers > 1
+            and self._patient
+            and len({gate.ear.settings for gate in self._gates}) == 1
+        ):
             self._ear: Ear | None = self._gates[0].ear.for_fingers(self.fingers)
             for finger, gate in enumerate(self._gates):
                 gate.share(self._ear, finger)
-            of_finger = enumerate(map(ContactGate.channel_of, self._gates, self._channels))
-            self._heard = [len(MICROPHONES) * finger + channel for finger, channel in of_finger]
+            of_finger = enumerate(
+                map(ContactGate.channel_of, self._gates, self._channels)
+            )
+            self._heard = [
+                len(MICROPHONES) * finger + channel for finger, channel in of_finger
+            ]
         else:
             self._ear, self._patient = None, self._patient and self.fingers == 1
 
@@ -159,7 +197,12 @@ class Hand:
         A short block that leads to nothing waits for the next, with which it is processed: then there is no step.
         """
         self._held.append(block)
-        if block.end < self._due and block.start == self._next and not block.concealed and self._waits(block):
+        if (
+            block.end < self._due
+            and block.start == self._next
+            and not block.concealed
+            and self._waits(block)
+        ):
             self._next = block.end
             return
         held, self._held = self._held, []
@@ -175,7 +218,9 @@ class Hand:
 
     def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
         if self._ear and block.channels == len(MICROPHONES) * self.fingers:
-            if begins_anew(block.start - self._next + self._ear.ahead, block.sample_rate):
+            if begins_anew(
+                block.start - self._next + self._ear.ahead, block.sample_rate
+            ):
                 self._ear.reset()
             self._ear.hear(block.samples.T[self._heard])
         yield from self._steps(block)
@@ -188,10 +233,18 @@ class Hand:
             yield self.pipelines[0].push(block)
             return
         parts = split_fingers(block, self._channels)
-        predictions = push_together([pipeline.detector for pipeline in self.pipelines], parts)
-        for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
+        predictions = push_together(
+            [pipeline.detector for pipeline in self.pipelines], parts
+        )
+        for finger, (pipeline, part, found) in enumerate(
+            zip(self.pipelines, parts, predictions, strict=True)
+        ):
             step = pipeline.complete(part, found)
-            yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
+            yield (
+                PipelineStep(step.block, step.predictions, step.commands, finger)
+                if finger
+                else step
+            )
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
@@ -211,16 +264,29 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
     if [block.channels] == list(channels):
         return [block]
     if block.channels != 2 * len(channels):
-        raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
+        raise ValueError(
+            f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}"
+        )
     # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
-    parts = (np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count]) for at, count in enumerate(channels))
+    parts = (
+        np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count])
+        for at, count in enumerate(channels)
+    )
     return [replace(block, samples=part) for part in parts]
 
 
 def open_pipeline(
-    model: str | Model = "", *, sample_rate: int, channels: int, profile: str = "graded", limits: Limits | None = None,
-    contact: ContactRule = "bands", follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
-) -> Pipeline:  # fmt: skip
+    model: str | Model = "",
+    *,
+    sample_rate: int,
+    channels: int,
+    profile: str = "graded",
+    limits: Limits | None = None,
+    contact: ContactRule = "bands",
+    follow_floor: bool = True,
+    events: bool = False,
+    tip: str = DEFAULT_TIP,
+) -> Pipeline:
     """Open a pipeline for sound of a given rate and channel count.
 
     Parameters
@@ -256,14 +322,24 @@ def open_pipeline(
     """
     check_channels(channels)
     name = model or default_model(tip)
-    own = None if isinstance(name, Model) else open_registered(name, sample_rate=sample_rate, channels=channels)
-    detector: Detector = own or open_detector(name, sample_rate=sample_rate, contact=contact, follow_floor=follow_floor)
+    own = (
+        None
+        if isinstance(name, Model)
+        else open_registered(name, sample_rate=sample_rate, channels=channels)
+    )
+    detector: Detector = own or open_detector(
+        name, sample_rate=sample_rate, contact=contact, follow_floor=follow_floor
+    )
     merger = None
     if events or profile == "events":
         merger = open_events(sample_rate=sample_rate, channels=channels, tip=tip)
     return Pipeline(detector, open_profile(profile), limits, events=merger)
 
 
-def open_events(*, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> EventMerger:
+def open_events(
+    *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP
+) -> EventMerger:
     """Make the detector of touch events for a pipeline."""
-    return EventMerger(EventDetector(sample_rate=sample_rate, channels=min(channels, 2), tip=tip))
+    return EventMerger(
+        EventDetector(sample_rate=sample_rate, channels=min(channels, 2), tip=tip)
+    )

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
 
-from tactophone.app.measurement.delays import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
+from tactophone.app.measurement.delays import (
+    MAX_DECISION_DELAY,
+    DecisionDelays,
+    measure_decisions,
+)
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 
@@ -22,14 +26,20 @@ def delays() -> DecisionDelays:
 
 
 @pytest.mark.slow
-def test_a_touch_is_rendered_long_before_a_window_is_full(delays: DecisionDelays) -> None:
+def test_a_touch_is_rendered_long_before_a_window_is_full(
+    delays: DecisionDelays,
+) -> None:
     assert (len(delays.touch), delays.missed_touches) == (2, 0)
     assert np.median(delays.touch) < 0.01
 
 
-def test_edges_are_detected_later_than_touches_and_never_early(delays: DecisionDelays) -> None:
+def test_edges_are_detected_later_than_touches_and_never_early(
+    delays: DecisionDelays,
+) -> None:
     assert len(delays.edge) + delays.missed_edges == 8
-    assert all(np.median(delays.touch) < delay < MAX_DECISION_DELAY for delay in delays.edge)
+    assert all(
+        np.median(delays.touch) < delay < MAX_DECISION_DELAY for delay in delays.edge
+    )
 
 
 @pytest.mark.slow

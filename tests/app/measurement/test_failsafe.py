@@ -12,7 +12,9 @@ from tactophone.core.settings import Settings
 def recorder(monkeypatch: pytest.MonkeyPatch) -> PeakRecorder:
     """A recorder of half a second of vibration and then silence, one period every 10 ms."""
     clock = itertools.count(1)
-    monkeypatch.setattr("benchmarks.failsafe.time.monotonic", lambda: 0.01 * next(clock))
+    monkeypatch.setattr(
+        "benchmarks.failsafe.time.monotonic", lambda: 0.01 * next(clock)
+    )
     recorder = PeakRecorder()
     for peak in [0.5] * 50 + [0.0] * 50:
         recorder.process([np.full(8, peak, np.float32)], [])

@@ -22,7 +22,8 @@ def player(monkeypatch: pytest.MonkeyPatch) -> ImpulsePlayer:
     """A run of ten impulses, each with vibration three periods after its own, on an exact clock."""
     player = ImpulsePlayer(10, seed=3)
     monkeypatch.setattr(
-        "tactophone.app.measurement.impulses.time.monotonic", lambda: 100.0 + player.position / LIVE_SAMPLE_RATE
+        "tactophone.app.measurement.impulses.time.monotonic",
+        lambda: 100.0 + player.position / LIVE_SAMPLE_RATE,
     )
     vibration = np.zeros_like(player.vibration)
     for impulse in player.impulses:
@@ -43,7 +44,9 @@ def _marks(player: ImpulsePlayer) -> dict[str, np.ndarray]:
         begun = 100.0 + _period(impulse) / LIVE_SAMPLE_RATE
         for name, lag in LAGS.items():
             marks[name].append((_period(impulse) + PERIOD, begun + lag))
-        marks["rendered"].append((_period(impulse) + PERIOD, begun + 3 * PERIOD / LIVE_SAMPLE_RATE - 0.0001))
+        marks["rendered"].append(
+            (_period(impulse) + PERIOD, begun + 3 * PERIOD / LIVE_SAMPLE_RATE - 0.0001)
+        )
     return {name: np.array(rows, MARK) for name, rows in marks.items()}
 
 
@@ -51,8 +54,12 @@ def test_the_stages_add_up_to_the_end_to_end_latency(player: ImpulsePlayer) -> N
     measured = analyse(player, _marks(player), period=PERIOD)
     assert measured.missed == 0
     offsets = np.array([impulse - _period(impulse) for impulse in player.impulses])
-    np.testing.assert_allclose(measured.end_to_end, (3 * PERIOD + 5 - offsets) / LIVE_SAMPLE_RATE)
-    np.testing.assert_allclose(np.sum(list(measured.stages.values()), axis=0), measured.end_to_end, atol=1e-9)
+    np.testing.assert_allclose(
+        measured.end_to_end, (3 * PERIOD + 5 - offsets) / LIVE_SAMPLE_RATE
+    )
+    np.testing.assert_allclose(
+        np.sum(list(measured.stages.values()), axis=0), measured.end_to_end, atol=1e-9
+    )
     assert measured.disagreement < 1e-9
     np.testing.assert_allclose(measured.stages["network"], 0.0001, atol=1e-9)
     np.testing.assert_allclose(measured.stages["playout"], 0.0001, atol=1e-9)

@@ -9,7 +9,9 @@ from tactophone.live.telemetry.layout import STAGES
 
 @pytest.mark.realtime
 def test_impulses_cross_the_running_system(jack_server: DummyServer) -> None:
-    settings = change(Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"])
+    settings = change(
+        Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"]
+    )
     measured = measure(settings, Graph(jack_server.name), impulses=12)
     assert measured.missed <= 1
     assert np.median(measured.end_to_end) < 0.012

@@ -20,19 +20,32 @@ RATE = 48_000
 
 
 def through(
-    sound: FloatArray, *, resonance: float, quality: float, delay: float = 0.04, noise: float = 1e-4
+    sound: FloatArray,
+    *,
+    resonance: float,
+    quality: float,
+    delay: float = 0.04,
+    noise: float = 1e-4,
 ) -> FloatArray:
     """A band-pass of second order, a sound card's delay, and noise."""
     omega = 2 * math.pi * resonance / RATE
     alpha = math.sin(omega) / (2 * quality)
-    filtered = lfilter([alpha, 0, -alpha], [1 + alpha, -2 * math.cos(omega), 1 - alpha], sound)
+    filtered = lfilter(
+        [alpha, 0, -alpha], [1 + alpha, -2 * math.cos(omega), 1 - alpha], sound
+    )
     delayed = np.concatenate([np.zeros(round(delay * RATE)), filtered])[: len(sound)]
-    return (delayed + 1e-4 * np.random.default_rng(1).standard_normal(len(sound))).astype(np.float32)
+    return (
+        delayed + 1e-4 * np.random.default_rng(1).standard_normal(len(sound))
+    ).astype(np.float32)
 
 
 @pytest.mark.parametrize("delay", [0.005, 0.1])
-@pytest.mark.parametrize(("resonance", "quality"), [(65.0, 1.5), (168.0, 3.0), (235.0, 8.0)])
-def test_resonance_and_band_are_those_of_the_resonator(resonance: float, quality: float, delay: float) -> None:
+@pytest.mark.parametrize(
+    ("resonance", "quality"), [(65.0, 1.5), (168.0, 3.0), (235.0, 8.0)]
+)
+def test_resonance_and_band_are_those_of_the_resonator(
+    resonance: float, quality: float, delay: float
+) -> None:
     found = fit(through(sweep(0.2), resonance=resonance, quality=quality, delay=delay))
     assert found.resonance == pytest.approx(resonance, rel=0.03)
     # |H| = 1 / sqrt(1 + Q^2 (f/f0 - f0/f)^2) is -10 dB where the bracket is 3/Q.
@@ -44,7 +57,9 @@ def test_resonance_and_band_are_those_of_the_resonator(resonance: float, quality
 
 def test_noise_alone_is_refused_with_what_to_do() -> None:
     with pytest.raises(DeviceError, match="press the microphone on the actuator"):
-        fit(np.random.default_rng(1).standard_normal(len(sweep(0.2))).astype(np.float32))
+        fit(
+            np.random.default_rng(1).standard_normal(len(sweep(0.2))).astype(np.float32)
+        )
 
 
 def test_the_file_is_read_as_settings(tmp_path: Path) -> None:
@@ -71,7 +86,9 @@ def test_the_sweep_stays_below_its_amplitude_and_is_played_to_its_end() -> None:
 
 
 @pytest.mark.parametrize("amplitude", ["0", "0.6", "nan"])
-def test_an_amplitude_over_the_default_ceiling_is_refused(amplitude: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_amplitude_over_the_default_ceiling_is_refused(
+    amplitude: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["devices", "measure", "--amplitude", amplitude]) == 1
     assert "must be over 0 to 0.5 of full drive" in capsys.readouterr().err
 
@@ -88,13 +105,27 @@ def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
         outputs[0][:], state[:] = lfilter(*coefficients, inputs[0], zi=state)
 
     with DummyServer(512) as server:
-        resonator = JackClient("resonator", resonate, inputs={"in": ""}, outputs={"out": ""}, server=server.name)
+        resonator = JackClient(
+            "resonator",
+            resonate,
+            inputs={"in": ""},
+            outputs={"out": ""},
+            server=server.name,
+        )
         resonator.open()
         try:
             command = [
-                "devices", "measure", "--out", str(tmp_path / "actuator.toml"), "--actuator", "jack:resonator:in",
-                "--set", f"process.jack_server={server.name}", "--set", "capture.contact=resonator:out",
-            ]  # fmt: skip
+                "devices",
+                "measure",
+                "--out",
+                str(tmp_path / "actuator.toml"),
+                "--actuator",
+                "jack:resonator:in",
+                "--set",
+                f"process.jack_server={server.name}",
+                "--set",
+                "capture.contact=resonator:out",
+            ]
             assert main(command) == 0
         finally:
             resonator.close()

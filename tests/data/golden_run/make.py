@@ -40,19 +40,34 @@ def record() -> list[dict[str, object]]:
         for event in events:
             if isinstance(event, PacketReceived):
                 content = base64.b64encode(event.packet).decode()
-                together.append({"kind": "report" if event.report else "packet", "content": content})
+                together.append(
+                    {"kind": "report" if event.report else "packet", "content": content}
+                )
             elif isinstance(event, Connected):
-                together.append({"kind": "connected", "ssrcs": [event.local_ssrc, event.remote_ssrc]})
+                together.append(
+                    {
+                        "kind": "connected",
+                        "ssrcs": [event.local_ssrc, event.remote_ssrc],
+                    }
+                )
         entries.append({"time": round(now, 5), "polled": polled, "events": together})
 
     operator.tap = tap
     link = VirtualLink(robot, OperatorEndpoint(operator, golden.pipeline()))
     begun = link.connect(0.0)
     link.to_operator = ImpairedLink(
-        NetworkProfile(loss=0.02, burst=2, delay=0.002, jitter=0.002, duplicates=0.01, overtaking=True, stall=0.05,
-                       stall_interval=3.0),
+        NetworkProfile(
+            loss=0.02,
+            burst=2,
+            delay=0.002,
+            jitter=0.002,
+            duplicates=0.01,
+            overtaking=True,
+            stall=0.05,
+            stall_interval=3.0,
+        ),
         seed=7,
-    )  # fmt: skip
+    )
     sender = RobotEndpoint(robot)
     with demonstration(3) as finger:
         for block in finger:
@@ -62,13 +77,17 @@ def record() -> list[dict[str, object]]:
                 start = block.start + at - round(START * block.sample_rate)
                 if start < 0:
                     continue
-                part = AudioBlock(block.samples[at : at + 120], block.sample_rate, start)
+                part = AudioBlock(
+                    block.samples[at : at + 120], block.sample_rate, start
+                )
                 sender.push(part)
                 link.carry(round(begun + part.end / part.sample_rate, 5))
     return entries
 
 
 if __name__ == "__main__":
-    (golden.FOLDER / "datagrams.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in record()))
+    (golden.FOLDER / "datagrams.jsonl").write_text(
+        "".join(json.dumps(entry) + "\n" for entry in record())
+    )
     (golden.FOLDER / "controls.json").write_text(json.dumps(CONTROLS, indent=1) + "\n")
     golden.write(golden.play())

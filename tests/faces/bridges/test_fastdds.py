@@ -25,21 +25,45 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fastdds")
     for name in ("tactophone.idl", "reader.cpp"):
         shutil.copy(SOURCES / name, folder)
-    subprocess.run(["fastddsgen", "-replace", "tactophone.idl"], cwd=folder, check=True, capture_output=True)
-    command = ["g++", "-std=c++14", "-O0", "-w", "reader.cpp", "tactophone.cxx", "tactophonePubSubTypes.cxx"]
-    subprocess.run([*command, "-lfastrtps", "-lfastcdr", "-o", "reader"], cwd=folder, check=True)
+    subprocess.run(
+        ["fastddsgen", "-replace", "tactophone.idl"],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
+    command = [
+        "g++",
+        "-std=c++14",
+        "-O0",
+        "-w",
+        "reader.cpp",
+        "tactophone.cxx",
+        "tactophonePubSubTypes.cxx",
+    ]
+    subprocess.run(
+        [*command, "-lfastrtps", "-lfastcdr", "-o", "reader"], cwd=folder, check=True
+    )
     return folder / "reader"
 
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_fast_dds_reads_predictions_and_its_one_stop_is_one_stop(reader: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fast_dds_reads_predictions_and_its_one_stop_is_one_stop(
+    reader: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
     stops = 0
-    with Telemetry("test-fastdds") as telemetry, RosBridge(telemetry.name, domain=DOMAIN) as bridge:
-        other = subprocess.Popen([reader, str(DOMAIN), "30"], stdout=subprocess.PIPE, text=True)
+    with (
+        Telemetry("test-fastdds") as telemetry,
+        RosBridge(telemetry.name, domain=DOMAIN) as bridge,
+    ):
+        other = subprocess.Popen(
+            [reader, str(DOMAIN), "30"], stdout=subprocess.PIPE, text=True
+        )
         until = (left := time.monotonic()) + 40
-        while time.monotonic() < until and (other.poll() is None or time.monotonic() < left + 1):
+        while time.monotonic() < until and (
+            other.poll() is None or time.monotonic() < left + 1
+        ):
             left = time.monotonic() if other.poll() is None else left
             telemetry.publish(STEP, now=time.monotonic())
             bridge.read()

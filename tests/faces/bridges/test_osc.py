@@ -13,7 +13,13 @@ from msgspec.structs import replace
 
 from tactophone.cli import live, options
 from tactophone.core.errors import ConfigError
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.bridges.osc import OscBridge
 from tactophone.faces.bridges.process import BridgeProcess
 from tactophone.live.log.reader import READER_BACKLOG, READER_SILENCE, PredictionReader
@@ -60,9 +66,14 @@ def test_each_finger_of_a_hand_has_its_name() -> None:
         Telemetry("test-osc-hand", fingers=2) as telemetry,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening,
     ):
-        telemetry.update(State(fingers=(FingerState("thumb"), FingerState("index"))), now=time.monotonic())
+        telemetry.update(
+            State(fingers=(FingerState("thumb"), FingerState("index"))),
+            now=time.monotonic(),
+        )
         listening.bind(("127.0.0.1", 0))
-        with OscBridge(telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True) as bridge:
+        with OscBridge(
+            telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True
+        ) as bridge:
             telemetry.publish(replace(STEP, finger=1), now=time.monotonic())
             bridge.read()
             found = receive(listening, 7)
@@ -80,11 +91,15 @@ def test_what_was_vibrating_is_sent_a_0_when(
 ) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         listening.bind(("127.0.0.1", 0))
-        with OscBridge(telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True) as bridge:
+        with OscBridge(
+            telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True
+        ) as bridge:
             telemetry.publish(STEP, now=time.monotonic())
             bridge.read()
             receive(listening, 7)
-            monkeypatch.setattr(time, "time", lambda: 0.0)  # the clock on the wall may be set at any time
+            monkeypatch.setattr(
+                time, "time", lambda: 0.0
+            )  # the clock on the wall may be set at any time
             if ending == "the predictions end":
                 time.sleep(1.1 * READER_SILENCE)
                 bridge.read()
@@ -93,7 +108,11 @@ def test_what_was_vibrating_is_sent_a_0_when(
         with pytest.raises(BlockingIOError):
             listening.recv(1)  # once is enough
     assert found["/tactophone/index/vibration"] == pytest.approx([0.0, 60.0])
-    assert found["/avatar/parameters/TactophoneVibration"] == found["/avatar/parameters/TactophoneContact"] == [0]
+    assert (
+        found["/avatar/parameters/TactophoneVibration"]
+        == found["/avatar/parameters/TactophoneContact"]
+        == [0]
+    )
 
 
 def test_what_a_run_did_before_is_not_passed_on(telemetry: Telemetry) -> None:
@@ -101,7 +120,9 @@ def test_what_a_run_did_before_is_not_passed_on(telemetry: Telemetry) -> None:
     reader = PredictionReader(telemetry.name)
     assert reader.read() == []
     telemetry.publish(STEP, now=time.monotonic())
-    assert [(passed.finger, passed.command.amplitude) for passed in reader.read()] == [("index", 0.5)]
+    assert [(passed.finger, passed.command.amplitude) for passed in reader.read()] == [
+        ("index", 0.5)
+    ]
 
 
 def predicted(number: int) -> PipelineStep:
@@ -110,18 +131,24 @@ def predicted(number: int) -> PipelineStep:
     return replace(STEP, predictions=(found,))
 
 
-def test_a_slow_reader_loses_the_oldest_first_and_counts_them(telemetry: Telemetry) -> None:
+def test_a_slow_reader_loses_the_oldest_first_and_counts_them(
+    telemetry: Telemetry,
+) -> None:
     reader = PredictionReader(telemetry.name)
     for number in range(READER_BACKLOG + 20):
         telemetry.publish(predicted(number), now=time.monotonic())
-    assert [passed.roughness for passed in reader.read()] == list(range(20, READER_BACKLOG + 20))
+    assert [passed.roughness for passed in reader.read()] == list(
+        range(20, READER_BACKLOG + 20)
+    )
     assert reader.missed == 20
     telemetry.publish(predicted(7), now=time.monotonic())
     assert len(reader.read()) == 1
     assert reader.missed == 20
 
 
-def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration(telemetry: Telemetry) -> None:
+def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration(
+    telemetry: Telemetry,
+) -> None:
     reader = PredictionReader(telemetry.name)
     telemetry.gauge("latency_render", 0.002)
     telemetry.gauge("latency_device", 0.004)
@@ -134,12 +161,18 @@ def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration
     sound = [passed.sound - epoch - began for passed in found]
     assert sound == pytest.approx([0.009, 0.015, 0.025, 0.035], abs=1e-4)
     made = [passed.made - epoch - began for passed in found]
-    assert made == pytest.approx([number / 100 + delay for number, delay in enumerate(delays)], abs=1e-4)
-    assert [passed.rendered - passed.made for passed in found] == pytest.approx([0.006] * 4, abs=1e-4)
+    assert made == pytest.approx(
+        [number / 100 + delay for number, delay in enumerate(delays)], abs=1e-4
+    )
+    assert [passed.rendered - passed.made for passed in found] == pytest.approx(
+        [0.006] * 4, abs=1e-4
+    )
 
 
 @pytest.mark.realtime
-def test_every_prediction_arrives_within_10_ms_of_its_making(telemetry: Telemetry) -> None:
+def test_every_prediction_arrives_within_10_ms_of_its_making(
+    telemetry: Telemetry,
+) -> None:
     made: dict[float, float] = {}
     arrived: dict[float, float] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
@@ -155,7 +188,11 @@ def test_every_prediction_arrives_within_10_ms_of_its_making(telemetry: Telemetr
                         arrived[number] = time.monotonic()
 
         thread = threading.Thread(target=receive_all)
-        with BridgeProcess(partial(OscBridge, telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}")):
+        with BridgeProcess(
+            partial(
+                OscBridge, telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}"
+            )
+        ):
             thread.start()
             for number in range(200):
                 made[number] = time.monotonic()
@@ -202,7 +239,9 @@ def test_a_wrong_address_is_one_line(telemetry: Telemetry, target: str) -> None:
 
 
 @pytest.mark.parametrize("port", [-1, 65_536])
-def test_a_port_to_listen_at_that_is_none_is_one_line(telemetry: Telemetry, port: int) -> None:
+def test_a_port_to_listen_at_that_is_none_is_one_line(
+    telemetry: Telemetry, port: int
+) -> None:
     with pytest.raises(ConfigError, match="1 to 65535"):
         OscBridge(telemetry.name, "127.0.0.1:9", listen=port)
 
@@ -217,7 +256,9 @@ def test_a_port_to_listen_at_that_is_none_is_one_line(telemetry: Telemetry, port
         ("send", ["--bridge", "osc=127.0.0.1:9", "--set", "bridges.osc_listen=9001"]),
     ],
 )
-def test_an_option_that_would_be_ignored_is_refused(telemetry: Telemetry, verb: str, words: list[str]) -> None:
+def test_an_option_that_would_be_ignored_is_refused(
+    telemetry: Telemetry, verb: str, words: list[str]
+) -> None:
     parser = argparse.ArgumentParser()
     live.add_record(parser)
     options.add_settings(parser, verb)

@@ -79,7 +79,11 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
 ) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
     robot = subprocess.Popen(
-        [sys.executable, "-c", ROBOT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+        [sys.executable, "-c", ROBOT],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
     )
     requests: list[str] = []
     sinks = ("joy", "senseglove")
@@ -91,16 +95,28 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
             time.sleep(0.02)
     output, errors = robot.communicate()
     lines = dict(line.split(" ", 1) for line in output.splitlines())
-    assert set(lines) == {"prediction", "joy", "glove", "info", "audio", "diagnostics"}, errors
+    assert set(lines) == {
+        "prediction",
+        "joy",
+        "glove",
+        "info",
+        "audio",
+        "diagnostics",
+    }, errors
     assert "type=1, id=0, intensity=0.5" in lines["joy"]
-    assert "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"] or "49.99, 0.0" in lines["glove"]
+    assert (
+        "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"]
+        or "49.99, 0.0" in lines["glove"]
+    )
     assert "sample_rate=48000" in lines["info"]
     assert "stop" in requests
     assert set(requests) == {"stop"}
 
 
 @pytest.mark.realtime
-def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_prediction_reaches_a_glove_within_10_ms(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from cyclonedds.domain import DomainParticipant
     from cyclonedds.idl import IdlStruct, types
     from cyclonedds.sub import DataReader
@@ -114,7 +130,9 @@ def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, mon
         data: types.float32 = 0.0
 
     domain = DomainParticipant(DOMAIN)
-    reader = DataReader(domain, Topic(domain, "rt/tactophone/index/amplitude", Command, QOS))
+    reader = DataReader(
+        domain, Topic(domain, "rt/tactophone/index/amplitude", Command, QOS)
+    )
     made: dict[float, float] = {}
     arrived: dict[float, float] = {}
 
@@ -125,7 +143,9 @@ def test_every_prediction_reaches_a_glove_within_10_ms(telemetry: Telemetry, mon
                 arrived.setdefault(message.data, time.monotonic())
             time.sleep(0.0005)
 
-    with BridgeProcess(partial(RosBridge, telemetry.name, sinks=["float32"], domain=DOMAIN)):
+    with BridgeProcess(
+        partial(RosBridge, telemetry.name, sinks=["float32"], domain=DOMAIN)
+    ):
         take(1.0)  # until both ends know of each other
         for number in range(1, 201):
             amplitude = number / 512  # exact in float32
@@ -153,26 +173,38 @@ def test_a_plug_in_brings_gloves(monkeypatch: pytest.MonkeyPatch) -> None:
     from examples.plugins.tactophone_gloves import tactophone_gloves as gloves
 
     kinds = {"manus": gloves.manus, "haptx-left": gloves.haptx_left}
-    monkeypatch.setattr(plugins, "load", lambda group, name: kinds.get(name) if group == plugins.ROS_SINKS else None)
+    monkeypatch.setattr(
+        plugins,
+        "load",
+        lambda group, name: kinds.get(name) if group == plugins.ROS_SINKS else None,
+    )
     amplitudes = {"thumb": 0.25, "little": 0.5}
     (manus,) = open_sinks("manus", fingers=list(amplitudes))
     assert list(manus.make(amplitudes, 0).intensities) == [0.25, 0, 0, 0, 0.5]
     (haptx,) = open_sinks("haptx-left", fingers=list(amplitudes))
     assert haptx.topic == "haptx/lh/tactor_group_state"
-    assert (haptx.make(amplitudes, 0).tactor_group, haptx.make(amplitudes, 0).inflation) == (
+    assert (
+        haptx.make(amplitudes, 0).tactor_group,
+        haptx.make(amplitudes, 0).inflation,
+    ) == (
         ["lh_th", "lh_lf"],
         [0.25, 0.5],
     )
 
 
-@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("senseglove", "toe")])
+@pytest.mark.parametrize(
+    ("text", "finger"), [("gloves", "index"), ("senseglove", "toe")]
+)
 def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
     with pytest.raises(ConfigError):
         open_sinks(text, fingers=[finger])
 
 
 def test_a_topic_of_its_own_is_taken() -> None:
-    assert open_sinks("float32:/left/amplitude", fingers=["index"])[0].topic == "left/amplitude"
+    assert (
+        open_sinks("float32:/left/amplitude", fingers=["index"])[0].topic
+        == "left/amplitude"
+    )
 
 
 def test_each_finger_of_a_hand_drives_its_own_place() -> None:
@@ -181,23 +213,32 @@ def test_each_finger_of_a_hand_drives_its_own_place() -> None:
     assert sense.make(amplitudes, 0).data[5:10] == [25, 0, 0, 0, 50]
     (joy,) = open_sinks("joy", fingers=list(amplitudes))
     assert joy.make(amplitudes, 0).intensity == 0.5
-    assert [sink.make(amplitudes, 0).data for sink in open_sinks("float32", fingers=list(amplitudes))] == [0.25, 0.5]
+    assert [
+        sink.make(amplitudes, 0).data
+        for sink in open_sinks("float32", fingers=list(amplitudes))
+    ] == [0.25, 0.5]
     with pytest.raises(ConfigError, match="cannot share a topic"):
         open_sinks("float32:/one", fingers=list(amplitudes))
 
 
-def test_a_wrong_domain_is_one_line(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_domain_is_one_line(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with pytest.raises(ConfigError, match="0 to 232"):
         RosBridge(telemetry.name)
 
 
 @pytest.mark.realtime
-def test_microphones_on_a_topic_are_a_source(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_microphones_on_a_topic_are_a_source(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
     from tactophone.faces.bridges.ros import RosSource
 
-    tone = np.repeat((0.25 * np.sin(np.arange(480) / 10)).astype(np.float32)[:, None], 2, axis=1)
+    tone = np.repeat(
+        (0.25 * np.sin(np.arange(480) / 10)).astype(np.float32)[:, None], 2, axis=1
+    )
     step = PipelineStep(AudioBlock(tone, 48_000), (), ())
     with RosBridge(telemetry.name, domain=DOMAIN + 1) as bridge:
         source = RosSource("/tactophone/index/audio", domain=DOMAIN + 1)
@@ -244,18 +285,42 @@ def test_the_package_for_colcon_has_the_type_that_is_published() -> None:
     from tactophone.faces.bridges import ros_topics as messages
     from tactophone.live.log.reader import Passed
 
-    name, text = "tactophone_msgs/msg/Prediction", (PACKAGE / "msg/Prediction.msg").read_text()
+    name, text = (
+        "tactophone_msgs/msg/Prediction",
+        (PACKAGE / "msg/Prediction.msg").read_text(),
+    )
     others = get_typestore(Stores.ROS2_HUMBLE)
     others.register(get_types_from_msg(text, name))
     assert others.hash_rihs01(name) == messages.open_type_store().hash_rihs01(name)
-    passed = Passed("thumb", STEP.predictions[0], STEP.commands[0], 1e9 + 0.25, 1e9 + 0.5, float("nan"))
+    passed = Passed(
+        "thumb",
+        STEP.predictions[0],
+        STEP.commands[0],
+        1e9 + 0.25,
+        1e9 + 0.5,
+        float("nan"),
+    )
     sent = messages.predicted(passed)["touch"]
     assert messages.type_name(type(sent)) == name
     read = others.deserialize_cdr(sent.serialize(), name)
-    assert (read.header.stamp.sec, read.header.stamp.nanosec, read.header.frame_id) == (10**9, 250_000_000, "thumb")
-    assert (read.made.nanosec, read.rendered.sec, read.touch, read.event) == (500_000_000, 0, read.ROUGH, "")
+    assert (read.header.stamp.sec, read.header.stamp.nanosec, read.header.frame_id) == (
+        10**9,
+        250_000_000,
+        "thumb",
+    )
+    assert (read.made.nanosec, read.rendered.sec, read.touch, read.event) == (
+        500_000_000,
+        0,
+        read.ROUGH,
+        "",
+    )
     assert list(read.probabilities) == pytest.approx([0.1, 0.2, 0.7])
-    assert [read.roughness, read.level_dbfs, read.amplitude, read.frequency] == [0.75, -20, 0.5, 60]
+    assert [read.roughness, read.level_dbfs, read.amplitude, read.frequency] == [
+        0.75,
+        -20,
+        0.5,
+        60,
+    ]
 
 
 def joints(time: float, **fields: list[float]) -> Any:
@@ -268,7 +333,12 @@ def test_a_robot_moves_while_a_joint_does(known: str) -> None:
     motion, moving, place = JointMotion(), [], 0.0
     for step, speed in enumerate((0.0, 0.005, 0.03, 0.015, 0.005, -0.5, 0.0)):
         place += 0.01 * speed
-        motion.push(joints(1 + 0.01 * step, **{known: [0.0, speed if known == "velocity" else place]}))
+        motion.push(
+            joints(
+                1 + 0.01 * step,
+                **{known: [0.0, speed if known == "velocity" else place]},
+            )
+        )
         moving.append(motion.moving)
     assert moving == [False, False, True, True, False, True, False]
 
@@ -282,7 +352,11 @@ def test_joint_states_of_parts_belong_to_one_robot_and_nonsense_moves_nothing() 
     motion.push(joints(1.1, velocity=[], position=[math.inf] * 9))
     assert not motion.moving
     for number in range(2 * MOST_JOINTS):
-        motion.push(messages.JointState(messages.header(2.0), [str(number)], velocity=[0.0], position=[1.0]))
+        motion.push(
+            messages.JointState(
+                messages.header(2.0), [str(number)], velocity=[0.0], position=[1.0]
+            )
+        )
     assert len(motion._speeds) <= MOST_JOINTS
 
 
@@ -310,24 +384,37 @@ def test_joint_states_tell_the_robots_side_alone_when_it_moves(
     role: str, telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     transport = Sent()
-    monkeypatch.setattr("tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport)
+    monkeypatch.setattr(
+        "tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport
+    )
     telemetry.update(State(role=role), now=time.monotonic())
     asked: list[tuple[str, float]] = []
     with RosBridge(telemetry.name, domain=DOMAIN) as bridge:
         for speed in (0.0, 0.2, 0.2, 0.0):
-            transport.waiting["joint_states"] = [object(), joints(1.0, velocity=[speed])]
+            transport.waiting["joint_states"] = [
+                object(),
+                joints(1.0, velocity=[speed]),
+            ]
             bridge.read()
-            asked += [(request.action, request.value) for request in telemetry.requests()]
+            asked += [
+                (request.action, request.value) for request in telemetry.requests()
+            ]
     assert asked == ([("moving", 1.0), ("moving", 0.0)] if role == "robot" else [])
 
 
-def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from cyclonedds.core import Policy
 
     from tactophone.faces.bridges import ros, ros_topics
 
     monkeypatch.setenv("CYCLONEDDS_URI", URI)
-    writer = ros.DdsTransport(DOMAIN + 2).writer("tactophone/index/roughness", ros_topics.Float32, latched=True)
+    writer = ros.DdsTransport(DOMAIN + 2).writer(
+        "tactophone/index/roughness", ros_topics.Float32, latched=True
+    )
     hashed = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"  # by ROS 2 itself
-    assert bytes(writer.get_qos()[Policy.Userdata].data) == f"typehash={hashed};".encode()
+    assert (
+        bytes(writer.get_qos()[Policy.Userdata].data) == f"typehash={hashed};".encode()
+    )
     assert writer.get_qos()[Policy.Durability] == Policy.Durability.TransientLocal

@@ -35,7 +35,11 @@ pytestmark = pytest.mark.realtime
 
 def config(**endpoints: list[str]) -> Any:
     """Return the configuration of a peer that nobody finds by itself."""
-    entries = {"mode": "peer", "scouting": {"multicast": {"enabled": False}}, "listen": {"endpoints": []}}
+    entries = {
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}},
+        "listen": {"endpoints": []},
+    }
     entries |= {name: {"endpoints": found} for name, found in endpoints.items()}
     return entries
 
@@ -54,17 +58,23 @@ def telemetry() -> Iterator[Telemetry]:
 
 
 @pytest.fixture
-def bridge(telemetry: Telemetry, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RosBridge]:
+def bridge(
+    telemetry: Telemetry, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[RosBridge]:
     (tmp_path / "session.json5").write_text(json.dumps(config(listen=[address])))
     monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(tmp_path / "session.json5"))
-    with RosBridge(telemetry.name, sinks=["senseglove"], domain=7, over="zenoh") as bridge:
+    with RosBridge(
+        telemetry.name, sinks=["senseglove"], domain=7, over="zenoh"
+    ) as bridge:
         yield bridge
 
 
 @pytest.fixture
 def node(bridge: RosBridge, address: str) -> Iterator[Any]:
     """Open the session of another program, which knows where the bridge listens."""
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(config(connect=[address])))) as session:
+    with zenoh.open(
+        zenoh.Config.from_json5(json.dumps(config(connect=[address])))
+    ) as session:
         yield session
 
 
@@ -72,7 +82,9 @@ def test_predictions_sound_format_and_devices_arrive_under_the_keys_of_rmw_zenoh
     bridge: RosBridge, node: Any, telemetry: Telemetry
 ) -> None:
     found: dict[str, Any] = {}
-    everything = node.declare_subscriber("7/**", lambda sample: found.setdefault(str(sample.key_expr), sample))
+    everything = node.declare_subscriber(
+        "7/**", lambda sample: found.setdefault(str(sample.key_expr), sample)
+    )
     late = ext.declare_advanced_subscriber(
         node,
         "7/tactophone/index/audio_info/**",
@@ -83,7 +95,11 @@ def test_predictions_sound_format_and_devices_arrive_under_the_keys_of_rmw_zenoh
     def arrived() -> bool:
         telemetry.publish(STEP, now=time.monotonic())
         bridge.read()
-        topics = {key.split("/", 1)[1].rpartition("/")[0].rpartition("/")[0] for key in found if key != "late"}
+        topics = {
+            key.split("/", 1)[1].rpartition("/")[0].rpartition("/")[0]
+            for key in found
+            if key != "late"
+        }
         return {
             "tactophone/index/roughness",
             "haptics_controller/commands",
@@ -97,7 +113,10 @@ def test_predictions_sound_format_and_devices_arrive_under_the_keys_of_rmw_zenoh
     assert number >= 1
     assert abs(stamp / 1e9 - time.time()) < 60
     assert size == 16
-    assert messages.AudioInfo.deserialize(found["late"].payload.to_bytes()).sample_rate == 48_000
+    assert (
+        messages.AudioInfo.deserialize(found["late"].payload.to_bytes()).sample_rate
+        == 48_000
+    )
     everything.undeclare()
     late.undeclare()
 
@@ -106,18 +125,31 @@ def test_a_node_sees_the_publishers_and_may_stop_and_mute_only(
     bridge: RosBridge, node: Any, telemetry: Telemetry
 ) -> None:
     def tokens() -> set[str]:
-        return {str(reply.ok.key_expr) for reply in node.liveliness().get("@ros2_lv/**") if reply.ok}
+        return {
+            str(reply.ok.key_expr)
+            for reply in node.liveliness().get("@ros2_lv/**")
+            if reply.ok
+        }
 
     assert eventually(lambda: len(tokens()) >= 8, timeout=20)
     publishers = [token.split("/") for token in tokens() if "/MP/" in token]
-    assert ["%", "%", "tactophone", "%tactophone%index%roughness", FLOAT32, FLOAT32_HASH, "::,10:,:,:,,"] in [
-        parts[6:] for parts in publishers
-    ]
+    assert [
+        "%",
+        "%",
+        "tactophone",
+        "%tactophone%index%roughness",
+        FLOAT32,
+        FLOAT32_HASH,
+        "::,10:,:,:,,",
+    ] in [parts[6:] for parts in publishers]
     requests: list[str] = []
 
     def stopped() -> bool:
         for topic in ("stop", "arm", "ceiling"):
-            node.put(f"7/tactophone/{topic}/std_msgs::msg::dds_::Empty_/TypeHashNotSupported", bytes(5))
+            node.put(
+                f"7/tactophone/{topic}/std_msgs::msg::dds_::Empty_/TypeHashNotSupported",
+                bytes(5),
+            )
         bridge.read()
         requests.extend(request.action for request in telemetry.requests())
         return bool(requests)
@@ -126,16 +158,25 @@ def test_a_node_sees_the_publishers_and_may_stop_and_mute_only(
     assert set(requests) == {"stop"}
 
 
-def test_joint_states_say_when_the_robot_moves(bridge: RosBridge, node: Any, telemetry: Telemetry) -> None:
+def test_joint_states_say_when_the_robot_moves(
+    bridge: RosBridge, node: Any, telemetry: Telemetry
+) -> None:
     telemetry.update(State(role="robot"), now=time.monotonic())
-    moving = messages.JointState(messages.header(1.0), ["wrist"], velocity=[0.2]).serialize()
+    moving = messages.JointState(
+        messages.header(1.0), ["wrist"], velocity=[0.2]
+    ).serialize()
     requests: list[tuple[str, float]] = []
 
     def moved() -> bool:
         for payload in (bytes(3), moving):
-            node.put("7/joint_states/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported", payload)
+            node.put(
+                "7/joint_states/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported",
+                payload,
+            )
         bridge.read()
-        requests.extend((request.action, request.value) for request in telemetry.requests())
+        requests.extend(
+            (request.action, request.value) for request in telemetry.requests()
+        )
         return bool(requests)
 
     assert eventually(moved, timeout=20)
@@ -150,5 +191,8 @@ def test_a_wrong_configuration_is_one_line(
     telemetry: Telemetry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(tmp_path / "none.json5"))
-    with pytest.raises(ConfigError, match="check ZENOH_SESSION_CONFIG_URI"), RosBridge(telemetry.name, over="zenoh"):
+    with (
+        pytest.raises(ConfigError, match="check ZENOH_SESSION_CONFIG_URI"),
+        RosBridge(telemetry.name, over="zenoh"),
+    ):
         pass

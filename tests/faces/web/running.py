@@ -9,7 +9,13 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.web.game_rules import Point
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.telemetry.layout import Fault, FingerState, State
@@ -32,15 +38,23 @@ class Run:
         self.telemetry = Telemetry(name)
         self.touch = Touch.NONE
         self.state = State(
-            role="receive", profiles=("paper", "plain"), source="simulated finger", link="127.0.0.1:48470",
+            role="receive",
+            profiles=("paper", "plain"),
+            source="simulated finger",
+            link="127.0.0.1:48470",
             output="JACK system:playback_1",
             fingers=(
                 FingerState(
-                    armed=True, muted_because="", ceiling=0.5, local_ceiling=0.5, profile="paper", threshold_dbfs=-52.0,
+                    armed=True,
+                    muted_because="",
+                    ceiling=0.5,
+                    local_ceiling=0.5,
+                    profile="paper",
+                    threshold_dbfs=-52.0,
                     noise_floor_dbfs=-71.0,
                 ),
             ),
-        )  # fmt: skip
+        )
         self._rng = np.random.default_rng(1)
         self._ended = threading.Event()
         self.silent = False
@@ -51,7 +65,10 @@ class Run:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self._ended.set()
         self._thread.join()
@@ -73,7 +90,9 @@ class Run:
 
     def _go(self) -> None:
         begin, step = time.monotonic(), 0
-        while not self._ended.wait(max(0.0, begin + step * STEP / RATE - time.monotonic())):
+        while not self._ended.wait(
+            max(0.0, begin + step * STEP / RATE - time.monotonic())
+        ):
             self._obey()
             self._follow()
             if self.silent:  # the robot's side hangs, and this side lives
@@ -85,7 +104,10 @@ class Run:
     def _obey(self) -> None:
         for request in self.telemetry.requests():
             if request.action in MUTED_BECAUSE:
-                self._change(armed=request.action == "arm", muted_because=MUTED_BECAUSE[request.action])
+                self._change(
+                    armed=request.action == "arm",
+                    muted_because=MUTED_BECAUSE[request.action],
+                )
             elif request.action == "profile":
                 self._change(profile=request.text)
             else:
@@ -98,22 +120,36 @@ class Run:
                 self._order = arguments[0]
             else:
                 stone = Point(0, *arguments).stone
-                self.touch = Touch(self._order[stone]) if stone >= 0 and self._order else Touch.NONE
+                self.touch = (
+                    Touch(self._order[stone])
+                    if stone >= 0 and self._order
+                    else Touch.NONE
+                )
 
     def _step(self, step: int) -> None:
         loud = {Touch.NONE: 3e-4, Touch.SMOOTH: 0.02, Touch.ROUGH: 0.12}[self.touch]
         swing = 0.3 + abs(np.sin(step / 40))
-        samples = (loud * swing * self._rng.standard_normal((STEP, 2)) * [1, 0.4]).astype(np.float32)
+        samples = (
+            loud * swing * self._rng.standard_normal((STEP, 2)) * [1, 0.4]
+        ).astype(np.float32)
         times = (step * STEP + np.arange(STEP)) / RATE
-        amplitude = {Touch.NONE: 0.0, Touch.SMOOTH: 0.056, Touch.ROUGH: 0.5}[self.touch] * self.state.armed
+        amplitude = {Touch.NONE: 0.0, Touch.SMOOTH: 0.056, Touch.ROUGH: 0.5}[
+            self.touch
+        ] * self.state.armed
         frequency = 60.0 if self.touch is Touch.ROUGH else 120.0
-        self.telemetry.rendered((amplitude * np.sin(2 * np.pi * frequency * times)).astype(np.float32))
+        self.telemetry.rendered(
+            (amplitude * np.sin(2 * np.pi * frequency * times)).astype(np.float32)
+        )
         level = 20 * np.log10(np.sqrt(np.mean(samples[:, 0] ** 2)))
         sure = np.full(3, 0.04)
         sure[self.touch] = 0.92
-        prediction = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
+        prediction = Prediction(
+            tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1]
+        )
         tick = PipelineStep(
-            AudioBlock(samples, RATE, step * STEP), (prediction,), (HapticCommand(amplitude, frequency, times[-1]),)
+            AudioBlock(samples, RATE, step * STEP),
+            (prediction,),
+            (HapticCommand(amplitude, frequency, times[-1]),),
         )
         self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))
         self.telemetry.update(self.state, now=time.monotonic())

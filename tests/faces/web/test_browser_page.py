@@ -43,7 +43,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The page, built and served as any static site is."""
     folder = tmp_path_factory.mktemp("site")
     runpy.run_path(str(BUILD))["build"](folder)
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder))) as server:
+    with http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder))
+    ) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_port}/index.html"
         server.shutdown()
@@ -82,7 +84,9 @@ const [rate, threshold, sound, done] = arguments;
 """
 
 
-def by_the_page(browser: webdriver.Chrome, sound: FloatArray, rate: int = RATE) -> list[dict[str, Any]]:
+def by_the_page(
+    browser: webdriver.Chrome, sound: FloatArray, rate: int = RATE
+) -> list[dict[str, Any]]:
     browser.set_script_timeout(60)
     encoded = base64.b64encode(sound.tobytes()).decode()
     found = browser.execute_async_script(BY_THE_PAGE, rate, THRESHOLD_DBFS, encoded)
@@ -92,13 +96,21 @@ def by_the_page(browser: webdriver.Chrome, sound: FloatArray, rate: int = RATE) 
 
 def assert_equal(found: list[dict[str, Any]], expected: list[Prediction]) -> None:
     assert len(found) == len(expected) > 300
-    wanted = np.array([(each.end, *each.probabilities, each.roughness) for each in expected])
-    numbers = np.array([(row["end"], *row["probabilities"], row["roughness"]) for row in found])
+    wanted = np.array(
+        [(each.end, *each.probabilities, each.roughness) for each in expected]
+    )
+    numbers = np.array(
+        [(row["end"], *row["probabilities"], row["roughness"]) for row in found]
+    )
     assert np.abs(numbers - wanted).max() < 1e-3
-    assert [row["touch"] for row in found] == [each.touch.name.lower() for each in expected]
+    assert [row["touch"] for row in found] == [
+        each.touch.name.lower() for each in expected
+    ]
 
 
-def test_the_same_sound_gives_what_the_product_finds(browser: webdriver.Chrome, address: str) -> None:
+def test_the_same_sound_gives_what_the_product_finds(
+    browser: webdriver.Chrome, address: str
+) -> None:
     browser.get(address)
     expected = by_the_product(scratches())
     assert len({each.touch for each in expected}) == 3
@@ -109,11 +121,15 @@ def test_real_sound_at_44100_hz_gives_what_the_product_finds(
     browser: webdriver.Chrome, address: str, recordings: Path
 ) -> None:
     browser.get(address)
-    sound, rate = soundfile.read(recordings / "lmt" / "G1RhombAluminumMesh_01.flac", dtype="float32")
+    sound, rate = soundfile.read(
+        recordings / "lmt" / "G1RhombAluminumMesh_01.flac", dtype="float32"
+    )
     assert_equal(by_the_page(browser, sound, rate), by_the_product(sound, rate))
 
 
-def test_no_vibration_is_over_half_of_full_drive(browser: webdriver.Chrome, address: str) -> None:
+def test_no_vibration_is_over_half_of_full_drive(
+    browser: webdriver.Chrome, address: str
+) -> None:
     browser.get(address)
     strongest = browser.execute_async_script(
         "const done = arguments[0]; import('./page.js').then(({ vibration }) =>"
@@ -123,7 +139,9 @@ def test_no_vibration_is_over_half_of_full_drive(browser: webdriver.Chrome, addr
 
 
 @needs_axe
-def test_it_has_no_serious_fault_of_accessibility(browser: webdriver.Chrome, address: str) -> None:
+def test_it_has_no_serious_fault_of_accessibility(
+    browser: webdriver.Chrome, address: str
+) -> None:
     browser.get(address)
     assert serious_faults(browser) == []
 
@@ -132,7 +150,13 @@ def test_it_has_no_serious_fault_of_accessibility(browser: webdriver.Chrome, add
 def listener(tmp_path: Path) -> Iterator[webdriver.Chrome]:
     """A browser whose microphone is a file, played once."""
     path = tmp_path / "microphone.wav"
-    soundfile.write(path, np.concatenate([scratches(seconds=30), noise(level_dbfs=-60, channels=1)[:, 0]]), RATE)
+    soundfile.write(
+        path,
+        np.concatenate(
+            [scratches(seconds=30), noise(level_dbfs=-60, channels=1)[:, 0]]
+        ),
+        RATE,
+    )
     browser = start_chromium(
         "--use-fake-ui-for-media-stream",
         "--use-fake-device-for-media-stream",
@@ -156,18 +180,37 @@ def share_agreed(found: list[dict[str, Any]], sound: FloatArray) -> float:
 
     def error(shift: int) -> float:
         windows = (at_16_khz[shift + 160 * k :][:512] for k in range(len(levels)))
-        return float(np.abs([banded_dbfs(window) for window in windows] - levels).mean())
+        return float(
+            np.abs([banded_dbfs(window) for window in windows] - levels).mean()
+        )
 
-    coarse = np.array([banded_dbfs(at_16_khz[at : at + 512]) for at in range(0, len(at_16_khz) - 512, 8)])
-    errors = [np.abs(coarse[shift : shift + 20 * len(levels) : 20] - levels).mean() for shift in range(10_000)]
+    coarse = np.array(
+        [
+            banded_dbfs(at_16_khz[at : at + 512])
+            for at in range(0, len(at_16_khz) - 512, 8)
+        ]
+    )
+    errors = [
+        np.abs(coarse[shift : shift + 20 * len(levels) : 20] - levels).mean()
+        for shift in range(10_000)
+    ]
     nearest = 8 * int(np.argmin(errors))
     shift = min(range(max(0, nearest - 8), nearest + 9), key=error)
     expected = [each.touch.name.lower() for each in by_the_product(sound[3 * shift :])]
     places = [round((row["end"] - 0.032) / 0.01) for row in found]
-    return float(np.mean([expected[place] == row["touch"] for place, row in zip(places, found, strict=True)]))
+    return float(
+        np.mean(
+            [
+                expected[place] == row["touch"]
+                for place, row in zip(places, found, strict=True)
+            ]
+        )
+    )
 
 
-def test_by_the_microphone_the_words_are_the_products(listener: webdriver.Chrome, address: str) -> None:
+def test_by_the_microphone_the_words_are_the_products(
+    listener: webdriver.Chrome, address: str
+) -> None:
     listener.get(f"{address}?threshold={THRESHOLD_DBFS}")
     listener.find_element(By.ID, "start").click()
     wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
@@ -184,11 +227,15 @@ def test_by_the_microphone_the_words_are_the_products(listener: webdriver.Chrome
     assert len(history(listener)) == ended
 
 
-def test_the_threshold_is_measured_in_silence(listener: webdriver.Chrome, address: str) -> None:
+def test_the_threshold_is_measured_in_silence(
+    listener: webdriver.Chrome, address: str
+) -> None:
     listener.get(address)
     listener.find_element(By.ID, "start").click()
     wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
     expected = max(each.level_dbfs for each in by_the_product(scratches(seconds=1.5)))
-    found = float(listener.find_element(By.ID, "threshold").get_attribute("value") or math.nan)
+    found = float(
+        listener.find_element(By.ID, "threshold").get_attribute("value") or math.nan
+    )
     assert expected < found < expected + 6
     wait(listener, lambda: text(listener, "word") in ("smooth", "rough"), 10)

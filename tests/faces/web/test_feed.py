@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.web.feed import Feed, WatchedRun
 from tactophone.live.telemetry.layout import FingerState, Request, State
 from tactophone.live.telemetry.writer import Telemetry
@@ -12,9 +18,13 @@ from tests.faces.web.test_message import BUCKET, parse
 RATE = 48_000
 
 
-def publish(telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9) -> None:
+def publish(
+    telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9
+) -> None:
     prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
-    telemetry.publish(PipelineStep(AudioBlock(sound, RATE, start), (prediction,), ()), now=now)
+    telemetry.publish(
+        PipelineStep(AudioBlock(sound, RATE, start), (prediction,), ()), now=now
+    )
 
 
 @pytest.mark.parametrize("size", [17, 480, 509, 4800])
@@ -32,7 +42,9 @@ def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
     seen = np.concatenate(rows)
     count = len(seen)
     assert count >= (len(sound) - 2 * size) // BUCKET
-    np.testing.assert_allclose(seen[:, 0], (1 + np.arange(count)) * BUCKET / RATE, atol=1e-4)
+    np.testing.assert_allclose(
+        seen[:, 0], (1 + np.arange(count)) * BUCKET / RATE, atol=1e-4
+    )
     buckets = sound[: count * BUCKET, 0].reshape(count, BUCKET)
     np.testing.assert_array_equal(seen[:, 1], buckets.min(axis=1))
 
@@ -60,7 +72,9 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
     feed = Feed(WatchedRun("test-feed"))
     assert parse(feed.message())[0]["waiting_for"] == "test-feed"
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(State(role="first"), now=0.0)  # the last heartbeat was long ago
+        telemetry.update(
+            State(role="first"), now=0.0
+        )  # the last heartbeat was long ago
         for k in range(3):
             publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
         header, _ = parse(feed.message())
@@ -75,7 +89,10 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
 
 def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
     with Telemetry("test-feed", fingers=2) as telemetry:
-        fingers = (FingerState("thumb", profile="paper"), FingerState("index", profile="lra", armed=True))
+        fingers = (
+            FingerState("thumb", profile="paper"),
+            FingerState("index", profile="lra", armed=True),
+        )
         telemetry.update(State(fingers=fingers), now=1e9)
         prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
         block = AudioBlock(np.full((480, 2), 0.5, np.float32), RATE)

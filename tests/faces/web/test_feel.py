@@ -18,7 +18,8 @@ pytestmark = pytest.mark.realtime
 
 RECORD = "window.calls = []; const note = (...call) => window.calls.push([performance.now(), ...call]);"
 PHONE = (
-    RECORD + "Object.defineProperty(navigator, 'userAgentData', { get: () => ({ mobile: true }) });"
+    RECORD
+    + "Object.defineProperty(navigator, 'userAgentData', { get: () => ({ mobile: true }) });"
     "navigator.vibrate = (pattern) => { note(pattern); return true; };"
 )
 PAD = (
@@ -38,7 +39,11 @@ def inject(browser: webdriver.Chrome) -> Iterator[Callable[[str], None]]:
     scripts = []
 
     def add(source: str) -> None:
-        scripts.append(browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": source}))
+        scripts.append(
+            browser.execute_cdp_cmd(
+                "Page.addScriptToEvaluateOnNewDocument", {"source": source}
+            )
+        )
 
     yield add
     for script in scripts:
@@ -54,7 +59,9 @@ def feel(browser: webdriver.Chrome, page: Page) -> None:
 
 def calls(browser: webdriver.Chrome) -> list:
     """What the motor was asked for since the last look."""
-    found = browser.execute_script("const found = window.calls; window.calls = []; return found;")
+    found = browser.execute_script(
+        "const found = window.calls; window.calls = []; return found;"
+    )
     assert isinstance(found, list)
     return found
 
@@ -89,21 +96,31 @@ def test_a_gamepad_comes_first_with_effects_that_end_by_themselves(
     feel(browser, page)
     assert "in the gamepad" in text(browser, "feel-way")
     run.touch = Touch.ROUGH
-    found = [call for call in settled(browser, 1.0) if call[1] != "reset"]  # a busy machine may be late by 150 ms
+    found = [
+        call for call in settled(browser, 1.0) if call[1] != "reset"
+    ]  # a busy machine may be late by 150 ms
     effects = [call[2] for call in found]
     assert {call[1] for call in found} == {"dual-rumble"}
     assert all(0 < effect["duration"] <= 120 for effect in effects)
-    assert all(effect["weakMagnitude"] < effect["strongMagnitude"] <= 0.5 for effect in effects)
+    assert all(
+        effect["weakMagnitude"] < effect["strongMagnitude"] <= 0.5 for effect in effects
+    )
     gaps = sorted(later[0] - earlier[0] for earlier, later in itertools.pairwise(found))
     assert gaps[len(gaps) // 2] < 100  # ms: each is refreshed before it ends
     run.touch = Touch.SMOOTH
     effects = [call[2] for call in settled(browser) if call[1] != "reset"]
-    assert all(effect["strongMagnitude"] < effect["weakMagnitude"] < 0.5 for effect in effects)
+    assert all(
+        effect["strongMagnitude"] < effect["weakMagnitude"] < 0.5 for effect in effects
+    )
 
 
 @pytest.mark.parametrize("end", ["run", "mute", "hidden", "stop"])
 def test_the_motor_rests_whatever_ends_the_vibration(
-    browser: webdriver.Chrome, page: Page, run: Run, inject: Callable[[str], None], end: str
+    browser: webdriver.Chrome,
+    page: Page,
+    run: Run,
+    inject: Callable[[str], None],
+    end: str,
 ) -> None:
     inject(PAD)
     feel(browser, page)
@@ -135,7 +152,9 @@ def test_an_iphone_is_said_to_have_no_vibration_and_gets_sound(
     assert "as sound" in text(browser, "feel-way")
 
 
-def test_without_a_gamepad_the_page_says_what_to_do(browser: webdriver.Chrome, page: Page) -> None:
+def test_without_a_gamepad_the_page_says_what_to_do(
+    browser: webdriver.Chrome, page: Page
+) -> None:
     feel(browser, page)
     assert "as sound" in text(browser, "feel-way")
     browser.find_element(By.ID, "feel-by").send_keys("gamepad")
@@ -162,7 +181,9 @@ def test_a_name_that_is_no_secure_context_vibrates_and_says_why_there_is_no_soun
         browser.get("about:blank")
     complaints = [entry["message"] for entry in browser.get_log("browser")]
     # Chromium says that it ignores one header there; nothing else may go wrong.
-    assert [words for words in complaints if "Cross-Origin-Opener-Policy" not in words] == []
+    assert [
+        words for words in complaints if "Cross-Origin-Opener-Policy" not in words
+    ] == []
 
 
 def test_a_rebound_name_stays_refused(browser: webdriver.Chrome, page: Page) -> None:
@@ -171,7 +192,9 @@ def test_a_rebound_name_stays_refused(browser: webdriver.Chrome, page: Page) -> 
     browser.get_log("browser")  # the refusal, and the icon that it refused too
 
 
-def test_silence_that_piled_up_does_not_delay_a_vibration(browser: webdriver.Chrome, page: Page) -> None:
+def test_silence_that_piled_up_does_not_delay_a_vibration(
+    browser: webdriver.Chrome, page: Page
+) -> None:
     """A tenth of a second of silence is buffered when a vibration comes: it sounds within a message's length."""
     browser.get(page.url)
     onset = browser.execute_async_script(
@@ -243,7 +266,9 @@ def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
     )
     browser.get(page.url)
     wait(browser, lambda: text(browser, "life") == "live")
-    browser.execute_script("for (let k = 0; k < 5; k++) document.getElementById('feel').click();")
+    browser.execute_script(
+        "for (let k = 0; k < 5; k++) document.getElementById('feel').click();"
+    )
     wait(browser, lambda: "as sound" in text(browser, "feel-way"))
     time.sleep(0.5)
     assert browser.execute_script("return window.nodes") == 1

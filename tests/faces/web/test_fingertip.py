@@ -7,7 +7,13 @@ import numpy as np
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.web.devices import Fingertips
 from tactophone.faces.web.feed import WatchedRun
 from tactophone.live.telemetry.layout import FingerState, State
@@ -20,7 +26,9 @@ NAME = "test-fingertip-hand"
 def publish(telemetry: Telemetry, finger: int, amplitude: float) -> None:
     prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
     block = AudioBlock(np.zeros((480, 2), np.float32), 48_000)
-    step = PipelineStep(block, (prediction,), (HapticCommand(amplitude, 60.0, 0.0),), finger)
+    step = PipelineStep(
+        block, (prediction,), (HapticCommand(amplitude, 60.0, 0.0),), finger
+    )
     telemetry.publish(step, now=time.monotonic())
 
 

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.faces.web.devices import command_of
 from tactophone.faces.web.views import is_local
 from tactophone.live.telemetry.layout import FingerState, State
@@ -21,7 +27,10 @@ def test_a_page_renders_a_command_only_while_the_finger_is_armed(armed: bool) ->
         telemetry.update(State(fingers=(FingerState(armed=armed),)), now=1e9)
         block = AudioBlock(np.full((480, 2), 0.5, np.float32), 48_000)
         prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
-        telemetry.publish(PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),)), now=1e9)
+        telemetry.publish(
+            PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),)),
+            now=1e9,
+        )
         watcher = Watcher.find("test-guards")
         assert watcher is not None
         command = command_of(watcher.snapshot(), None)["command"]
@@ -37,7 +46,9 @@ def test_a_page_renders_a_command_only_while_the_finger_is_armed(armed: bool) ->
         (None, "192.0.2.7", False),
     ],
 )
-def test_a_page_is_local_where_both_ends_have_one_address(peer: str | None, own: str, local: bool) -> None:
+def test_a_page_is_local_where_both_ends_have_one_address(
+    peer: str | None, own: str, local: bool
+) -> None:
     ends: dict[str, Any] = {"peername": peer and (peer, 1), "sockname": (own, 2)}
     request = SimpleNamespace(transport=SimpleNamespace(get_extra_info=ends.get))
     assert is_local(cast(web.Request, request)) is local

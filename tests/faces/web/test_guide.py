@@ -11,7 +11,13 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone.signal.perception.model_file import read_model
-from tests.accessibility import SIZES, needs_axe, outside, reached_by_tab, serious_faults
+from tests.accessibility import (
+    SIZES,
+    needs_axe,
+    outside,
+    reached_by_tab,
+    serious_faults,
+)
 from tests.browser import resize, text, wait
 
 pytestmark = pytest.mark.realtime
@@ -32,9 +38,20 @@ SETUP = [
 
 @pytest.fixture
 def setup(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "tactophone", *SETUP, "--out", str(tmp_path / "own.onnx")]
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        *SETUP,
+        "--out",
+        str(tmp_path / "own.onnx"),
+    ]
     process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
     yield process
     process.kill()
@@ -50,7 +67,11 @@ def address(process: subprocess.Popen[str]) -> str:
 
 
 def press(browser: webdriver.Chrome, name: str) -> None:
-    wait(browser, lambda: browser.find_elements(By.CSS_SELECTOR, f'button[value="{name}"]'), 60)
+    wait(
+        browser,
+        lambda: browser.find_elements(By.CSS_SELECTOR, f'button[value="{name}"]'),
+        60,
+    )
     browser.find_element(By.CSS_SELECTOR, f'button[value="{name}"]').click()
 
 
@@ -71,9 +92,15 @@ def test_a_finger_is_set_up_by_buttons_alone(
 
 
 @needs_axe
-def test_axe_finds_nothing_serious(browser: webdriver.Chrome, setup: subprocess.Popen[str]) -> None:
+def test_axe_finds_nothing_serious(
+    browser: webdriver.Chrome, setup: subprocess.Popen[str]
+) -> None:
     browser.get(address(setup))
-    wait(browser, lambda: text(browser, "life") == "connected" and text(browser, "picture"), 30)
+    wait(
+        browser,
+        lambda: text(browser, "life") == "connected" and text(browser, "picture"),
+        30,
+    )
     assert serious_faults(browser) == []
     press(browser, "stylus")
     wait(browser, lambda: "balanced" in text(browser, "objects"), 60)

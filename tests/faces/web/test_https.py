@@ -18,7 +18,9 @@ def test_https_gives_a_phone_its_sound(run: Run, tmp_path: Path) -> None:
     files = tmp_path / CERTIFICATE_FILE, tmp_path / KEY_FILE
     browser = start_chromium("--ignore-certificate-errors")
     try:
-        with watch(run.telemetry.name, certificate=files, names=("phone.test",)) as page:
+        with watch(
+            run.telemetry.name, certificate=files, names=("phone.test",)
+        ) as page:
             assert page.access.scheme == "https"
             browser.get(page.url.replace("127.0.0.1", "phone.test"))
             assert browser.execute_script("return isSecureContext") is True

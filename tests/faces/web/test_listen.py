@@ -14,7 +14,13 @@ from selenium.webdriver.common.by import By
 
 from tactophone.faces.web.devices import FINGERTIPS
 from tactophone.faces.web.server import Page, watch
-from tactophone.faces.web.views import FLOOD, OTHER_VERSION, PAGE_VIEWERS, TAKEN, TOO_MANY
+from tactophone.faces.web.views import (
+    FLOOD,
+    OTHER_VERSION,
+    PAGE_VIEWERS,
+    TAKEN,
+    TOO_MANY,
+)
 from tests.browser import start_chromium, text, wait
 from tests.faces.web.running import Run
 
@@ -39,8 +45,12 @@ def message(start: int, samples: np.ndarray) -> bytes:
     return struct.pack("<I", start) + samples.astype("<f4").tobytes()
 
 
-async def _open(session: aiohttp.ClientSession, page: Page, path: str) -> aiohttp.ClientWebSocketResponse:
-    return await session.ws_connect(page.url + path, origin=page.url[: page.url.rindex("/", 0, -1)])
+async def _open(
+    session: aiohttp.ClientSession, page: Page, path: str
+) -> aiohttp.ClientWebSocketResponse:
+    return await session.ws_connect(
+        page.url + path, origin=page.url[: page.url.rindex("/", 0, -1)]
+    )
 
 
 async def _reason(view: aiohttp.ClientWebSocketResponse) -> tuple[int, str]:
@@ -65,7 +75,16 @@ def test_sound_is_passed_on_as_it_is(page: Page, sound: Connection) -> None:
     assert not sound.poll(0.1)
 
 
-@pytest.mark.parametrize("sent", ['{"action": "arm"}', '{"action": "ceiling", "value": 1}', b"", b"12345", bytes(4001)])
+@pytest.mark.parametrize(
+    "sent",
+    [
+        '{"action": "arm"}',
+        '{"action": "ceiling", "value": 1}',
+        b"",
+        b"12345",
+        bytes(4001),
+    ],
+)
 def test_whatever_is_no_sound_ends_the_connection_and_reaches_nobody(
     page: Page, run: Run, sound: Connection, sent: str | bytes
 ) -> None:
@@ -74,7 +93,9 @@ def test_whatever_is_no_sound_ends_the_connection_and_reaches_nobody(
     async def speak() -> tuple[int, str]:
         async with aiohttp.ClientSession() as session:
             view = await _open(session, page, "listen?v=1")
-            await (view.send_str(sent) if isinstance(sent, str) else view.send_bytes(sent))
+            await (
+                view.send_str(sent) if isinstance(sent, str) else view.send_bytes(sent)
+            )
             return await _reason(view)
 
     before = run.state
@@ -84,7 +105,9 @@ def test_whatever_is_no_sound_ends_the_connection_and_reaches_nobody(
     assert not sound.poll(0.1)
 
 
-def test_a_second_page_and_a_flood_are_sent_away_with_a_reason(page: Page, sound: Connection) -> None:
+def test_a_second_page_and_a_flood_are_sent_away_with_a_reason(
+    page: Page, sound: Connection
+) -> None:
     async def speak() -> list[tuple[int, str]]:
         async with aiohttp.ClientSession() as session:
             first, second = [await _open(session, page, "listen?v=1") for _ in range(2)]
@@ -108,11 +131,18 @@ def test_a_page_of_another_version_is_asked_to_reload(page: Page, path: str) -> 
             return await _reason(await _open(session, page, f"{path}?v=0"))
 
     code, reason = asyncio.run(look())
-    assert (code, reason) == (OTHER_VERSION, "this page is of another version: reload it")
+    assert (code, reason) == (
+        OTHER_VERSION,
+        "this page is of another version: reload it",
+    )
 
 
-@pytest.mark.parametrize(("path", "most"), [("live", PAGE_VIEWERS), ("feel", FINGERTIPS)])
-def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(page: Page, path: str, most: int) -> None:
+@pytest.mark.parametrize(
+    ("path", "most"), [("live", PAGE_VIEWERS), ("feel", FINGERTIPS)]
+)
+def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(
+    page: Page, path: str, most: int
+) -> None:
     async def look() -> list[tuple[int, str]]:
         async with aiohttp.ClientSession() as session:
             views = [await _open(session, page, f"{path}?v=1") for _ in range(50)]
@@ -123,7 +153,9 @@ def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(page: Page, p
     assert len(found) == 50 - most
 
 
-def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(page: Page, run: Run) -> None:
+def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(
+    page: Page, run: Run
+) -> None:
     async def flood() -> tuple[int, str]:
         async with aiohttp.ClientSession() as session:
             view = await _open(session, page, "live?v=1")
@@ -156,6 +188,9 @@ def test_a_refused_or_missing_microphone_is_said_with_what_to_do(
         button.click()
         wait(browser, lambda: words in text(browser, "listen-state"))
         assert "try again" in text(browser, "listen-state")
-        assert (button.text, button.get_attribute("aria-pressed")) == ("Use this microphone", "false")
+        assert (button.text, button.get_attribute("aria-pressed")) == (
+            "Use this microphone",
+            "false",
+        )
     finally:
         browser.quit()

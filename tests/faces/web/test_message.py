@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactophone.faces.web.feed import STEP_COLUMNS, envelope, event_table, pack, step_table
+from tactophone.faces.web.feed import (
+    STEP_COLUMNS,
+    envelope,
+    event_table,
+    pack,
+    step_table,
+)
 from tactophone.live.telemetry.layout import STEP_RECORD
 
 BUCKET = 480
@@ -27,7 +33,9 @@ def parse(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]
 @pytest.mark.parametrize("word", ["", "é", "four", "longer words"])
 def test_a_message_reads_back_and_its_numbers_are_aligned(word: str) -> None:
     table = np.arange(6.0).reshape(2, 3)
-    header, tables = parse(pack({"word": word}, {"a": table, "none": np.empty((0, 4)), "b": table[0]}))
+    header, tables = parse(
+        pack({"word": word}, {"a": table, "none": np.empty((0, 4)), "b": table[0]})
+    )
     assert header["word"] == word
     np.testing.assert_array_equal(tables["a"], table)
     np.testing.assert_array_equal(tables["b"], table[0])
@@ -35,7 +43,15 @@ def test_a_message_reads_back_and_its_numbers_are_aligned(word: str) -> None:
 
 
 def test_json_has_no_infinity_so_null_stands_for_it() -> None:
-    header, _ = parse(pack({"gauges": {"a": np.inf, "b": float("nan")}, "faults": ({"since": float("inf")},)}, {}))
+    header, _ = parse(
+        pack(
+            {
+                "gauges": {"a": np.inf, "b": float("nan")},
+                "faults": ({"since": float("inf")},),
+            },
+            {},
+        )
+    )
     assert header["gauges"] == {"a": None, "b": None}
     assert header["faults"] == [{"since": None}]
 

@@ -26,7 +26,9 @@ def view(browser: webdriver.Chrome, name: str) -> None:
     browser.find_element(By.CSS_SELECTOR, f"#views [value={name}]").click()
 
 
-def test_it_shows_a_rough_stroke_as_rough_within_a_second(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_it_shows_a_rough_stroke_as_rough_within_a_second(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     open_page(browser, page)
     delays = []
     for _ in range(3):
@@ -40,7 +42,9 @@ def test_it_shows_a_rough_stroke_as_rough_within_a_second(browser: webdriver.Chr
     assert text(browser, "amplitude") == "50\u202f%"
 
 
-def test_mute_stays_until_somebody_arms(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_mute_stays_until_somebody_arms(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     run.touch = Touch.ROUGH
     open_page(browser, page)
     button = browser.find_element(By.ID, "mute")
@@ -50,7 +54,9 @@ def test_mute_stays_until_somebody_arms(browser: webdriver.Chrome, page: Page, r
     assert not run.state.armed
     browser.refresh()
     wait(browser, lambda: text(browser, "cause") == "Muted on the page.")
-    browser.find_element(By.TAG_NAME, "body").send_keys("m")  # the key mutes and never arms
+    browser.find_element(By.TAG_NAME, "body").send_keys(
+        "m"
+    )  # the key mutes and never arms
     time.sleep(0.3)
     assert not run.state.armed
     browser.find_element(By.ID, "mute").click()
@@ -59,14 +65,22 @@ def test_mute_stays_until_somebody_arms(browser: webdriver.Chrome, page: Page, r
     wait(browser, lambda: not run.state.armed)
 
 
-def test_levels_profile_and_threshold_are_set_by_the_keyboard(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_levels_profile_and_threshold_are_set_by_the_keyboard(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     open_page(browser, page)
-    wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.5")
+    wait(
+        browser,
+        lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.5",
+    )
     browser.find_element(By.ID, "level").send_keys(Keys.ARROW_LEFT * 3)
     wait(browser, lambda: run.finger.output_level == pytest.approx(0.97))
     browser.find_element(By.ID, "ceiling").send_keys(Keys.ARROW_LEFT * 5)
     wait(browser, lambda: run.finger.ceiling == pytest.approx(0.45))
-    wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.45")
+    wait(
+        browser,
+        lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.45",
+    )
     view(browser, "setup")
     browser.find_element(By.ID, "threshold").send_keys(Keys.ARROW_RIGHT * 2)
     wait(browser, lambda: run.finger.threshold_dbfs == pytest.approx(-51.0))
@@ -74,15 +88,23 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(browser: webdriver
     wait(browser, lambda: run.finger.profile == "plain")
 
 
-def test_faults_are_shown_and_removed(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_faults_are_shown_and_removed(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     open_page(browser, page)
-    run.fail(Fault("air_silent", "Air microphone silent for 3 s: using the one-channel model."))
+    run.fail(
+        Fault(
+            "air_silent", "Air microphone silent for 3 s: using the one-channel model."
+        )
+    )
     wait(browser, lambda: "one-channel" in text(browser, "faults"))
     run.fail()
     wait(browser, lambda: text(browser, "faults") == "")
 
 
-def test_the_budget_and_the_link_are_shown_as_numbers(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_the_budget_and_the_link_are_shown_as_numbers(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     run.telemetry.count("packets_lost", 71)
     run.telemetry.gauge("latency_detect", 0.0006)
     run.telemetry.gauge("latency_total", 0.0081)
@@ -92,7 +114,9 @@ def test_the_budget_and_the_link_are_shown_as_numbers(browser: webdriver.Chrome,
     view(browser, "engineer")
     wait(browser, lambda: "8.1\u202fms" in text(browser, "total"))
     assert "71" in text(browser, "link")
-    assert "detect 0.6" in str(browser.find_element(By.ID, "stack").get_attribute("aria-label"))
+    assert "detect 0.6" in str(
+        browser.find_element(By.ID, "stack").get_attribute("aria-label")
+    )
 
 
 @pytest.mark.parametrize("width", [390, 1280])
@@ -106,27 +130,40 @@ def test_it_fits_a_phone_and_a_laptop_in_both_themes(
     open_page(browser, page)
     root = browser.find_element(By.TAG_NAME, "html")
     assert root.get_attribute("data-theme") == theme
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert (
+        browser.execute_script("return document.documentElement.scrollWidth") <= width
+    )
     browser.find_element(By.ID, "theme").click()
     assert root.get_attribute("data-theme") != theme
     browser.find_element(By.ID, "theme").click()
 
 
-def test_everything_that_can_be_used_has_a_name(browser: webdriver.Chrome, page: Page) -> None:
+def test_everything_that_can_be_used_has_a_name(
+    browser: webdriver.Chrome, page: Page
+) -> None:
     open_page(browser, page)
     found = set()
     for name in ("operator", "engineer", "setup"):
         view(browser, name)
-        nodes = browser.find_elements(By.CSS_SELECTOR, "button, input, select, [role=img], [role=group], section")
+        nodes = browser.find_elements(
+            By.CSS_SELECTOR, "button, input, select, [role=img], [role=group], section"
+        )
         shown = [node for node in nodes if node.is_displayed()]
-        assert [node.get_attribute("outerHTML")[:80] for node in shown if not node.accessible_name] == []
+        assert [
+            node.get_attribute("outerHTML")[:80]
+            for node in shown
+            if not node.accessible_name
+        ] == []
         found |= set(shown)
     assert len(found) > 20
 
 
 def box(browser: webdriver.Chrome, selector: str) -> dict[str, float]:
     script = "const box = document.querySelector(arguments[0]).getBoundingClientRect();"
-    found = browser.execute_script(script + "return {top: box.top, bottom: box.bottom, height: box.height};", selector)
+    found = browser.execute_script(
+        script + "return {top: box.top, bottom: box.bottom, height: box.height};",
+        selector,
+    )
     assert isinstance(found, dict)
     return found
 
@@ -137,7 +174,9 @@ def test_a_laptop_shows_fingertip_timeline_and_controls_without_scrolling(
     resize(browser, 1280, 800)
     open_page(browser, page)
     for selector in ("#stop", "#hero", ".touch", "#feel", "#level", "#ceiling"):
-        assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 800, selector
+        assert (
+            0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 800
+        ), selector
 
 
 def test_a_phone_shows_fingertip_stop_and_timeline_without_scrolling_and_controls_fit_a_thumb(
@@ -146,22 +185,37 @@ def test_a_phone_shows_fingertip_stop_and_timeline_without_scrolling_and_control
     resize(browser, 390, 844)
     open_page(browser, page)
     for selector in ("#stop", "#decision", "#hero", ".touch"):
-        assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 844, selector
+        assert (
+            0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 844
+        ), selector
     controls = browser.find_elements(By.CSS_SELECTOR, "button, input, select")
-    small = [node.get_attribute("id") for node in controls if 0 < node.size["height"] < 44]
+    small = [
+        node.get_attribute("id") for node in controls if 0 < node.size["height"] < 44
+    ]
     assert small == []
 
 
-def test_the_timeline_reads_out_values_and_pauses(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_the_timeline_reads_out_values_and_pauses(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     run.touch = Touch.ROUGH
     open_page(browser, page)
     wait(browser, lambda: text(browser, "decision") == "rough")
     time.sleep(1)
-    body, plot = browser.find_element(By.TAG_NAME, "body"), browser.find_element(By.CSS_SELECTOR, ".touch")
+    body, plot = (
+        browser.find_element(By.TAG_NAME, "body"),
+        browser.find_element(By.CSS_SELECTOR, ".touch"),
+    )
     body.send_keys("p")
     plot.send_keys(Keys.ARROW_LEFT * 3)
     words = browser.find_element(By.CSS_SELECTOR, ".readout")
-    wait(browser, lambda: "ago: rough · roughness 0.92 · 60\u202fHz at 50\u202f% of full drive" in words.text)
+    wait(
+        browser,
+        lambda: (
+            "ago: rough · roughness 0.92 · 60\u202fHz at 50\u202f% of full drive"
+            in words.text
+        ),
+    )
     assert "label: rough" in words.text
     paused = words.text
     run.touch = Touch.NONE
@@ -176,4 +230,6 @@ def test_it_draws_at_the_screen_s_pace(browser: webdriver.Chrome, page: Page) ->
         "times.length < 61 ? requestAnimationFrame(note) : done(times); }; requestAnimationFrame(note);"
     )
     steps = sorted(later - earlier for earlier, later in itertools.pairwise(drawn))
-    assert steps[len(steps) // 2] < 34  # ms; half a screen's pace on a busy machine, measured well in benchmarks
+    assert (
+        steps[len(steps) // 2] < 34
+    )  # ms; half a screen's pace on a busy machine, measured well in benchmarks

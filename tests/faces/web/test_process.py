@@ -13,7 +13,9 @@ from tactophone.core.errors import TactophoneError
 from tactophone.faces.web.server import watch
 
 
-@pytest.mark.parametrize("address", ["", "8470", "localhost", "127.0.0.1:", "127.0.0.1:http", "127.0.0.1:-1"])
+@pytest.mark.parametrize(
+    "address", ["", "8470", "localhost", "127.0.0.1:", "127.0.0.1:http", "127.0.0.1:-1"]
+)
 def test_an_invalid_address_is_refused_with_an_example(address: str) -> None:
     with pytest.raises(TactophoneError, match=r"127\.0\.0\.1:0"):
         watch("none", address)
@@ -52,7 +54,9 @@ def test_it_ends_when_its_parent_is_killed() -> None:
         "    sys.stdin.read()\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=-1, stdout=-1, text=True
+    ) as process:
         assert process.stdout
         url = process.stdout.readline().strip()
         urllib.request.urlopen(url).close()

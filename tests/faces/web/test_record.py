@@ -27,7 +27,9 @@ def recorded_page(run: Run, tmp_path: Path) -> Iterator[Page]:
 
 
 @pytest.mark.realtime
-def test_the_button_begins_and_ends_a_log(browser: webdriver.Chrome, recorded_page: Page, tmp_path: Path) -> None:
+def test_the_button_begins_and_ends_a_log(
+    browser: webdriver.Chrome, recorded_page: Page, tmp_path: Path
+) -> None:
     pytest.importorskip("mcap")
     browser.get(recorded_page.url)
     wait(browser, lambda: browser.find_elements(By.ID, "record"))
@@ -68,7 +70,9 @@ def test_a_folder_that_cannot_be_written_is_a_reason(run: Run, tmp_path: Path) -
 
 
 @pytest.mark.realtime
-def test_a_run_that_is_not_recorded_has_no_button(browser: webdriver.Chrome, page: Page) -> None:
+def test_a_run_that_is_not_recorded_has_no_button(
+    browser: webdriver.Chrome, page: Page
+) -> None:
     browser.get(page.url)
     wait(browser, lambda: text(browser, "life") == "live")
     assert browser.find_elements(By.ID, "record") == []
@@ -76,6 +80,10 @@ def test_a_run_that_is_not_recorded_has_no_button(browser: webdriver.Chrome, pag
 
 def test_only_a_page_on_the_machine_may_record() -> None:
     asked = '{"action": "record", "value": true}'
-    assert "only a page on the run's own machine" in str(parse_request(asked, State(), local=False))
+    assert "only a page on the run's own machine" in str(
+        parse_request(asked, State(), local=False)
+    )
     assert parse_request(asked, State()) == RecordRequest(begin=True)
-    assert parse_request('{"action": "record", "value": 1}', State()) == RecordRequest(begin=False)
+    assert parse_request('{"action": "record", "value": 1}', State()) == RecordRequest(
+        begin=False
+    )

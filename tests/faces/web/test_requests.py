@@ -7,7 +7,9 @@ import pytest
 from tactophone.faces.web.dashboard import parse_request
 from tactophone.live.telemetry.layout import FingerState, Request, State
 
-STATE = State(profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, local_ceiling=0.5),))
+STATE = State(
+    profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, local_ceiling=0.5),)
+)
 
 
 @pytest.mark.parametrize(
@@ -18,22 +20,49 @@ STATE = State(profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, loc
         ({"action": "ceiling", "value": 0.4}, Request("ceiling", 0.4)),
         ({"action": "ceiling", "value": 0}, Request("ceiling", 0.0)),
         ({"action": "output_level", "value": 1}, Request("output_level", 1.0)),
-        ({"action": "threshold_dbfs", "value": -47.5}, Request("threshold_dbfs", -47.5)),
+        (
+            {"action": "threshold_dbfs", "value": -47.5},
+            Request("threshold_dbfs", -47.5),
+        ),
         ({"action": "profile", "text": "plain"}, Request("profile", text="plain")),
     ],
 )
-def test_what_is_in_range_is_passed_on(entries: dict[str, object], granted: Request) -> None:
+def test_what_is_in_range_is_passed_on(
+    entries: dict[str, object], granted: Request
+) -> None:
     assert parse_request(json.dumps(entries), STATE) == granted
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        *("", "[]", "1", "null", "mute", '{"value": 1}', '{"action": []}', '{"action": "format"}'),
-        *('{"action": "output_level", "value": NaN}', '{"action": "output_level", "value": 1.01}'),
-        *('{"action": "output_level", "value": true}', '{"action": "threshold_dbfs", "value": 3}'),
-        *('{"action": ' + "[" * 1000, "[" * 2000, '{"action": "ceiling", "value": ' + "9" * 400 + "}"),
-        *('{"action": "profile", "text": "nonesuch"}', '{"action": "profile", "text": []}'),
+        *(
+            "",
+            "[]",
+            "1",
+            "null",
+            "mute",
+            '{"value": 1}',
+            '{"action": []}',
+            '{"action": "format"}',
+        ),
+        *(
+            '{"action": "output_level", "value": NaN}',
+            '{"action": "output_level", "value": 1.01}',
+        ),
+        *(
+            '{"action": "output_level", "value": true}',
+            '{"action": "threshold_dbfs", "value": 3}',
+        ),
+        *(
+            '{"action": ' + "[" * 1000,
+            "[" * 2000,
+            '{"action": "ceiling", "value": ' + "9" * 400 + "}",
+        ),
+        *(
+            '{"action": "profile", "text": "nonesuch"}',
+            '{"action": "profile", "text": []}',
+        ),
     ],
 )
 def test_anything_else_is_refused_with_a_reason(text: str) -> None:
@@ -41,4 +70,6 @@ def test_anything_else_is_refused_with_a_reason(text: str) -> None:
 
 
 def test_a_page_never_raises_the_ceiling_not_even_to_the_local_one() -> None:
-    assert "raise it at the machine" in str(parse_request('{"action": "ceiling", "value": 0.45}', STATE))
+    assert "raise it at the machine" in str(
+        parse_request('{"action": "ceiling", "value": 0.45}', STATE)
+    )

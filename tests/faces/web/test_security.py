@@ -7,10 +7,24 @@ from tactophone.faces.web.security import HEADERS, AccessControl
 ACCESS = AccessControl("127.0.0.1", 8470, token="secret")
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1:8470", "localhost:8470", "LOCALHOST:8470", "[::1]:8470", "127.1.2.3:8470"])
+@pytest.mark.parametrize(
+    "host",
+    [
+        "127.0.0.1:8470",
+        "localhost:8470",
+        "LOCALHOST:8470",
+        "[::1]:8470",
+        "127.1.2.3:8470",
+    ],
+)
 def test_this_machine_by_any_of_its_names_passes(host: str) -> None:
     assert ACCESS.refusal(token="secret", host=host, origin=None) == ""
-    assert ACCESS.refusal(token="secret", host=host, origin=f"http://{host}", websocket=True) == ""
+    assert (
+        ACCESS.refusal(
+            token="secret", host=host, origin=f"http://{host}", websocket=True
+        )
+        == ""
+    )
 
 
 @pytest.mark.parametrize("token", ["", "Secret", "secret2", "sécret"])
@@ -21,8 +35,21 @@ def test_a_wrong_token_is_refused(token: str) -> None:
 @pytest.mark.parametrize(
     "host",
     [
-        *(None, "", "rebound.example:8470", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8470.example:8470"),
-        *("127.0.0.1.example:8470", "192.168.0.7:8470", "localhost.:8470", "[::1", "localhost:port"),
+        *(
+            None,
+            "",
+            "rebound.example:8470",
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "127.0.0.1:8470.example:8470",
+        ),
+        *(
+            "127.0.0.1.example:8470",
+            "192.168.0.7:8470",
+            "localhost.:8470",
+            "[::1",
+            "localhost:port",
+        ),
     ],
 )
 def test_a_rebound_name_is_refused(host: str | None) -> None:
@@ -30,14 +57,25 @@ def test_a_rebound_name_is_refused(host: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "https://127.0.0.1:8470", "http://127.0.0.1:8471", "null", ""]
+    "origin",
+    [
+        "http://evil.example",
+        "https://127.0.0.1:8470",
+        "http://127.0.0.1:8471",
+        "null",
+        "",
+    ],
 )
 def test_another_pages_origin_is_refused(origin: str) -> None:
-    assert "Origin" in ACCESS.refusal(token="secret", host="127.0.0.1:8470", origin=origin, websocket=True)
+    assert "Origin" in ACCESS.refusal(
+        token="secret", host="127.0.0.1:8470", origin=origin, websocket=True
+    )
 
 
 def test_a_websocket_without_an_origin_is_no_browsers_and_is_refused() -> None:
-    assert "Origin" in ACCESS.refusal(token="secret", host="127.0.0.1:8470", origin=None, websocket=True)
+    assert "Origin" in ACCESS.refusal(
+        token="secret", host="127.0.0.1:8470", origin=None, websocket=True
+    )
 
 
 def test_listening_everywhere_passes_addresses_in_figures_but_no_foreign_name() -> None:
@@ -60,8 +98,14 @@ def test_nothing_but_the_page_itself_may_run_or_be_loaded() -> None:
     assert "http" not in policy
 
 
-def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_the_address() -> None:
-    assert {name: value for name, value in HEADERS.items() if name != "Content-Security-Policy"} == {
+def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_the_address() -> (
+    None
+):
+    assert {
+        name: value
+        for name, value in HEADERS.items()
+        if name != "Content-Security-Policy"
+    } == {
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
         "Cross-Origin-Opener-Policy": "same-origin",
@@ -71,7 +115,9 @@ def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_the_add
 
 
 def test_the_policy_lets_the_page_load_its_own_parts_and_nobody_frame_it() -> None:
-    rules = dict(rule.split(" ", 1) for rule in HEADERS["Content-Security-Policy"].split("; "))
+    rules = dict(
+        rule.split(" ", 1) for rule in HEADERS["Content-Security-Policy"].split("; ")
+    )
     assert {name for name, value in rules.items() if value == "'self'"} == {
         *("script-src", "style-src", "connect-src", "img-src")
     }
@@ -82,24 +128,44 @@ def test_the_policy_lets_the_page_load_its_own_parts_and_nobody_frame_it() -> No
 
 @pytest.mark.parametrize(
     ("host", "private"),
-    [("localhost", True), ("127.0.0.1", True), ("::1", True), ("0.0.0.0", False), ("192.168.0.7", False)],
+    [
+        ("localhost", True),
+        ("127.0.0.1", True),
+        ("::1", True),
+        ("0.0.0.0", False),
+        ("192.168.0.7", False),
+    ],
 )
-def test_a_page_is_private_where_only_this_machine_can_reach_it(host: str, private: bool) -> None:
+def test_a_page_is_private_where_only_this_machine_can_reach_it(
+    host: str, private: bool
+) -> None:
     assert AccessControl(host, 8470).private is private
 
 
-@pytest.mark.parametrize(("scheme", "port", "other"), [("http", 80, 443), ("https", 443, 80)])
-def test_an_address_without_a_port_means_the_one_of_its_scheme(scheme: str, port: int, other: int) -> None:
+@pytest.mark.parametrize(
+    ("scheme", "port", "other"), [("http", 80, 443), ("https", 443, 80)]
+)
+def test_an_address_without_a_port_means_the_one_of_its_scheme(
+    scheme: str, port: int, other: int
+) -> None:
     assert (
-        AccessControl("127.0.0.1", port, "secret", scheme).refusal(token="secret", host="localhost", origin=None) == ""
+        AccessControl("127.0.0.1", port, "secret", scheme).refusal(
+            token="secret", host="localhost", origin=None
+        )
+        == ""
     )
     wrong = AccessControl("127.0.0.1", other, "secret", scheme)
     assert "Host" in wrong.refusal(token="secret", host="localhost", origin=None)
 
 
-def test_the_machines_own_name_passes_only_where_it_listens_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_machines_own_name_passes_only_where_it_listens_everywhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("socket.gethostname", lambda: "Bench")
-    everywhere, here = AccessControl("0.0.0.0", 8470, "secret"), AccessControl("127.0.0.1", 8470, "secret")
+    everywhere, here = (
+        AccessControl("0.0.0.0", 8470, "secret"),
+        AccessControl("127.0.0.1", 8470, "secret"),
+    )
     assert everywhere.url == "http://Bench:8470/secret/"
     assert here.url == "http://127.0.0.1:8470/secret/"
     assert AccessControl("::1", 8470, "secret").url == "http://[::1]:8470/secret/"

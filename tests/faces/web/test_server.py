@@ -26,13 +26,20 @@ def get(page: Page, path: str, **headers: str) -> tuple[int, dict[str, str], str
     """Ask like a browser; ``path`` stands below the token unless it is absolute."""
     address = urlsplit(page.url)
     connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=10)
-    connection.request("GET", path if path.startswith("/") else address.path + path, headers=headers)
+    connection.request(
+        "GET", path if path.startswith("/") else address.path + path, headers=headers
+    )
     response = connection.getresponse()
     return response.status, dict(response.headers), response.read().decode()
 
 
-@pytest.mark.parametrize("path", ["", "static/dashboard.js", "static/style.css", "static/vendor/uPlot.esm.js"])
-def test_a_token_holder_gets_the_page_under_every_precaution(page: Page, path: str) -> None:
+@pytest.mark.parametrize(
+    "path",
+    ["", "static/dashboard.js", "static/style.css", "static/vendor/uPlot.esm.js"],
+)
+def test_a_token_holder_gets_the_page_under_every_precaution(
+    page: Page, path: str
+) -> None:
     status, headers, text = get(page, path)
     assert status == 200
     assert text
@@ -40,7 +47,16 @@ def test_a_token_holder_gets_the_page_under_every_precaution(page: Page, path: s
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/live", "/static/style.css", "/wrong/", "/wrong/static/style.css", "//", "/favicon.ico"]
+    "path",
+    [
+        "/",
+        "/live",
+        "/static/style.css",
+        "/wrong/",
+        "/wrong/static/style.css",
+        "//",
+        "/favicon.ico",
+    ],
 )
 def test_a_wrong_token_gets_nothing(page: Page, path: str) -> None:
     status, headers, text = get(page, path)
@@ -54,7 +70,9 @@ def test_a_rebound_name_gets_nothing_even_with_the_token(page: Page) -> None:
     assert get(page, "", Host=f"localhost:{port}")[0] == 200
 
 
-@pytest.mark.parametrize("path", ["static/../server.py", "static/%2e%2e/server.py", "static/", "nonesuch"])
+@pytest.mark.parametrize(
+    "path", ["static/../server.py", "static/%2e%2e/server.py", "static/", "nonesuch"]
+)
 def test_there_is_nothing_beside_the_page(page: Page, path: str) -> None:
     assert get(page, path)[0] in (403, 404)
 
@@ -72,11 +90,17 @@ def test_a_websocket_from_elsewhere_is_refused(page: Page, origin: str | None) -
     assert asyncio.run(attempt()) == 403
 
 
-def test_a_viewer_who_does_not_answer_gets_no_more_and_then_misses_nothing(page: Page) -> None:
+def test_a_viewer_who_does_not_answer_gets_no_more_and_then_misses_nothing(
+    page: Page,
+) -> None:
     async def look() -> tuple[int, float]:
         async with aiohttp.ClientSession() as session:
-            view = await session.ws_connect(page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)])
-            assert "command" in await view.receive_json(timeout=2)  # what to type next, for a viewer on this machine
+            view = await session.ws_connect(
+                page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)]
+            )
+            assert "command" in await view.receive_json(
+                timeout=2
+            )  # what to type next, for a viewer on this machine
             begin, messages = time.monotonic(), []
             while time.monotonic() - begin < 1.0:
                 try:
@@ -93,10 +117,14 @@ def test_a_viewer_who_does_not_answer_gets_no_more_and_then_misses_nothing(page:
     assert seconds_at_once >= 0.5
 
 
-def test_a_request_out_of_range_is_answered_with_a_reason_and_not_passed_on(page: Page, run: Run) -> None:
+def test_a_request_out_of_range_is_answered_with_a_reason_and_not_passed_on(
+    page: Page, run: Run
+) -> None:
     async def ask() -> str:
         async with aiohttp.ClientSession() as session:
-            view = await session.ws_connect(page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)])
+            view = await session.ws_connect(
+                page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)]
+            )
             await view.receive()
             await view.send_str('{"action": "ceiling", "value": 0.9}')
             async for message in view:
@@ -123,11 +151,15 @@ def test_a_request_for_no_path_is_refused_like_any_other(page: Page) -> None:
     address = urlsplit(page.url)
     assert address.port
     with socket.create_connection(("127.0.0.1", address.port)) as connection:
-        connection.sendall(b"OPTIONS * HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+        connection.sendall(
+            b"OPTIONS * HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"
+        )
         assert connection.recv(100).split()[1] in (b"400", b"403", b"404")
 
 
-def test_a_page_that_leaves_while_it_connects_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_leaves_while_it_connects_leaves_no_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def leave(*_: object) -> None:
         raise aiohttp.ClientConnectionResetError("Cannot write to closing transport")
 

@@ -32,12 +32,20 @@ COLOUR = "return getComputedStyle(document.querySelector('#state')).getPropertyV
 
 
 @pytest.fixture(params=PAGES)
-def shown(request: pytest.FixtureRequest, browser: webdriver.Chrome, run: Run, tmp_path: Path) -> Iterator[Page]:
+def shown(
+    request: pytest.FixtureRequest, browser: webdriver.Chrome, run: Run, tmp_path: Path
+) -> Iterator[Page]:
     """Each page that can vibrate, open, over a run that vibrates."""
     _, finger = Pipe(duplex=False)
     run.touch = Touch.ROUGH
-    box = GameSettings(run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
-    with serve_game(box) if request.param == "play" else watch(run.telemetry.name) as page:
+    box = GameSettings(
+        run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl"
+    )
+    with (
+        serve_game(box)
+        if request.param == "play"
+        else watch(run.telemetry.name) as page
+    ):
         browser.get(page.url + PAGES[request.param])
         wait(browser, lambda: text(browser, "life") in ("live", "ready"))
         yield page
@@ -46,7 +54,11 @@ def shown(request: pytest.FixtureRequest, browser: webdriver.Chrome, run: Run, t
 def seen(browser: webdriver.Chrome) -> list[str]:
     """The ids of what of the state bar and its cover a person sees, and nothing hides."""
     names = ("life", "cause", "mute", "stop", "cover")
-    return [name for name in names if browser.execute_script(SEEN, browser.find_element(By.ID, name))]
+    return [
+        name
+        for name in names
+        if browser.execute_script(SEEN, browser.find_element(By.ID, name))
+    ]
 
 
 def can_press(browser: webdriver.Chrome, name: str) -> bool:
@@ -68,7 +80,10 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: text(browser, "life") == "muted")
     assert text(browser, "cause") == "Muted on the page."
-    assert (seen(browser), text(browser, "mute")) == (["life", "cause", "mute", "stop"], "Resume")
+    assert (seen(browser), text(browser, "mute")) == (
+        ["life", "cause", "mute", "stop"],
+        "Resume",
+    )
     colours.add(browser.execute_script(COLOUR))
     browser.find_element(By.ID, "mute").click()
     wait(browser, lambda: run.state.armed)
@@ -77,7 +92,10 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     wait(browser, lambda: text(browser, "life") == "stopped")
     assert run.finger.muted_because == EMERGENCY_STOP
     assert "find the cause" in text(browser, "cause")
-    assert (seen(browser), text(browser, "stop")) == (["life", "cause", "stop"], "Hold to resume")
+    assert (seen(browser), text(browser, "stop")) == (
+        ["life", "cause", "stop"],
+        "Hold to resume",
+    )
     colours.add(browser.execute_script(COLOUR))
     browser.find_element(By.ID, "stop").click()  # a press in passing releases nothing
     browser.find_element(By.TAG_NAME, "body").send_keys("m", "a", " ")
@@ -85,9 +103,14 @@ def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
     assert not run.state.armed
     run.silent = True  # which must not offer to arm by one press
     time.sleep(1)
-    assert (text(browser, "life"), seen(browser)) == ("stopped", ["life", "cause", "stop"])
+    assert (text(browser, "life"), seen(browser)) == (
+        "stopped",
+        ["life", "cause", "stop"],
+    )
     run.silent = False
-    ActionChains(browser).click_and_hold(browser.find_element(By.ID, "stop")).pause(1.2).release().perform()
+    ActionChains(browser).click_and_hold(browser.find_element(By.ID, "stop")).pause(
+        1.2
+    ).release().perform()
     wait(browser, lambda: run.state.armed)
 
     run.silent = True
@@ -121,7 +144,9 @@ def test_values_grey_within_half_a_second_and_the_bar_says_how_long(
     run.silent = True
     begin = time.monotonic()
     wait(browser, lambda: browser.execute_script(stale))
-    assert time.monotonic() - begin < 0.9  # of a busy machine: 0.5 s of the page's own clock, and the way to it
+    assert (
+        time.monotonic() - begin < 0.9
+    )  # of a busy machine: 0.5 s of the page's own clock, and the way to it
 
 
 def test_a_run_without_a_heartbeat_has_no_data_and_takes_no_arming(
@@ -145,7 +170,9 @@ def test_a_key_stops_from_anywhere_but_the_control_that_has_the_focus(
     wait(browser, lambda: run.finger.muted_because == EMERGENCY_STOP)
 
 
-def test_a_stop_is_released_by_holding_a_key(browser: webdriver.Chrome, shown: Page, run: Run) -> None:
+def test_a_stop_is_released_by_holding_a_key(
+    browser: webdriver.Chrome, shown: Page, run: Run
+) -> None:
     button = browser.find_element(By.ID, "stop")
     browser.execute_script("arguments[0].focus()", button)
     ActionChains(browser).send_keys(Keys.ENTER).perform()
@@ -161,7 +188,13 @@ def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_whe
     cold = Run(run.telemetry.name + "-cold")
     cold.silent = True  # a run that has rendered nothing yet
     with cold:
-        box = GameSettings(cold.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
+        box = GameSettings(
+            cold.telemetry.name,
+            [(Touch.ROUGH,) * 5],
+            7,
+            finger,
+            tmp_path / "results.jsonl",
+        )
         with serve_game(box) as page:
             browser.get(page.url)
             wait(browser, lambda: text(browser, "life") == "starting")
@@ -172,7 +205,9 @@ def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_whe
             assert can_press(browser, "begin")
             assert can_press(browser, "stop")
             browser.get("about:blank")  # or it would seek the server that has ended
-    box = GameSettings(run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl")
+    box = GameSettings(
+        run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl"
+    )
     with serve_game(box) as page:
         browser.get(page.url)
         wait(browser, lambda: text(browser, "life") == "ready")

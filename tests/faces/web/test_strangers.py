@@ -44,7 +44,11 @@ class Crowd:
                 sockets = []
                 while len(sockets) < self._number and not self._ended.is_set():
                     with suppress(OSError):
-                        sockets.append(stack.enter_context(socket.create_connection(("127.0.0.1", self._port))))
+                        sockets.append(
+                            stack.enter_context(
+                                socket.create_connection(("127.0.0.1", self._port))
+                            )
+                        )
                         sockets[-1].sendall(self._first)
                         self.opened += 1
                 for each in sockets:
@@ -62,7 +66,9 @@ def _first_answer(page: Page) -> float:
                     "127.0.0.1", address.port, timeout=3, context=context
                 )
             else:
-                connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=3)
+                connection = http.client.HTTPConnection(
+                    "127.0.0.1", address.port, timeout=3
+                )
             connection.request("GET", address.path)
             assert connection.getresponse().status == 200
             return time.monotonic() - begin
@@ -81,7 +87,10 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("secure", [False, True], ids=["http", "https"])
 def test_a_viewer_gets_in_beside_a_crowd_of_silent_connections_and_nothing_is_printed(
-    run: Run, certificate: tuple[Path, Path], capfd: pytest.CaptureFixture[str], secure: bool
+    run: Run,
+    certificate: tuple[Path, Path],
+    capfd: pytest.CaptureFixture[str],
+    secure: bool,
 ) -> None:
     with watch(run.telemetry.name, certificate=certificate if secure else None) as page:
         port = urlsplit(page.url).port
@@ -101,7 +110,9 @@ def test_a_viewer_gets_in_beside_a_crowd_of_silent_connections_and_nothing_is_pr
 MALFORMED = {
     "two hosts": b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n",
     "connect": b"CONNECT a:443 HTTP/1.1\r\nHost: a\r\n\r\n",
-    "a header of 100 kB": b"GET / HTTP/1.1\r\nHost: a\r\nX: " + bytes(100_000).replace(b"\0", b"x") + b"\r\n\r\n",
+    "a header of 100 kB": b"GET / HTTP/1.1\r\nHost: a\r\nX: "
+    + bytes(100_000).replace(b"\0", b"x")
+    + b"\r\n\r\n",
     "two lengths": b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
 }
 
@@ -110,7 +121,9 @@ MALFORMED = {
 def test_malformed_requests_are_refused_without_a_traceback(
     page: Page, capfd: pytest.CaptureFixture[str], request_: bytes
 ) -> None:
-    with socket.create_connection(("127.0.0.1", urlsplit(page.url).port or 0), timeout=5) as connection:
+    with socket.create_connection(
+        ("127.0.0.1", urlsplit(page.url).port or 0), timeout=5
+    ) as connection:
         connection.sendall(request_)
         with suppress(ConnectionResetError):
             assert connection.recv(100).split()[1] in (b"400", b"403")

@@ -21,7 +21,9 @@ def stroke(run: Run, *parts: tuple[Touch, float]) -> None:
         time.sleep(duration)
 
 
-def test_one_surface_never_counts_as_both(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_one_surface_never_counts_as_both(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
     run.state = replace(run.state, source="browser microphone")
     browser.get(page.url + "try")
     wait(browser, lambda: text(browser, "life") == "live")

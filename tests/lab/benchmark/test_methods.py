@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 from tactophone import Touch
-from tactophone.lab.benchmark.methods import RENDERERS, NetworkMethod, RendererMethod, method_of, recipe_method
+from tactophone.lab.benchmark.methods import (
+    RENDERERS,
+    NetworkMethod,
+    RendererMethod,
+    method_of,
+    recipe_method,
+)
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.metrics import measure
@@ -15,14 +21,27 @@ from tactophone.lab.training.trainer import NetworkRecipe
 from tests.lab.dataset.folders import audiofolder
 from tests.surfaces import surfaces
 
-SETTINGS = replace(network_settings("fine-tuned"), hop=32, batch_size=64, epochs=1, least_steps=80, learning_rate=3e-4)
+SETTINGS = replace(
+    network_settings("fine-tuned"),
+    hop=32,
+    batch_size=64,
+    epochs=1,
+    least_steps=80,
+    learning_rate=3e-4,
+)
 
 
 def accuracy(predictions: list[TakePredictions]) -> float:
-    called = [np.mean(take.probabilities[:, 2] > take.probabilities[:, 1]) > 0.5 for take in predictions]
+    called = [
+        np.mean(take.probabilities[:, 2] > take.probabilities[:, 1]) > 0.5
+        for take in predictions
+    ]
     return float(
         np.mean(
-            [rough == (take.recording.label is Touch.ROUGH) for rough, take in zip(called, predictions, strict=True)]
+            [
+                rough == (take.recording.label is Touch.ROUGH)
+                for rough, take in zip(called, predictions, strict=True)
+            ]
         )
     )
 
@@ -38,7 +57,9 @@ def test_level_alone_separates_recordings_that_differ_in_level(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_the_papers_network_trains_and_predicts_through_a_model_file(tmp_path: Path) -> None:
+def test_the_papers_network_trains_and_predicts_through_a_model_file(
+    tmp_path: Path,
+) -> None:
     recordings = open_dataset(audiofolder(tmp_path)).recordings
     predict = NetworkMethod(NetworkRecipe(SETTINGS, gate=OPEN_GATE)).fit(recordings)
     predictions = [predict(recording) for recording in recordings]
@@ -48,17 +69,35 @@ def test_the_papers_network_trains_and_predicts_through_a_model_file(tmp_path: P
 
 def test_what_changes_the_predictions_changes_the_identity() -> None:
     job = NetworkRecipe(SETTINGS)
-    others = [replace(job, seed=1), replace(job, settings=network_settings("general")), replace(job, gate=OPEN_GATE)]
+    others = [
+        replace(job, seed=1),
+        replace(job, settings=network_settings("general")),
+        replace(job, gate=OPEN_GATE),
+    ]
     assert len({NetworkMethod(variant).identity for variant in (job, *others)}) == 4
     texture = recipe_method("texture", channels=2)
     assert (
-        len({texture.identity, replace(texture, dropped=1).identity, recipe_method("level", channels=2).identity}) == 3
+        len(
+            {
+                texture.identity,
+                replace(texture, dropped=1).identity,
+                recipe_method("level", channels=2).identity,
+            }
+        )
+        == 3
     )
 
 
-def test_a_regression_learns_separable_features_and_predicts_every_window(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_regression_learns_separable_features_and_predicts_every_window(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     recordings = [
-        Recording(Path(f"{n}.wav"), f"surface {n}", Touch.ROUGH if n % 2 else Touch.SMOOTH, ("contact",))
+        Recording(
+            Path(f"{n}.wav"),
+            f"surface {n}",
+            Touch.ROUGH if n % 2 else Touch.SMOOTH,
+            ("contact",),
+        )
         for n in range(6)
     ]
     rng = np.random.default_rng(0)
@@ -78,7 +117,14 @@ def test_a_regression_learns_separable_features_and_predicts_every_window(monkey
 
 
 @pytest.mark.parametrize("name", RENDERERS)
-def test_a_renderers_vibration_separates_plainly_different_surfaces(name: str, tmp_path: Path) -> None:
+def test_a_renderers_vibration_separates_plainly_different_surfaces(
+    name: str, tmp_path: Path
+) -> None:
     recordings = surfaces(tmp_path).recordings
     predict = RendererMethod(name).fit(recordings[:4])
-    assert measure(scores_of(map(predict, recordings[4:]), "two-class"))["balanced_accuracy"] > 0.6
+    assert (
+        measure(scores_of(map(predict, recordings[4:]), "two-class"))[
+            "balanced_accuracy"
+        ]
+        > 0.6
+    )

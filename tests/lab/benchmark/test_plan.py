@@ -7,8 +7,18 @@ import pytest
 
 from tactophone.core.errors import ConfigError
 from tactophone.lab.benchmark.folds import Cache
-from tactophone.lab.benchmark.methods import FAST_STEPS, NO_AIR, method_names, methods_for
-from tactophone.lab.benchmark.plan import folds_with_edges, origin_of, run_benchmark, splits_of
+from tactophone.lab.benchmark.methods import (
+    FAST_STEPS,
+    NO_AIR,
+    method_names,
+    methods_for,
+)
+from tactophone.lab.benchmark.plan import (
+    folds_with_edges,
+    origin_of,
+    run_benchmark,
+    splits_of,
+)
 from tactophone.lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult
 from tactophone.lab.dataset.values import Dataset
@@ -35,7 +45,9 @@ def results(outcome: DatasetResults) -> tuple[MethodResult, ...]:
     return outcome.results
 
 
-def test_texture_separates_scrapes_and_level_does_not(results: tuple[MethodResult, ...]) -> None:
+def test_texture_separates_scrapes_and_level_does_not(
+    results: tuple[MethodResult, ...],
+) -> None:
     by_name = {result.method: result for result in results}
     assert list(by_name) == list(METHODS)
     assert by_name["texture"].scores["two-class"]["balanced_accuracy"].value > 0.9
@@ -43,20 +55,28 @@ def test_texture_separates_scrapes_and_level_does_not(results: tuple[MethodResul
     assert by_name["texture"].calibration_error < 0.2
 
 
-def test_delays_are_measured_after_contact_and_after_edges(results: tuple[MethodResult, ...]) -> None:
+def test_delays_are_measured_after_contact_and_after_edges(
+    results: tuple[MethodResult, ...],
+) -> None:
     texture = results[-1]
     assert 0 < texture.contact_ms[0] < 150
     assert 0 < texture.edge_ms[0] < 300
 
 
-def test_all_but_the_reference_are_compared_with_it(results: tuple[MethodResult, ...]) -> None:
+def test_all_but_the_reference_are_compared_with_it(
+    results: tuple[MethodResult, ...],
+) -> None:
     assert not results[0].differences
     assert results[-1].differences["balanced_accuracy"].estimate.value > 0
     assert results[-1].differences["balanced_accuracy"].p < 0.1
 
 
-def test_the_same_model_works_when_the_air_microphone_is_silent(results: tuple[MethodResult, ...]) -> None:
-    both, contact_alone = (result.scores["two-class"]["auc"].value for result in (results[-1], results[-2]))
+def test_the_same_model_works_when_the_air_microphone_is_silent(
+    results: tuple[MethodResult, ...],
+) -> None:
+    both, contact_alone = (
+        result.scores["two-class"]["auc"].value for result in (results[-1], results[-2])
+    )
     assert contact_alone > 0.9
     assert contact_alone != both
 
@@ -72,15 +92,23 @@ def test_edges_join_held_out_surfaces_only(dataset: Dataset, tmp_path: Path) -> 
         own = {take.surface for take in fold.test if take.label is not None}
         for edge in (take for take in fold.test if take.label is None):
             assert set(edge.surface.split(" to ")) <= own
-            assert not set(edge.surface.split(" to ")) & {take.surface for take in fold.train}
+            assert not set(edge.surface.split(" to ")) & {
+                take.surface for take in fold.train
+            }
 
 
 def test_splits_follow_the_keys_that_the_data_has(dataset: Dataset) -> None:
     assert splits_of(dataset) == ("leave-one-kin-out", "5-fold")
     assert splits_of(dataset, fast=True) == ("3-fold",)
-    takes = [replace(take, session=f"{k}", scenario="ab"[k % 2]) for k, take in enumerate(dataset.recordings)]
+    takes = [
+        replace(take, session=f"{k}", scenario="ab"[k % 2])
+        for k, take in enumerate(dataset.recordings)
+    ]
     with_sessions = replace(dataset, recordings=tuple(takes))
-    assert splits_of(with_sessions)[2:] == ("leave-one-scenario-out", "5-fold-by-session")
+    assert splits_of(with_sessions)[2:] == (
+        "leave-one-scenario-out",
+        "5-fold-by-session",
+    )
 
 
 def test_simulated_sound_is_named(dataset: Dataset) -> None:
@@ -99,9 +127,16 @@ def test_methods(dataset: Dataset) -> None:
 
 
 def test_a_fast_benchmark_trains_the_network_for_fewer_steps(dataset: Dataset) -> None:
-    full, fast = (methods_for(dataset, ["paper/general", "texture"], fast=fast) for fast in (False, True))
+    full, fast = (
+        methods_for(dataset, ["paper/general", "texture"], fast=fast)
+        for fast in (False, True)
+    )
     networks = [methods[0].identity for methods in (full, fast)]
-    assert networks[0] == networks[1].replace(f"least_steps={FAST_STEPS}", "least_steps=600") != networks[1]
+    assert (
+        networks[0]
+        == networks[1].replace(f"least_steps={FAST_STEPS}", "least_steps=600")
+        != networks[1]
+    )
     assert full[1] == fast[1]
 
 

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from tactophone.core.errors import ConfigError
-from tactophone.lab.benchmark.folds import Cache, MethodFold, cross_validate, fold_key, load_ray, run_folds
+from tactophone.lab.benchmark.folds import (
+    Cache,
+    MethodFold,
+    cross_validate,
+    fold_key,
+    load_ray,
+    run_folds,
+)
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.splits import split
 from tactophone.lab.dataset.values import Recording
@@ -32,17 +39,24 @@ class Constant:
             self.deadly.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         share = np.array([[0.0, 0.25, 0.75]], np.float32)
-        return lambda recording: TakePredictions(recording, np.array([1.0]), share, np.array([True]))
+        return lambda recording: TakePredictions(
+            recording, np.array([1.0]), share, np.array([True])
+        )
 
 
 def method_folds(folder: Path, method: Constant) -> list[MethodFold]:
-    return [(method, fold) for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")]
+    return [
+        (method, fold)
+        for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")
+    ]
 
 
 def test_predictions_are_cached_and_a_second_run_runs_nothing(tmp_path: Path) -> None:
     folds, cache = method_folds(tmp_path, Constant()), Cache(tmp_path / "cache")
     done_counts: list[int] = []
-    assert run_folds(folds, cache, report=lambda done, name: done_counts.append(done)) == 4
+    assert (
+        run_folds(folds, cache, report=lambda done, name: done_counts.append(done)) == 4
+    )
     assert done_counts == [1, 2, 3, 4]
     assert run_folds(folds, cache) == 0
     predictions = cross_validate(Constant(), [fold for _, fold in folds], cache=cache)
@@ -50,8 +64,13 @@ def test_predictions_are_cached_and_a_second_run_runs_nothing(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path) -> None:
-    folds, cache = method_folds(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(
+    tmp_path: Path,
+) -> None:
+    folds, cache = (
+        method_folds(tmp_path, Constant(tmp_path / "dead")),
+        Cache(tmp_path / "cache"),
+    )
     assert run_folds(folds, cache, workers=2) == 4
     assert (tmp_path / "dead").exists()
     assert all(cache.get(fold_key(*fold), fold[1]) for fold in folds)
@@ -60,7 +79,10 @@ def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path)
 @pytest.mark.realtime
 def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
-    folds, cache = method_folds(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    folds, cache = (
+        method_folds(tmp_path, Constant(tmp_path / "dead")),
+        Cache(tmp_path / "cache"),
+    )
     try:
         assert run_folds(folds, cache, workers=1, ray=True) == 4
     finally:

@@ -17,22 +17,33 @@ def kinds(dataset: Dataset, **options: float) -> list[str]:
 
 def changed(dataset: Dataset, *places: int, **fields: object) -> Dataset:
     reported = tuple(
-        replace(recording, **fields) if n in places else recording for n, recording in enumerate(dataset.recordings)
+        replace(recording, **fields) if n in places else recording
+        for n, recording in enumerate(dataset.recordings)
     )
     return replace(dataset, recordings=reported)
 
 
 def test_a_good_set_has_nothing_wrong_and_progress_is_reported(tmp_path: Path) -> None:
     reported: list[int] = []
-    assert check_consistency(open_dataset(audiofolder(tmp_path)), progress=reported.append) == ()
+    assert (
+        check_consistency(open_dataset(audiofolder(tmp_path)), progress=reported.append)
+        == ()
+    )
     assert reported == list(range(1, 9))
 
 
 def test_a_surface_on_both_sides_is_a_leak(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
-    leaking = changed(changed(dataset, 0, properties={"split": "train"}), 1, properties={"split": "test"})
+    leaking = changed(
+        changed(dataset, 0, properties={"split": "train"}),
+        1,
+        properties={"split": "test"},
+    )
     (problem,) = check_consistency(leaking)
-    assert (problem.kind, problem.message.split(";")[0]) == ("leak", "stone 00 is in test and train")
+    assert (problem.kind, problem.message.split(";")[0]) == (
+        "leak",
+        "stone 00 is in test and train",
+    )
 
 
 def test_the_same_sound_in_another_container_is_a_duplicate(tmp_path: Path) -> None:
@@ -44,16 +55,22 @@ def test_the_same_sound_in_another_container_is_a_duplicate(tmp_path: Path) -> N
     soundfile.write(copy, samples, rate, "PCM_24")
     copied = changed(dataset, 1, path=copy)
     assert kinds(copied) == ["duplicate"]
-    (problem,) = check_consistency(changed(copied, 1, label=Touch.SMOOTH, surface="other"))
+    (problem,) = check_consistency(
+        changed(copied, 1, label=Touch.SMOOTH, surface="other")
+    )
     assert "labelled smooth here and rough there" in problem.message
 
 
 def test_a_set_of_one_label_is_unbalanced(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
-    assert kinds(dataset.where(lambda recording: recording.label is Touch.ROUGH)) == ["unbalanced"]
+    assert kinds(dataset.where(lambda recording: recording.label is Touch.ROUGH)) == [
+        "unbalanced"
+    ]
 
 
-def test_a_take_in_which_nothing_is_touched_is_named_by_the_calibrated_level(tmp_path: Path) -> None:
+def test_a_take_in_which_nothing_is_touched_is_named_by_the_calibrated_level(
+    tmp_path: Path,
+) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     quiet = dataset.recordings[0].path
     soundfile.write(quiet, np.random.default_rng(0).normal(0, 1e-4, (4000, 2)), 4000)
@@ -69,7 +86,11 @@ def test_what_cannot_be_read_is_left_to_the_other_check(tmp_path: Path) -> None:
 
 def test_a_line_that_stands_twice_is_named_as_such(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
-    (problem,) = check_consistency(replace(dataset, recordings=(*dataset.recordings, replace(dataset.recordings[0]))))
+    (problem,) = check_consistency(
+        replace(
+            dataset, recordings=(*dataset.recordings, replace(dataset.recordings[0]))
+        )
+    )
     assert problem.message == "the manifest names it twice; drop either line"
 
 

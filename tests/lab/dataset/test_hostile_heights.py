@@ -13,7 +13,10 @@ from tactophone.lab.dataset.roughness import read_heights
 
 
 def _npy(shape: object, kind: str = "<f8", data: bytes = b"") -> bytes:
-    head = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    head = (
+        f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}".ljust(117)
+        + "\n"
+    )
     return b"\x93NUMPY\x01\0" + struct.pack("<H", len(head)) + head.encode() + data
 
 
@@ -33,14 +36,18 @@ FILES = {
     "objects.npy": _npy((1,), "|O", b"x"),
     "texts.npy": _npy((4,), "<U1000000000", bytes(64)),
     "no.png": b"\x89PNG\r\n\x1a\n" + bytes(100),
-    "20 GB.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">IIBBBBB", 50_000, 50_000, 16, 0, 0, 0, 0) + bytes(50),
+    "20 GB.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+    + struct.pack(">IIBBBBB", 50_000, 50_000, 16, 0, 0, 0, 0)
+    + bytes(50),
     "empty.npz": b"PK\x05\x06" + bytes(18),
     "none.npz": b"nothing",
 }
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_what_claims_gigabytes_or_is_no_file_of_heights_is_refused_in_a_line(name: str, tmp_path: Path) -> None:
+def test_what_claims_gigabytes_or_is_no_file_of_heights_is_refused_in_a_line(
+    name: str, tmp_path: Path
+) -> None:
     (tmp_path / name).write_bytes(FILES[name])
     _refused(tmp_path / name)
 

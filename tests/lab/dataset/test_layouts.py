@@ -23,31 +23,54 @@ def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
     assert {recording.known("tip") for recording in dataset.recordings} == {"pad"}
 
 
-def test_the_authors_split_tests_their_test_objects_and_the_competition(tmp_path: Path) -> None:
-    folds = {fold.name: fold for fold in split(open_dataset(authors(tmp_path)), "predefined")}
-    assert {recording.surface for recording in folds["test"].test} == {"object 21", "object 22"}
-    assert {recording.surface for recording in folds["competition"].test} == {"competition smooth", "competition rough"}
-    assert {recording.surface for recording in folds["test"].train} == {"object 00", "object 02"}
+def test_the_authors_split_tests_their_test_objects_and_the_competition(
+    tmp_path: Path,
+) -> None:
+    folds = {
+        fold.name: fold for fold in split(open_dataset(authors(tmp_path)), "predefined")
+    }
+    assert {recording.surface for recording in folds["test"].test} == {
+        "object 21",
+        "object 22",
+    }
+    assert {recording.surface for recording in folds["competition"].test} == {
+        "competition smooth",
+        "competition rough",
+    }
+    assert {recording.surface for recording in folds["test"].train} == {
+        "object 00",
+        "object 02",
+    }
 
 
-def test_the_competitions_stones_are_kin_of_its_runs_and_the_spare_one_is_on_no_side(tmp_path: Path) -> None:
+def test_the_competitions_stones_are_kin_of_its_runs_and_the_spare_one_is_on_no_side(
+    tmp_path: Path,
+) -> None:
     write_sound(authors(tmp_path) / "opus" / "stereo" / "20_wiggle.wav")
     recordings = open_dataset(tmp_path).recordings
-    kin = {recording.surface: (recording.known("kin"), recording.known("split")) for recording in recordings}
+    kin = {
+        recording.surface: (recording.known("kin"), recording.known("split"))
+        for recording in recordings
+    }
     assert kin["object 20"] == ("competition rough", "")
     assert kin["object 22"] == ("competition rough", "test")
     assert kin["competition rough"] == ("competition rough", "competition")
     assert kin["object 21"][0] == kin["competition smooth"][0] == "competition smooth"
     assert kin["object 00"] == ("object 00", "train")
     for fold in split(open_dataset(tmp_path), "leave-one-kin-out"):
-        assert not {take.known("kin") for take in fold.train} & {take.known("kin") for take in fold.test}
+        assert not {take.known("kin") for take in fold.train} & {
+            take.known("kin") for take in fold.test
+        }
 
 
 def test_a_file_that_does_not_fit_the_authors_names_is_named(tmp_path: Path) -> None:
     write_sound(authors(tmp_path) / "opus" / "stereo" / "object_one.wav")
     write_sound(tmp_path / "finals_recordings" / "day_one.wav")
     dataset = open_dataset(tmp_path)
-    assert [problem.path.name for problem in dataset.problems] == ["object_one.wav", "day_one.wav"]
+    assert [problem.path.name for problem in dataset.problems] == [
+        "object_one.wav",
+        "day_one.wav",
+    ]
     assert len(dataset.recordings) == 7
 
 
@@ -68,12 +91,18 @@ def test_a_manifest_brings_its_segments(tmp_path: Path) -> None:
     dataset = open_dataset(tmp_path)
     cork, table = dataset.recordings
     assert (cork.channels, table.channels) == (("contact", "contact"), ("air",))
-    assert [segment.contact for segment in (*cork.segments, *table.segments)] == [False, True]
+    assert [segment.contact for segment in (*cork.segments, *table.segments)] == [
+        False,
+        True,
+    ]
     assert (cork.label, table.label, table.take) == (None, None, "02")
     assert [problem.kind for problem in dataset.problems] == ["segments"]
 
 
 def test_reads_the_real_recordings(recordings: Path) -> None:
-    sizes = {name: len(open_dataset(recordings / name).recordings) for name in ("lmt", "phac", "biotac", "tapsense")}
+    sizes = {
+        name: len(open_dataset(recordings / name).recordings)
+        for name in ("lmt", "phac", "biotac", "tapsense")
+    }
     assert sizes == {"lmt": 230, "phac": 74, "biotac": 400, "tapsense": 8}
     assert not any(open_dataset(recordings / name).problems for name in sizes)

@@ -12,8 +12,16 @@ from tests.lab.dataset.folders import audiofolder, write_sound, write_text
 def test_reads_the_columns_it_knows_and_keeps_the_others(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     first = dataset.recordings[0]
-    assert (first.surface, first.label, first.channels) == ("stone 00", Touch.ROUGH, ("contact", "air"))
-    assert (first.take, first.scenario, first.properties["pressure"]) == ("0", "hand", "light")
+    assert (first.surface, first.label, first.channels) == (
+        "stone 00",
+        Touch.ROUGH,
+        ("contact", "air"),
+    )
+    assert (first.take, first.scenario, first.properties["pressure"]) == (
+        "0",
+        "hand",
+        "light",
+    )
     assert dataset.problems == ()
 
 
@@ -40,11 +48,19 @@ def test_refuses_to_write_what_lies_elsewhere(tmp_path: Path) -> None:
         write_metadata(tmp_path / "inner", [Recording(tmp_path / "a.wav", "slate")])
 
 
-def test_parts_with_a_manifest_each_become_one_dataset_with_a_split(tmp_path: Path) -> None:
+def test_parts_with_a_manifest_each_become_one_dataset_with_a_split(
+    tmp_path: Path,
+) -> None:
     for part in ("train", "test"):
         write_sound(tmp_path / part / "a.wav")
-        write_text(tmp_path / part / "metadata.csv", "file_name,surface,label", f"a.wav,{part} stone,rough")
-    splits = [recording.known("split") for recording in open_dataset(tmp_path).recordings]
+        write_text(
+            tmp_path / part / "metadata.csv",
+            "file_name,surface,label",
+            f"a.wav,{part} stone,rough",
+        )
+    splits = [
+        recording.known("split") for recording in open_dataset(tmp_path).recordings
+    ]
     assert splits == ["train", "test"]
 
 
@@ -58,9 +74,16 @@ def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
         "b.wav,slate,Rough,",
     )
     dataset = open_dataset(tmp_path)
-    assert [problem.kind for problem in dataset.problems] == ["file_name", "file_name", "label", "segments"]
+    assert [problem.kind for problem in dataset.problems] == [
+        "file_name",
+        "file_name",
+        "label",
+        "segments",
+    ]
     assert "'ruogh' is not a label; write one of none" in str(dataset.problems[2])
-    assert [(recording.path.name, recording.label) for recording in dataset.recordings] == [
+    assert [
+        (recording.path.name, recording.label) for recording in dataset.recordings
+    ] == [
         ("a.wav", None),
         ("b.wav", Touch.ROUGH),
     ]
@@ -68,9 +91,14 @@ def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b"surface,label\nslate,rough\n", "no column file_name"), (b"\xff\xfe\x00a", "not a CSV file")],
+    [
+        (b"surface,label\nslate,rough\n", "no column file_name"),
+        (b"\xff\xfe\x00a", "not a CSV file"),
+    ],
 )
-def test_a_manifest_that_cannot_be_read_says_why(tmp_path: Path, content: bytes, message: str) -> None:
+def test_a_manifest_that_cannot_be_read_says_why(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
     (tmp_path / "metadata.csv").write_bytes(content)
     with pytest.raises(DatasetError, match=message):
         open_dataset(tmp_path)

@@ -1,8 +1,16 @@
 from pathlib import Path
 
-from tactophone.lab.dataset.values import Recording, cut_slides, first_slide, read_slides, slides_over
+from tactophone.lab.dataset.values import (
+    Recording,
+    cut_slides,
+    first_slide,
+    read_slides,
+    slides_over,
+)
 
-LISTED = Recording(Path("a.flac"), "slate", properties={"slides": "0.500-1.000 1.500-2.000"})
+LISTED = Recording(
+    Path("a.flac"), "slate", properties={"slides": "0.500-1.000 1.500-2.000"}
+)
 UNKNOWN = Recording(Path("b.flac"), "slate")
 
 

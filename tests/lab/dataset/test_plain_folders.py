@@ -49,7 +49,10 @@ def test_numbered_labels_have_names(tmp_path: Path, way: str) -> None:
     elif way == "toml":
         (tmp_path / "labels.toml").write_text('0 = "rough"\n1 = "smooth"\n')
     labels = {"0": "rough", "1": "smooth"} if way == "option" else None
-    found = [(each.surface, each.label) for each in open_dataset(tmp_path, labels=labels).recordings]
+    found = [
+        (each.surface, each.label)
+        for each in open_dataset(tmp_path, labels=labels).recordings
+    ]
     assert found == [("a", Touch.ROUGH), ("b", Touch.SMOOTH)]
 
 

@@ -19,7 +19,9 @@ def test_a_folder_of_datasets_lists_them(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_a_data_set_says_what_is_missing(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="with the columns file_name, surface and label"):
+    with pytest.raises(
+        DatasetError, match="with the columns file_name, surface and label"
+    ):
         open_dataset(tmp_path)
     with pytest.raises(DatasetError, match="no such folder"):
         open_dataset(tmp_path / "nowhere")
@@ -27,9 +29,14 @@ def test_a_folder_without_a_data_set_says_what_is_missing(tmp_path: Path) -> Non
 
 def test_the_label_of_a_file_is_found_in_its_own_dataset(tmp_path: Path) -> None:
     folder = audiofolder(tmp_path / "ours")
-    assert [segment.label for segment in ground_truth(folder / "audio" / "00_0.flac", duration=1.0)] == [Touch.ROUGH]
+    assert [
+        segment.label
+        for segment in ground_truth(folder / "audio" / "00_0.flac", duration=1.0)
+    ] == [Touch.ROUGH]
     theirs = authors(tmp_path / "theirs") / "opus" / "stereo" / "02_short_loud.wav"
-    assert [segment.label for segment in ground_truth(theirs, duration=1.0)] == [Touch.SMOOTH]
+    assert [segment.label for segment in ground_truth(theirs, duration=1.0)] == [
+        Touch.SMOOTH
+    ]
     assert find_recording(write_sound(folder / "audio" / "stray.flac")) is None
 
 

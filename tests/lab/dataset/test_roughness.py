@@ -3,7 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from tactophone.lab.dataset.roughness import COARSE_CUTOFF, CUTOFF, measure_profile, roughness_profile
+from tactophone.lab.dataset.roughness import (
+    COARSE_CUTOFF,
+    CUTOFF,
+    measure_profile,
+    roughness_profile,
+)
 
 STEP = 1e-6
 PLACE = np.arange(0, 12e-3, STEP)
@@ -20,7 +25,10 @@ def test_a_sine() -> None:
 
 
 def test_a_square_wave() -> None:
-    found = measure_profile(AMPLITUDE * np.sign(np.sin(2 * math.pi * (PLACE + STEP / 2) / PERIOD)), step=STEP)
+    found = measure_profile(
+        AMPLITUDE * np.sign(np.sin(2 * math.pi * (PLACE + STEP / 2) / PERIOD)),
+        step=STEP,
+    )
     assert found.ra == pytest.approx(AMPLITUDE, rel=0.02)
     assert found.rq == pytest.approx(AMPLITUDE, rel=0.02)
     assert found.rsm == pytest.approx(PERIOD, rel=1e-3)
@@ -34,12 +42,18 @@ def test_a_triangle() -> None:
 
 
 def test_gaussian_heights() -> None:
-    found = measure_profile(AMPLITUDE * np.random.default_rng(0).standard_normal(200_000), step=STEP)
+    found = measure_profile(
+        AMPLITUDE * np.random.default_rng(0).standard_normal(200_000), step=STEP
+    )
     assert found.ra / found.rq == pytest.approx(math.sqrt(2 / math.pi), rel=0.01)
 
 
-@pytest.mark.parametrize(("period", "passes"), [(CUTOFF / 8, 1.0), (CUTOFF, 0.5), (CUTOFF * 8, 0.011)])
-def test_the_filter_halves_a_wave_of_the_cutoff_length(period: float, passes: float) -> None:
+@pytest.mark.parametrize(
+    ("period", "passes"), [(CUTOFF / 8, 1.0), (CUTOFF, 0.5), (CUTOFF * 8, 0.011)]
+)
+def test_the_filter_halves_a_wave_of_the_cutoff_length(
+    period: float, passes: float
+) -> None:
     place = np.arange(0, 40e-3, 10e-6)
     wave = np.cos(2 * math.pi * place / period)
     left = roughness_profile(wave, step=10e-6)
@@ -50,7 +64,9 @@ def test_the_filter_halves_a_wave_of_the_cutoff_length(period: float, passes: fl
 def test_waviness_and_tilt_do_not_count() -> None:
     sine = AMPLITUDE * np.sin(2 * math.pi * PLACE / PERIOD)
     tilted = sine + 0.001 * PLACE + 20e-6 * np.sin(2 * math.pi * PLACE / 10e-3)
-    assert measure_profile(tilted, step=STEP).ra == pytest.approx(measure_profile(sine, step=STEP).ra, rel=0.06)
+    assert measure_profile(tilted, step=STEP).ra == pytest.approx(
+        measure_profile(sine, step=STEP).ra, rel=0.06
+    )
 
 
 def test_too_short_a_profile_is_refused() -> None:
@@ -67,7 +83,9 @@ def rq(heights: np.ndarray) -> float:
 
 
 def test_a_periodic_sine_has_the_textbook_ra_and_rq() -> None:
-    roughness = measure_profile(sine(1e-4), step=1e-6, cutoff=COARSE_CUTOFF, periodic=True)
+    roughness = measure_profile(
+        sine(1e-4), step=1e-6, cutoff=COARSE_CUTOFF, periodic=True
+    )
     assert roughness.ra == pytest.approx(2 / np.pi, rel=1e-3)
     assert roughness.rq == pytest.approx(1 / np.sqrt(2), rel=1e-3)
 

@@ -24,9 +24,18 @@ def predicted(
 ) -> TakePredictions:
     """Predictions every 10 ms with these shares of rough."""
     share = np.array(rough, np.float32)
-    rows = np.stack([np.full_like(share, none), (1 - none) * (1 - share), (1 - none) * share], axis=1)
+    rows = np.stack(
+        [np.full_like(share, none), (1 - none) * (1 - share), (1 - none) * share],
+        axis=1,
+    )
     recording = Recording(
-        Path(f"{surface}.wav"), surface, label, segments=tuple(segments), properties={"slides": slides}
+        Path(f"{surface}.wav"),
+        surface,
+        label,
+        segments=tuple(segments),
+        properties={"slides": slides},
     )
     open_gate = np.ones(len(share), bool) if contact is None else np.array(contact)
-    return TakePredictions(recording, HOP * np.arange(1, len(share) + 1), rows, open_gate)
+    return TakePredictions(
+        recording, HOP * np.arange(1, len(share) + 1), rows, open_gate
+    )

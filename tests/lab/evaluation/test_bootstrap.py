@@ -15,7 +15,13 @@ from tactophone.lab.evaluation.bootstrap import (
     estimate,
     paired_difference,
 )
-from tactophone.lab.evaluation.metrics import Scores, count_by_surface, measure, measure_counts, sort_scores
+from tactophone.lab.evaluation.metrics import (
+    Scores,
+    count_by_surface,
+    measure,
+    measure_counts,
+    sort_scores,
+)
 from tactophone.lab.evaluation.predict import TakePredictions
 
 
@@ -42,12 +48,17 @@ def test_the_interval_holds_the_value_and_is_reproducible() -> None:
 
 
 def test_more_windows_of_the_same_surfaces_do_not_narrow_the_interval() -> None:
-    narrow, wide = (estimate(made(12, spread=0.15, windows=n), draws=300)["auc"] for n in (400, 20))
+    narrow, wide = (
+        estimate(made(12, spread=0.15, windows=n), draws=300)["auc"] for n in (400, 20)
+    )
     assert narrow.high - narrow.low == pytest.approx(wide.high - wide.low, rel=0.35)
 
 
 def test_more_surfaces_narrow_the_interval() -> None:
-    few, many = (estimate(made(n, spread=0.15), draws=300)["balanced_accuracy"] for n in (12, 192))
+    few, many = (
+        estimate(made(n, spread=0.15), draws=300)["balanced_accuracy"]
+        for n in (12, 192)
+    )
     assert many.high - many.low < (few.high - few.low) / 2
 
 
@@ -56,14 +67,29 @@ def test_fewer_than_five_surfaces_a_class_have_no_interval() -> None:
     assert np.isnan([auc.low, auc.high]).all()
     assert str(auc) == f"{auc.value:.3f}"
     assert auc.rounded(3) == [round(auc.value, 3)]
-    assert np.isnan(paired_difference(made(2, spread=0.15), made(2, spread=0.15), draws=50)["auc"].p)
+    assert np.isnan(
+        paired_difference(made(2, spread=0.15), made(2, spread=0.15), draws=50)["auc"].p
+    )
 
 
 def test_a_rate_rises_beyond_its_interval_or_without_one_by_two_points() -> None:
     known, unknown = Estimate(0.1, 0.05, 0.2), Estimate(0.1, np.nan, np.nan)
-    assert [Estimate(0, 0, 0).is_exceeded_by(rate) for rate in (0, 0.01, 0.03)] == [False, False, True]
-    assert [known.is_exceeded_by(rate) for rate in (0.1, 0.19, 0.21)] == [False, False, True]
-    assert [unknown.is_exceeded_by(rate) for rate in (0.1, 0.11, 0.13, np.nan)] == [False, False, True, False]
+    assert [Estimate(0, 0, 0).is_exceeded_by(rate) for rate in (0, 0.01, 0.03)] == [
+        False,
+        False,
+        True,
+    ]
+    assert [known.is_exceeded_by(rate) for rate in (0.1, 0.19, 0.21)] == [
+        False,
+        False,
+        True,
+    ]
+    assert [unknown.is_exceeded_by(rate) for rate in (0.1, 0.11, 0.13, np.nan)] == [
+        False,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_draws_in_bins_measure_what_exact_ones_do() -> None:
@@ -73,7 +99,9 @@ def test_draws_in_bins_measure_what_exact_ones_do() -> None:
     binned = measure_counts(np.tensordot(times, table, axes=1), called)
     for row, weights in enumerate(times):
         exact = measure(scores, weights[scores.surface])
-        assert {name: drawn[row] for name, drawn in binned.items()} == pytest.approx(exact, abs=2e-3)
+        assert {name: drawn[row] for name, drawn in binned.items()} == pytest.approx(
+            exact, abs=2e-3
+        )
 
 
 def scores(noise: float, seed: int = 0) -> Scores:
@@ -81,11 +109,18 @@ def scores(noise: float, seed: int = 0) -> Scores:
     surface = np.repeat(np.arange(10), 100)
     rough = surface % 2 == 1
     score = np.clip(0.25 + 0.5 * rough + noise * rng.standard_normal(1000), 0, 1)
-    return sort_scores(score, rough=rough, surface=surface, names=tuple(f"stone {k}" for k in range(10)))
+    return sort_scores(
+        score,
+        rough=rough,
+        surface=surface,
+        names=tuple(f"stone {k}" for k in range(10)),
+    )
 
 
 def test_the_better_method_differs_significantly() -> None:
-    difference = paired_difference(scores(0.1), scores(0.5), draws=200)["balanced_accuracy"]
+    difference = paired_difference(scores(0.1), scores(0.5), draws=200)[
+        "balanced_accuracy"
+    ]
     assert difference.estimate.value > 0.1
     assert difference.estimate.low > 0
     assert difference.p < 0.05
@@ -106,7 +141,11 @@ def predicted(correct: float, *, contact: bool = True) -> list[TakePredictions]:
         rough = right if label is Touch.ROUGH else ~right
         rows = np.stack([np.zeros(100), 1.0 - rough, rough], axis=1).astype(np.float32)
         recording = Recording(Path(f"{number}.wav"), f"stone {number // 2}", label)
-        made.append(TakePredictions(recording, np.arange(100) / 100, rows, np.full(100, contact)))
+        made.append(
+            TakePredictions(
+                recording, np.arange(100) / 100, rows, np.full(100, contact)
+            )
+        )
     return made
 
 
@@ -117,7 +156,12 @@ def test_gain_and_loss_are_paired() -> None:
     assert accuracy.difference.value == pytest.approx(0.3)
     assert accuracy.difference.low == pytest.approx(0.3)
     assert changes["false_positive_rate"].difference.value == pytest.approx(-0.3)
-    assert compare_models(predicted(0.6), predicted(0.9), by=attrgetter("path.name"))["balanced_accuracy"] == accuracy
+    assert (
+        compare_models(predicted(0.6), predicted(0.9), by=attrgetter("path.name"))[
+            "balanced_accuracy"
+        ]
+        == accuracy
+    )
 
 
 def test_objects_of_one_label_are_scored_on_it_alone() -> None:
@@ -130,6 +174,10 @@ def test_objects_of_one_label_are_scored_on_it_alone() -> None:
 
 def test_no_contact_is_named() -> None:
     with pytest.raises(DatasetError, match="never opened"):
-        compare_models(predicted(0.5, contact=False), predicted(0.5, contact=False), by=attrgetter("surface"))
+        compare_models(
+            predicted(0.5, contact=False),
+            predicted(0.5, contact=False),
+            by=attrgetter("surface"),
+        )
     with pytest.raises(DatasetError, match="never opened"):
         accuracy_of(predicted(0.5, contact=False))

@@ -31,7 +31,9 @@ def test_gaps_and_abstention_count_as_wrong() -> None:
 
 def test_only_true_contact_counts_and_one_class_has_its_own_accuracy() -> None:
     segments = [Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough")]
-    scores = rendered_scores([predicted([0.1] * 50 + [0.9] * 50, label=Touch.ROUGH, segments=segments)], RULE)
+    scores = rendered_scores(
+        [predicted([0.1] * 50 + [0.9] * 50, label=Touch.ROUGH, segments=segments)], RULE
+    )
     assert scores.balanced_accuracy.value == 1.0
     assert math.isnan(scores.smooth_as_rough.value)
 
@@ -44,7 +46,11 @@ def test_nothing_to_score_is_an_error() -> None:
 def test_errors_are_counted_in_unknown_contact_and_in_the_rest() -> None:
     takes = [
         predicted([0.6] * 10 + [0.4] * 10 + [0.9] * 60, label=Touch.ROUGH),
-        predicted([0.9] * 5 + [0.1] * 15, label=Touch.SMOOTH, contact=[True] * 10 + [False] * 10),
+        predicted(
+            [0.9] * 5 + [0.1] * 15,
+            label=Touch.SMOOTH,
+            contact=[True] * 10 + [False] * 10,
+        ),
     ]
     assert unknown_shares(takes) == pytest.approx((20 / 90, 10 / 20, 5 / 70))
     assert all(math.isnan(share) for share in unknown_shares([]))

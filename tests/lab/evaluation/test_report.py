@@ -12,12 +12,24 @@ from tactophone.lab.evaluation.report import make_report
 
 
 def predicted(
-    surface: str, label: Touch, *, rough: list[float], none: float = 0.0, contact: int = 1
+    surface: str,
+    label: Touch,
+    *,
+    rough: list[float],
+    none: float = 0.0,
+    contact: int = 1,
 ) -> TakePredictions:
     share = np.array(rough) * (1 - none)
-    rows = np.stack([np.full(len(rough), none), 1 - none - share, share], axis=1).astype(np.float32)
+    rows = np.stack(
+        [np.full(len(rough), none), 1 - none - share, share], axis=1
+    ).astype(np.float32)
     gate = np.full(len(rough), bool(contact))
-    return TakePredictions(Recording(Path(f"{surface}.wav"), surface, label), np.arange(float(len(rough))), rows, gate)
+    return TakePredictions(
+        Recording(Path(f"{surface}.wav"), surface, label),
+        np.arange(float(len(rough))),
+        rows,
+        gate,
+    )
 
 
 def made() -> list[TakePredictions]:
@@ -46,11 +58,21 @@ def test_windows_are_scored_whatever_the_gate_reports() -> None:
     # As rendered, a gate that never opens is a gap, and a gap is wrong.
     assert report.rendered.gaps.value == 0.25
     assert report.rendered.smooth_as_smooth.value == pytest.approx(3 / 8)
-    assert (report.recordings, report.surfaces, report.updates, report.contact) == (4, 4, 16, 0.75)
+    assert (report.recordings, report.surfaces, report.updates, report.contact) == (
+        4,
+        4,
+        16,
+        0.75,
+    )
 
 
 def test_it_can_be_written_as_json() -> None:
     loaded = json.loads(json.dumps(asdict(make_report(made(), draws=20))))
     assert set(loaded["rules"]) == {"authors", "two-class"}
     assert loaded["rules"]["authors"]["auc"].keys() == {"value", "low", "high"}
-    assert [row["name"] for row in loaded["by_recording"]] == ["slate.wav", "brick.wav", "glass.wav", "steel.wav"]
+    assert [row["name"] for row in loaded["by_recording"]] == [
+        "slate.wav",
+        "brick.wav",
+        "glass.wav",
+        "steel.wav",
+    ]

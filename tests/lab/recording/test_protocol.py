@@ -9,21 +9,34 @@ RATE = 1000
 
 
 def protocol(**options: object) -> Protocol:
-    return Protocol(TAKES, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options})
+    return Protocol(
+        TAKES, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options}
+    )
 
 
 def feed(machine: Protocol, seconds: float, size: int = 100) -> int:
     """Push sound; return how many samples were recorded."""
     return sum(
-        machine.push(AudioBlock(np.zeros((min(size, round(seconds * RATE) - start), 2), np.float32), RATE)).size
+        machine.push(
+            AudioBlock(
+                np.zeros((min(size, round(seconds * RATE) - start), 2), np.float32),
+                RATE,
+            )
+        ).size
         for start in range(0, round(seconds * RATE), size)
     )
 
 
 def test_the_paper_has_seven_takes() -> None:
     assert [take.name for take in TAKES] == [
-        "long_light", "long_medium", "long_loud", "short_light", "short_medium", "short_loud", "wiggle",
-    ]  # fmt: skip
+        "long_light",
+        "long_medium",
+        "long_loud",
+        "short_light",
+        "short_medium",
+        "short_loud",
+        "wiggle",
+    ]
     assert all(take.instruction for take in TAKES)
 
 
@@ -36,7 +49,11 @@ def test_a_take_is_counted_down_recorded_to_the_sample_and_reviewed(size: int) -
     assert feed(machine, 3.0, size) == 2 * RATE or size == 5000
     assert machine.stage is Stage.REVIEW
     machine.press(Key.GO)
-    assert (machine.stage, machine.take.name, machine.number) == (Stage.READY, "long_medium", 2)
+    assert (machine.stage, machine.take.name, machine.number) == (
+        Stage.READY,
+        "long_medium",
+        2,
+    )
 
 
 def test_all_takes_lead_to_the_end() -> None:

@@ -25,7 +25,10 @@ def test_a_good_take_is_good() -> None:
         (TakeLevels(30.0, 0.6, 0.05, -15.0), "5.0% is clipped"),
         (TakeLevels(12.0, 0.6, 0.0, -15.0), "ends after 12.0 of 30 s"),
         (TakeLevels(30.0, 0.6, 0.0, -19.5), "not louder than light pressure (+0.5 dB)"),
-        (TakeLevels(30.0, 0.6, 0.0, -15.0, (SensorFault(FaultKind.DEAD, 1),)), "air microphone dead"),
+        (
+            TakeLevels(30.0, 0.6, 0.0, -15.0, (SensorFault(FaultKind.DEAD, 1),)),
+            "air microphone dead",
+        ),
     ],
 )
 def test_each_complaint_says_what_was_found(levels: TakeLevels, words: str) -> None:
@@ -33,8 +36,16 @@ def test_each_complaint_says_what_was_found(levels: TakeLevels, words: str) -> N
 
 
 def test_pressure_is_compared_with_the_same_stroke_only() -> None:
-    assert assess_take(LIGHT, GOOD, {"long_medium": -10.0, "short_light": -10.0}, duration=30) == "good"
-    assert assess_take(TAKES[-1], GOOD, {take.name: 0.0 for take in TAKES}, duration=30) == "good"
+    assert (
+        assess_take(
+            LIGHT, GOOD, {"long_medium": -10.0, "short_light": -10.0}, duration=30
+        )
+        == "good"
+    )
+    assert (
+        assess_take(TAKES[-1], GOOD, {take.name: 0.0 for take in TAKES}, duration=30)
+        == "good"
+    )
 
 
 def test_the_meter_measures_contact_level_and_clipping() -> None:

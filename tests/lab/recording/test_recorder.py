@@ -15,19 +15,35 @@ from tactophone.lab.simulation.participant import SimulatedParticipant
 from tactophone.lab.simulation.takes import TAKES
 from tactophone.signal.perception.health import Reference
 
-TARGET = RecordedObject("Whiteboard", Touch.SMOOTH, material="enamel", scenario="table", session="2026-01-01")
+TARGET = RecordedObject(
+    "Whiteboard",
+    Touch.SMOOTH,
+    material="enamel",
+    scenario="table",
+    session="2026-01-01",
+)
 SECONDS = 6.0
 
 
 def plan(root: Path, takes: int = 2) -> SessionPlan:
-    return SessionPlan(root, Reference(threshold_dbfs=-42.0), takes=TAKES[:takes], duration=SECONDS, countdown=0.5)
+    return SessionPlan(
+        root,
+        Reference(threshold_dbfs=-42.0),
+        takes=TAKES[:takes],
+        duration=SECONDS,
+        countdown=0.5,
+    )
 
 
-def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = "") -> Recorder:
+def session(
+    root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = ""
+) -> Recorder:
     """A whole session with a simulated person, in virtual time."""
     participant = SimulatedParticipant(find("whiteboard"), gain_db=-12)
     source = FaultySource(participant, [FaultSpan(fault)] if fault else [])
-    recorder = Recorder(TARGET, plan(root, takes), known, sample_rate=48_000, channels=2)
+    recorder = Recorder(
+        TARGET, plan(root, takes), known, sample_rate=48_000, channels=2
+    )
     blocks = iter(source)
     while recorder.protocol.stage is not Stage.DONE:
         if recorder.protocol.stage is Stage.READY:
@@ -43,13 +59,29 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
     recorder = session(tmp_path, takes=3)
     dataset = open_dataset(tmp_path)
     assert check(dataset) == ()
-    assert [recording.take for recording in dataset.recordings] == ["long_light", "long_medium", "long_loud"]
-    assert [recording.known("quality") for recording in recorder.recordings] == ["good"] * 3
-    assert {soundfile.info(recording.path).duration for recording in dataset.recordings} == {SECONDS}
+    assert [recording.take for recording in dataset.recordings] == [
+        "long_light",
+        "long_medium",
+        "long_loud",
+    ]
+    assert [recording.known("quality") for recording in recorder.recordings] == [
+        "good"
+    ] * 3
+    assert {
+        soundfile.info(recording.path).duration for recording in dataset.recordings
+    } == {SECONDS}
     first = dataset.recordings[0]
     assert first.path == tmp_path / "whiteboard" / "table" / "long_light.flac"
-    assert (first.surface, first.label, first.scenario) == ("Whiteboard", Touch.SMOOTH, "table")
-    assert (first.known("material"), first.known("pressure"), first.known("stroke")) == ("enamel", "light", "long")
+    assert (first.surface, first.label, first.scenario) == (
+        "Whiteboard",
+        Touch.SMOOTH,
+        "table",
+    )
+    assert (
+        first.known("material"),
+        first.known("pressure"),
+        first.known("stroke"),
+    ) == ("enamel", "light", "long")
 
 
 @pytest.mark.slow
@@ -64,7 +96,9 @@ def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
 def test_a_fault_in_a_take_is_in_its_quality(tmp_path: Path) -> None:
     recorder = session(tmp_path, takes=1, fault="air-dead")
     assert "air microphone dead" in recorder.quality
-    assert "air microphone dead" in open_dataset(tmp_path).recordings[0].known("quality")
+    assert "air microphone dead" in open_dataset(tmp_path).recordings[0].known(
+        "quality"
+    )
 
 
 def begun(root: Path) -> tuple[Recorder, "object"]:

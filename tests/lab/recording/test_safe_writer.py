@@ -14,7 +14,13 @@ from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.checks import check
 from tactophone.lab.dataset.read import open_dataset
 from tactophone.lab.dataset.values import Recording
-from tactophone.lab.recording.safe_writer import ENTRY, PART, TakeWriter, recording_in, recover
+from tactophone.lab.recording.safe_writer import (
+    ENTRY,
+    PART,
+    TakeWriter,
+    recording_in,
+    recover,
+)
 
 RATE = 48_000
 BLOCK = 4800
@@ -36,20 +42,40 @@ print("finished", flush=True)
 
 
 def begin(root: Path, name: str = "long_light") -> TakeWriter:
-    recording = Recording(root / "slate" / f"{name}.flac", "slate", Touch.ROUGH, ("contact", "air"), take=name)
+    recording = Recording(
+        root / "slate" / f"{name}.flac",
+        "slate",
+        Touch.ROUGH,
+        ("contact", "air"),
+        take=name,
+    )
     return TakeWriter.begin(root, recording, sample_rate=RATE)
 
 
 def block(place: int) -> AudioBlock:
     """Sound that says which sample it is, exact in 24 bits."""
     numbers = np.arange(place * BLOCK, (place + 1) * BLOCK) / 2**23
-    return AudioBlock(np.stack([numbers, -numbers], axis=1).astype(np.float32), RATE, place * BLOCK)
+    return AudioBlock(
+        np.stack([numbers, -numbers], axis=1).astype(np.float32), RATE, place * BLOCK
+    )
 
 
-def writer(root: Path, blocks: int, *, most_bytes: int = 1 << 30) -> "subprocess.Popen[str]":
+def writer(
+    root: Path, blocks: int, *, most_bytes: int = 1 << 30
+) -> "subprocess.Popen[str]":
     """Begin a process that writes a take and says how far it is."""
-    command = [sys.executable, "-c", WRITER, str(root), str(blocks), str(most_bytes), *sys.path]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-c",
+        WRITER,
+        str(root),
+        str(blocks),
+        str(most_bytes),
+        *sys.path,
+    ]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def recovered(root: Path) -> int:
@@ -57,9 +83,13 @@ def recovered(root: Path) -> int:
     list(recover(root))
     (recording,) = open_dataset(root).recordings
     samples, _ = soundfile.read(recording.path)
-    whole = np.concatenate([block(place).samples for place in range(len(samples) // BLOCK + 1)])[: len(samples)]
+    whole = np.concatenate(
+        [block(place).samples for place in range(len(samples) // BLOCK + 1)]
+    )[: len(samples)]
     np.testing.assert_array_equal(samples.astype(np.float32), whole)
-    assert [path.name for path in recording.path.parent.iterdir()] == [recording.path.name]
+    assert [path.name for path in recording.path.parent.iterdir()] == [
+        recording.path.name
+    ]
     return len(samples)
 
 
@@ -69,10 +99,20 @@ def test_a_take_becomes_a_lossless_file_and_a_line(tmp_path: Path) -> None:
         take.write(block(place))
     recording = take.finish(quality="good")
     samples, rate = soundfile.read(recording.path)
-    assert (len(samples), rate, soundfile.info(recording.path).subtype) == (10 * BLOCK, RATE, "PCM_24")
+    assert (len(samples), rate, soundfile.info(recording.path).subtype) == (
+        10 * BLOCK,
+        RATE,
+        "PCM_24",
+    )
     (listed,) = open_dataset(tmp_path).recordings
-    assert (listed.surface, listed.take, listed.known("quality")) == ("slate", "long_light", "good")
-    assert [path.name for path in recording.path.parent.iterdir()] == ["long_light.flac"]
+    assert (listed.surface, listed.take, listed.known("quality")) == (
+        "slate",
+        "long_light",
+        "good",
+    )
+    assert [path.name for path in recording.path.parent.iterdir()] == [
+        "long_light.flac"
+    ]
 
 
 @pytest.mark.slow
@@ -90,7 +130,9 @@ def test_a_kill_loses_less_than_a_second(tmp_path: Path, killed_after: int) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.002, 0.01, 0.03, 0.08])
-def test_a_kill_while_the_take_is_finished_loses_nothing(tmp_path: Path, delay: float) -> None:
+def test_a_kill_while_the_take_is_finished_loses_nothing(
+    tmp_path: Path, delay: float
+) -> None:
     process = writer(tmp_path, 60)
     assert process.stdout is not None
     for _ in range(60):
@@ -112,10 +154,15 @@ def test_a_full_disk_keeps_what_was_written_and_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_a_truly_full_file_system_loses_nothing_that_was_written(tmp_path: Path) -> None:
+def test_a_truly_full_file_system_loses_nothing_that_was_written(
+    tmp_path: Path,
+) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(disk)], capture_output=True).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(disk)],
+        capture_output=True,
+    ).returncode:
         pytest.skip("no right to mount a small file system here")
     try:
         printed, errors = writer(disk, 100).communicate()
@@ -157,7 +204,10 @@ def test_takes_of_several_objects_share_one_manifest(tmp_path: Path) -> None:
         take = begin(tmp_path, name)
         take.write(block(0))
         take.finish()
-    assert [recording.take for recording in open_dataset(tmp_path).recordings] == ["long_light", "wiggle"]
+    assert [recording.take for recording in open_dataset(tmp_path).recordings] == [
+        "long_light",
+        "wiggle",
+    ]
 
 
 def test_an_entry_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
@@ -178,10 +228,15 @@ def test_two_recorders_never_share_a_folder(tmp_path: Path) -> None:
         "import sys; from pathlib import Path; from tactophone.lab.recording.safe_writer import recording_in\n"
         "with recording_in(Path(sys.argv[1])): print('recording', flush=True); sys.stdin.read()"
     )
-    with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdin=-1, stdout=-1, text=True) as first:
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path)], stdin=-1, stdout=-1, text=True
+    ) as first:
         assert first.stdout
         assert first.stdout.readline() == "recording\n"
-        with pytest.raises(DatasetError, match="another `tactophone record`"), recording_in(tmp_path):
+        with (
+            pytest.raises(DatasetError, match="another `tactophone record`"),
+            recording_in(tmp_path),
+        ):
             pass
         first.kill()
         first.communicate()
@@ -216,8 +271,12 @@ def test_a_disk_that_is_full_while_the_entry_is_rewritten_leaves_the_old_one(
     assert recovered(tmp_path) == BLOCK
 
 
-@pytest.mark.parametrize("change", [('"file"', '"shape": 5, "file"'), ('"surface"', '"surfice"')])
-def test_an_entry_of_another_version_is_finished_too(change: tuple[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "change", [('"file"', '"shape": 5, "file"'), ('"surface"', '"surfice"')]
+)
+def test_an_entry_of_another_version_is_finished_too(
+    change: tuple[str, str], tmp_path: Path
+) -> None:
     take = begin(tmp_path)
     take.write(block(0))
     entry = take.recording.path.with_suffix(ENTRY)
@@ -235,7 +294,9 @@ def test_sound_beside_an_unreadable_entry_stays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ending", [".flac", PART, ENTRY])
 @pytest.mark.parametrize("size", [0, 1])
-def test_a_take_that_is_finished_reaches_no_file_elsewhere_by_a_link(ending: str, size: int, tmp_path: Path) -> None:
+def test_a_take_that_is_finished_reaches_no_file_elsewhere_by_a_link(
+    ending: str, size: int, tmp_path: Path
+) -> None:
     victim, root = tmp_path / "victim.txt", tmp_path / "takes"
     victim.write_text("mine")
     take = begin(root)

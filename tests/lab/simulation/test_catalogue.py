@@ -5,14 +5,23 @@ import pytest
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
-from tactophone.lab.simulation.catalogue import PAPER, TEST, catalogue, find, surface, surface_roughness
+from tactophone.lab.simulation.catalogue import (
+    PAPER,
+    TEST,
+    catalogue,
+    find,
+    surface,
+    surface_roughness,
+)
 
 AUTHORS_ROUGH = {0, 1, 8, 11, 13, 15, 17, 19, 20, 22}
 
 
 def test_the_papers_objects_have_the_authors_labels() -> None:
     labels = {obj.number: obj.label for obj in catalogue() if obj.number in PAPER}
-    assert {number for number, label in labels.items() if label is Touch.ROUGH} == AUTHORS_ROUGH
+    assert {
+        number for number, label in labels.items() if label is Touch.ROUGH
+    } == AUTHORS_ROUGH
     assert len(labels) == 23
 
 
@@ -28,8 +37,14 @@ def test_rough_objects_are_rougher_than_every_smooth_one() -> None:
     assert min(rough) > max(smooth)
 
 
-TABLES = tomllib.loads((resources.files("tactophone.lab.simulation") / "catalogue.toml").read_text())["surfaces"]
-PUBLISHED_RA_UM = {name: table["published_ra_um"] for name, table in TABLES.items() if "published_ra_um" in table}
+TABLES = tomllib.loads(
+    (resources.files("tactophone.lab.simulation") / "catalogue.toml").read_text()
+)["surfaces"]
+PUBLISHED_RA_UM = {
+    name: table["published_ra_um"]
+    for name, table in TABLES.items()
+    if "published_ra_um" in table
+}
 
 
 @pytest.mark.parametrize("name", sorted(PUBLISHED_RA_UM))

@@ -15,14 +15,29 @@ from tactophone.lab.simulation.takes import shuffled
 
 PLACE = (0.04, 0.035)
 QUIET = Electronics(
-    contact_hum_dbfs=-200, contact_noise_dbfs=-200, contact_rumble_dbfs=-200, air_noise_dbfs=-200, room_dbfs=-200,
-    motor_air_dbfs=-200, motor_contact_dbfs=-200,
-)  # fmt: skip
+    contact_hum_dbfs=-200,
+    contact_noise_dbfs=-200,
+    contact_rumble_dbfs=-200,
+    air_noise_dbfs=-200,
+    room_dbfs=-200,
+    motor_air_dbfs=-200,
+    motor_contact_dbfs=-200,
+)
 
 
-def slide(obj: SimulatedObject, *, force: float = 1.0, speed: float = 0.08, finger: Finger = Finger()) -> np.ndarray:  # noqa: B008
+def slide(
+    obj: SimulatedObject,
+    *,
+    force: float = 1.0,
+    speed: float = 0.08,
+    finger: Finger = Finger(),  # noqa: B008
+) -> np.ndarray:
     """Both channels of a second's steady sliding."""
-    source = SimulatedFinger(single(replace(obj, length=0.3)), session=SessionVariation(finger, QUIET), place=PLACE)
+    source = SimulatedFinger(
+        single(replace(obj, length=0.3)),
+        session=SessionVariation(finger, QUIET),
+        place=PLACE,
+    )
     source.move(*PLACE, force)
     for k in range(200):
         source.move(PLACE[0] + speed * k / 100, PLACE[1], force, time=0.3 + k / 100)
@@ -39,7 +54,10 @@ def test_faster_is_louder() -> None:
 
 
 def test_harder_is_louder() -> None:
-    assert rms(slide(find("3"), force=3.0))[CONTACT] > 1.5 * rms(slide(find("3"), force=0.5))[CONTACT]
+    assert (
+        rms(slide(find("3"), force=3.0))[CONTACT]
+        > 1.5 * rms(slide(find("3"), force=0.5))[CONTACT]
+    )
 
 
 def test_rough_is_louder_in_air_for_as_much_in_contact() -> None:
@@ -56,7 +74,9 @@ def test_friction_reaches_the_piezo_but_not_the_air() -> None:
 
 
 def test_a_resting_finger_falls_silent() -> None:
-    source = SimulatedFinger(single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE)
+    source = SimulatedFinger(
+        single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE
+    )
     source.move(*PLACE, 1.0)
     source.render(48_000)
     assert np.abs(source.render(4800).samples).max() < 1e-2
@@ -64,7 +84,9 @@ def test_a_resting_finger_falls_silent() -> None:
 
 
 def test_hovering_there_is_no_force() -> None:
-    source = SimulatedFinger(single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE)
+    source = SimulatedFinger(
+        single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE
+    )
     source.render(9600)
     assert not source.truth.force.any()
 
@@ -77,6 +99,13 @@ def test_a_body_that_was_left_comes_to_rest() -> None:
     source.move(*PLACE, 1.0, time=0.5)
     source.move(*PLACE, -1.0, time=0.6)
     source.render(96_000 * 4)
-    left = np.abs(np.concatenate([source._ringing.displacement[:5].ravel(), source._ringing.speed[:5].ravel()]))
+    left = np.abs(
+        np.concatenate(
+            [
+                source._ringing.displacement[:5].ravel(),
+                source._ringing.speed[:5].ravel(),
+            ]
+        )
+    )
     assert left.max() < 1e-12
     assert not ((left > 0) & (left < 1e-100)).any()

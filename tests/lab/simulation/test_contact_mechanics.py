@@ -5,8 +5,19 @@ import pytest
 
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.finger import TIPS
-from tactophone.lab.simulation.mechanics import SKIN, hertz_patch, reduced_modulus, tip_on_body
-from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, envelope, height_profile, mechanics_of
+from tactophone.lab.simulation.mechanics import (
+    SKIN,
+    hertz_patch,
+    reduced_modulus,
+    tip_on_body,
+)
+from tactophone.lab.simulation.surface import (
+    HEIGHT_SPACING,
+    SIZE,
+    envelope,
+    height_profile,
+    mechanics_of,
+)
 
 SPEED = 0.1
 """m/s, of the table."""
@@ -18,7 +29,9 @@ def test_a_smooth_contact_is_hertz() -> None:
     smooth = tip_on_body(1e-3, 220e9, 60e9, rq=0.0)
     assert smooth.modulus == pytest.approx(1 / (1 / 220e9 + 1 / 60e9))
     assert smooth.radius == pytest.approx(1e-3)
-    assert smooth.patch(1.0) == pytest.approx((3 * 1e-3 / (4 * smooth.modulus)) ** (1 / 3))
+    assert smooth.patch(1.0) == pytest.approx(
+        (3 * 1e-3 / (4 * smooth.modulus)) ** (1 / 3)
+    )
 
 
 def test_a_very_rough_contact_is_one_crushed_summit() -> None:
@@ -29,7 +42,9 @@ def test_a_very_rough_contact_is_one_crushed_summit() -> None:
 
 def test_rubber_is_not_crushed() -> None:
     modulus = reduced_modulus(4e6, 60e9)
-    assert tip_on_body(6e-3, 4e6, 60e9, rq=1e-4).patch(1.0) == pytest.approx(hertz_patch(6e-3, modulus))
+    assert tip_on_body(6e-3, 4e6, 60e9, rq=1e-4).patch(1.0) == pytest.approx(
+        hertz_patch(6e-3, modulus)
+    )
 
 
 def test_the_impact_lasts_as_long_as_hertz_says() -> None:
@@ -38,7 +53,9 @@ def test_the_impact_lasts_as_long_as_hertz_says() -> None:
     mass, speed = 5e-3, 0.02
     free = 2.87 * (mass**2 / (1e-3 * contact.modulus**2 * speed)) ** 0.2
     # The mean load of that impact is its momentum over its duration.
-    assert 0.5 / contact.corner(mass, 2 * mass * speed / free) == pytest.approx(free, rel=0.25)
+    assert 0.5 / contact.corner(mass, 2 * mass * speed / free) == pytest.approx(
+        free, rel=0.25
+    )
 
 
 def test_adhesion_is_one_for_the_default_tip_and_little_for_steel() -> None:
@@ -61,7 +78,14 @@ def test_adhesion_is_one_for_the_default_tip_and_little_for_steel() -> None:
     ],
 )
 def test_rough_is_a_few_strong_strikes_and_smooth_many_weak_ones(
-    tip: str, radius: float, name: str, patch_um: float, corner: float, strikes: float, strong: float, overlap: float
+    tip: str,
+    radius: float,
+    name: str,
+    patch_um: float,
+    corner: float,
+    strikes: float,
+    strong: float,
+    overlap: float,
 ) -> None:
     """The overlap number: strikes a second by the duration of one; under 1 they stand alone, over 1 they merge."""
     mass = 5e-3 if tip == "stylus" else 6e-3
@@ -74,7 +98,9 @@ def test_rough_is_a_few_strong_strikes_and_smooth_many_weak_ones(
     assert contact.patch(1.0) * 1e6 == pytest.approx(patch_um, rel=0.15)
     assert contact.corner(mass) == pytest.approx(corner, rel=0.15)
     assert rate == pytest.approx(strikes, rel=0.25)
-    assert SPEED * (np.searchsorted(share, 0.5) + 1) / LENGTH == pytest.approx(strong, rel=0.35)
+    assert SPEED * (np.searchsorted(share, 0.5) + 1) / LENGTH == pytest.approx(
+        strong, rel=0.35
+    )
     assert rate * 0.5 / contact.corner(mass) == pytest.approx(overlap, rel=0.25)
 
 

@@ -13,7 +13,9 @@ def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
     for _ in finger:
         indices.append(finger.truth.object_index)
     segments = touch_segments(np.concatenate(indices), finger.scene)
-    touched = [segment.label_name for segment in segments if segment.label_name != "none"]
+    touched = [
+        segment.label_name for segment in segments if segment.label_name != "none"
+    ]
     assert touched[0] == "smooth"
     assert touched[-2:] == ["rough", "contact"]
     assert 8 < segments[-1].end < 16
@@ -24,5 +26,8 @@ def test_no_half_second_of_the_demonstration_is_clipped() -> None:
     finger = demonstration(3)  # the loudest of the first seeds
     half = finger.sample_rate // 2
     contact = np.concatenate([block.samples for block in finger])[:, :1].T
-    shares = [clipped_samples(contact[:, n : n + half]).mean() for n in range(0, contact.shape[1], half)]
+    shares = [
+        clipped_samples(contact[:, n : n + half]).mean()
+        for n in range(0, contact.shape[1], half)
+    ]
     assert max(shares) <= FAULT_CLIPPED_SHARE

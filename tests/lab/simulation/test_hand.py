@@ -25,7 +25,9 @@ def finger(number: int, *, strokes: bool) -> SimulatedFinger:
 
 
 def rendered(structure_db: float, size: int) -> FloatArray:
-    hand = SimulatedHand([finger(k, strokes=k == 0) for k in range(3)], structure_db=structure_db)
+    hand = SimulatedHand(
+        [finger(k, strokes=k == 0) for k in range(3)], structure_db=structure_db
+    )
     return np.concatenate([hand.render(size).samples for _ in range(14_400 // size)])
 
 

@@ -21,9 +21,14 @@ STIFFNESS = 4 / 3 * 3e9 * np.sqrt(1e-3)
 SPEED = 0.05
 
 ELASTIC = Finger(
-    arm_rest=1.0, arm_damping=0.0, pad_damping=0.0, shear_damping=0.0, link_loss=0.0, restitution=0.0,
+    arm_rest=1.0,
+    arm_damping=0.0,
+    pad_damping=0.0,
+    shear_damping=0.0,
+    link_loss=0.0,
+    restitution=0.0,
     bristle_damping=0.0,
-)  # fmt: skip
+)
 """A finger that loses nothing, its end stop far away."""
 
 
@@ -38,9 +43,24 @@ def bounce(finger: Finger) -> tuple[np.ndarray, np.ndarray]:
     flat = np.zeros((1, 8), np.float32)
     ground = Ground(flat, flat, flat, 1e-6, bodies, np.zeros((2, 1), MODE), 0)
     signals = ContactSignals(*(np.empty(SIZE) for _ in ContactSignals._fields))
-    motion = Motion(np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE, np.int64), np.zeros(SIZE))
+    motion = Motion(
+        np.zeros(SIZE),
+        np.zeros(SIZE),
+        np.zeros(SIZE),
+        np.zeros(SIZE, np.int64),
+        np.zeros(SIZE),
+    )
     ringing = Ringing(np.zeros((2, 1)), np.zeros((2, 1)))
-    slide(motion, np.zeros((SIZE, OVERSAMPLING)), ground, finger, state, ringing, signals, float(RATE))
+    slide(
+        motion,
+        np.zeros((SIZE, OVERSAMPLING)),
+        ground,
+        finger,
+        state,
+        ringing,
+        signals,
+        float(RATE),
+    )
     return state[0], signals.force
 
 
@@ -63,7 +83,9 @@ def test_an_elastic_impact_keeps_the_energy() -> None:
 
 def test_the_momentum_changes_by_the_impulse() -> None:
     state, force = bounce(ELASTIC)
-    after = ELASTIC.arm_mass * state["arm_speed"] + ELASTIC.pad_mass * state["pad_speed"]
+    after = (
+        ELASTIC.arm_mass * state["arm_speed"] + ELASTIC.pad_mass * state["pad_speed"]
+    )
     before = -(ELASTIC.arm_mass + ELASTIC.pad_mass) * SPEED
     assert force.sum() / RATE == pytest.approx(after - before, rel=0.01)
 
@@ -73,4 +95,6 @@ def test_damping_takes_what_hunt_and_crossley_say(damping: float) -> None:
     """A lone mass keeps a share ``e`` of its speed, by ``c v (1 + e) = ln((1 + c v) / (1 - e c v))``."""
     state, _ = bounce(ELASTIC._replace(pad_stiffness=0.0, restitution=damping))
     share, number = state["pad_speed"] / SPEED, damping * SPEED
-    assert np.log((1 + number) / (1 - share * number)) == pytest.approx(number * (1 + share), rel=0.02)
+    assert np.log((1 + number) / (1 - share * number)) == pytest.approx(
+        number * (1 + share), rel=0.02
+    )

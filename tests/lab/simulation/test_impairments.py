@@ -15,7 +15,9 @@ from tactophone.lab.simulation.network import (
 )
 
 
-def carried(profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000) -> list[tuple[float, bytes]]:
+def carried(
+    profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000
+) -> list[tuple[float, bytes]]:
     """Send a packet every 5 ms and read every 0.1 ms."""
     link, out, sent = ImpairedLink(profile, seed=seed), [], 0
     for count in range(packets * 50 + 20_000):
@@ -29,13 +31,22 @@ def carried(profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000) -> 
 
 @pytest.mark.parametrize("profile", NETWORK_PROFILES.values(), ids=NETWORK_PROFILES)
 def test_a_seed_repeats_a_link(profile: NetworkProfile) -> None:
-    assert carried(profile, seed=5, packets=500) == carried(profile, seed=5, packets=500)
+    assert carried(profile, seed=5, packets=500) == carried(
+        profile, seed=5, packets=500
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.05, 5.0), (0.2, 1.0), (0.2, 3.0)])
+@pytest.mark.parametrize(
+    ("loss", "burst"), [(0.05, 1.0), (0.05, 5.0), (0.2, 1.0), (0.2, 3.0)]
+)
 def test_loss_and_bursts_are_as_specified(loss: float, burst: float) -> None:
-    lost = [not delays for delays in islice(deliveries(NetworkProfile(loss=loss, burst=burst), seed=1), 200_000)]
+    lost = [
+        not delays
+        for delays in islice(
+            deliveries(NetworkProfile(loss=loss, burst=burst), seed=1), 200_000
+        )
+    ]
     runs = [len(list(run)) for bad, run in groupby(lost) if bad]
     assert np.mean(lost) == pytest.approx(loss, rel=0.1)
     assert np.mean(runs) == pytest.approx(max(burst, 1 / (1 - loss)), rel=0.1)
@@ -58,7 +69,10 @@ def test_jitter_has_its_mean_and_keeps_the_order() -> None:
 
 
 def test_packets_overtake_where_the_profile_allows_it() -> None:
-    order = [datagram for _, datagram in carried(NetworkProfile(spread=0.03, overtaking=True))]
+    order = [
+        datagram
+        for _, datagram in carried(NetworkProfile(spread=0.03, overtaking=True))
+    ]
     assert order != sorted(order)
     assert len(order) == 2_000
 
@@ -71,7 +85,9 @@ def test_a_stall_ends_in_a_burst() -> None:
 
 
 def test_duplicates_arrive_twice() -> None:
-    assert len(carried(NetworkProfile(duplicates=0.1))) == pytest.approx(2_200, rel=0.02)
+    assert len(carried(NetworkProfile(duplicates=0.1))) == pytest.approx(
+        2_200, rel=0.02
+    )
 
 
 def test_loss_can_be_listed() -> None:
@@ -82,7 +98,17 @@ def test_loss_can_be_listed() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["marsnet", "wifi,loss", "wifi,speed=3", "loss=2", "wifi,loss=much", "loss=nan", "jitter=nan", "delay=inf"]
+    "wrong",
+    [
+        "marsnet",
+        "wifi,loss",
+        "wifi,speed=3",
+        "loss=2",
+        "wifi,loss=much",
+        "loss=nan",
+        "jitter=nan",
+        "delay=inf",
+    ],
 )
 def test_an_invalid_profile_is_refused(wrong: str) -> None:
     with pytest.raises(ConfigError):
@@ -90,7 +116,16 @@ def test_an_invalid_profile_is_refused(wrong: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["loss=2", "duplicates=1.5", "burst=0", "delay=-1", "jitter=nan", "stall=inf", "stall_interval=0"]
+    "wrong",
+    [
+        "loss=2",
+        "duplicates=1.5",
+        "burst=0",
+        "delay=-1",
+        "jitter=nan",
+        "stall=inf",
+        "stall_interval=0",
+    ],
 )
 def test_what_is_out_of_range_is_named(wrong: str) -> None:
     name, value = wrong.split("=")

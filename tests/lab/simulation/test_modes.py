@@ -6,7 +6,9 @@ from tactophone.lab.simulation.modes import Body, Mode, Mounting, body_modes, mo
 
 @pytest.mark.parametrize("body", Body)
 @pytest.mark.parametrize("mounting", Mounting)
-def test_every_body_rings_stably_however_it_is_held(body: Body, mounting: Mounting) -> None:
+def test_every_body_rings_stably_however_it_is_held(
+    body: Body, mounting: Mounting
+) -> None:
     modes = body_modes(body, mounting, mass=0.5, rng=np.random.default_rng(0))
     assert modes
     for mode in modes:

@@ -7,7 +7,12 @@ RATE = 48_000
 
 
 def hand(x: float = 0.0) -> Hand:
-    return Hand(Field(np.array([[0.0, 0.0, 0.1, 0.07]]), height=0.012, rounding=0.005), x=x, y=0.035, rate=RATE)
+    return Hand(
+        Field(np.array([[0.0, 0.0, 0.1, 0.07]]), height=0.012, rounding=0.005),
+        x=x,
+        y=0.035,
+        rate=RATE,
+    )
 
 
 def test_the_hand_reaches_its_target_with_little_overshoot() -> None:

@@ -4,7 +4,14 @@ import pytest
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.motion import single
 from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import STROKE_PRESSURES, Script, Visit, explore, log_uniform, take_moves
+from tactophone.lab.simulation.strokes import (
+    STROKE_PRESSURES,
+    Script,
+    Visit,
+    explore,
+    log_uniform,
+    take_moves,
+)
 from tactophone.lab.simulation.takes import TAKES, Take
 
 STONE = find("lava stone")
@@ -12,13 +19,21 @@ STONE = find("lava stone")
 
 def test_the_seven_takes_have_the_authors_names() -> None:
     assert {take.name for take in TAKES} == {
-        "long_light", "long_medium", "long_loud", "short_light", "short_medium", "short_loud", "wiggle",
-    }  # fmt: skip
+        "long_light",
+        "long_medium",
+        "long_loud",
+        "short_light",
+        "short_medium",
+        "short_loud",
+        "wiggle",
+    }
 
 
 @pytest.mark.parametrize("take", TAKES, ids=lambda take: take.name)
 def test_a_take_fills_its_time_in_order(take: Take) -> None:
-    moves = take_moves(take, single(STONE).placed[0], duration=5.0, rng=np.random.default_rng(0))
+    moves = take_moves(
+        take, single(STONE).placed[0], duration=5.0, rng=np.random.default_rng(0)
+    )
     times = [move.time for move in moves]
     assert times == sorted(times)
     assert times[-1] >= 4.9
@@ -29,11 +44,20 @@ def test_a_take_fills_its_time_in_order(take: Take) -> None:
 @pytest.mark.parametrize("pressure", STROKE_PRESSURES)
 def test_pressure_is_the_contact_force(pressure: str) -> None:
     scene = single(STONE)
-    moves = take_moves(Take("short", pressure), scene.placed[0], duration=6.0, rng=np.random.default_rng(2))
+    moves = take_moves(
+        Take("short", pressure),
+        scene.placed[0],
+        duration=6.0,
+        rng=np.random.default_rng(2),
+    )
     finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
     finger.render(6 * 48_000)
     low, high = STROKE_PRESSURES[pressure]
-    assert 0.6 * low < np.median(finger.truth.force[finger.truth.object_index == 0]) < 1.4 * high
+    assert (
+        0.6 * low
+        < np.median(finger.truth.force[finger.truth.object_index == 0])
+        < 1.4 * high
+    )
 
 
 def test_a_tap_touches_and_leaves() -> None:

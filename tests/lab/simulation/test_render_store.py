@@ -7,9 +7,16 @@ import soundfile
 from tactophone.lab.dataset.values import Segment
 from tactophone.lab.simulation.catalogue import find
 from tactophone.lab.simulation.motion import single
-from tactophone.lab.simulation.render import RenderMetadata, read_render_metadata, touch_segments, write_sound
+from tactophone.lab.simulation.render import (
+    RenderMetadata,
+    read_render_metadata,
+    touch_segments,
+    write_sound,
+)
 
-METADATA = RenderMetadata("fingerprint", (Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough")))
+METADATA = RenderMetadata(
+    "fingerprint", (Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough"))
+)
 
 
 @pytest.mark.parametrize("suffix", [".flac", ".wav"])
@@ -29,9 +36,16 @@ def test_other_files_have_no_metadata(tmp_path: Path) -> None:
 
 
 def test_bounces_are_merged_and_the_ground_is_contact() -> None:
-    index = np.repeat([-1, 0, -1, 0, 1, -1], [4800, 4800, 480, 4800, 4800, 4800]).astype(np.int16)
+    index = np.repeat(
+        [-1, 0, -1, 0, 1, -1], [4800, 4800, 480, 4800, 4800, 4800]
+    ).astype(np.int16)
     segments = touch_segments(index, single(find("lava stone")))
-    assert [segment.label_name for segment in segments] == ["none", "rough", "contact", "none"]
+    assert [segment.label_name for segment in segments] == [
+        "none",
+        "rough",
+        "contact",
+        "none",
+    ]
     assert segments[1].end - segments[1].start == pytest.approx(0.21)
 
 

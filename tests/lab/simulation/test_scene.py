@@ -17,7 +17,9 @@ def test_an_object_lies_at_the_origin_as_it_is_mounted() -> None:
 
 def test_footprints_in_a_row_do_not_overlap() -> None:
     prints = row([find("lava stone")] * 4).field.footprints
-    assert all(left + width < after for (left, _, width, _), (after, *_) in pairwise(prints))
+    assert all(
+        left + width < after for (left, _, width, _), (after, *_) in pairwise(prints)
+    )
 
 
 def test_alike_stones_are_not_the_same() -> None:

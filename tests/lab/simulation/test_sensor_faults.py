@@ -19,7 +19,9 @@ def recorded(code: str, size: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_blocks_of_any_size_are_broken_alike_and_only_while_the_fault_lasts(code: str) -> None:
+def test_blocks_of_any_size_are_broken_alike_and_only_while_the_fault_lasts(
+    code: str,
+) -> None:
     whole = recorded(code, 9600)
     np.testing.assert_array_equal(recorded(code, 509), whole)
     good = np.concatenate([block.samples for block in finger()])

@@ -18,7 +18,9 @@ PLACE = (0.04, 0.035)
 
 def take(name: str, seconds: float = 3.0, seed: int = 1) -> SimulatedFinger:
     scene = single(find(name))
-    moves = take_moves(TAKES[1], scene.placed[0], duration=seconds, rng=np.random.default_rng(seed))
+    moves = take_moves(
+        TAKES[1], scene.placed[0], duration=seconds, rng=np.random.default_rng(seed)
+    )
     return SimulatedFinger(scene, moves, seed=seed, duration=seconds, place=PLACE)
 
 
@@ -31,7 +33,9 @@ def render(finger: SimulatedFinger, sizes: list[int]) -> np.ndarray:
 def test_blocks_of_any_size_give_the_same_bits(size: int) -> None:
     whole = take("lava stone").render(20_000).samples
     count, rest = divmod(20_000, size)
-    np.testing.assert_array_equal(render(take("lava stone"), [size] * count + [rest]), whole)
+    np.testing.assert_array_equal(
+        render(take("lava stone"), [size] * count + [rest]), whole
+    )
 
 
 @pytest.mark.parametrize("promise", contract.ALL)
@@ -40,7 +44,9 @@ def test_the_finger_keeps_the_contract_of_all_sources(promise: Callable) -> None
 
 
 def test_another_seed_is_another_noise() -> None:
-    assert not np.array_equal(take("4", seed=1).render(4800).samples, take("4", seed=2).render(4800).samples)
+    assert not np.array_equal(
+        take("4", seed=1).render(4800).samples, take("4", seed=2).render(4800).samples
+    )
 
 
 def test_iteration_gives_contiguous_blocks_and_ends() -> None:
@@ -91,10 +97,15 @@ def test_extreme_forces_do_not_diverge() -> None:
 
 
 def test_sessions_differ_and_repeat() -> None:
-    assert SessionVariation.draw(1) == SessionVariation.draw(1) != SessionVariation.draw(2)
+    assert (
+        SessionVariation.draw(1) == SessionVariation.draw(1) != SessionVariation.draw(2)
+    )
 
 
 def test_a_scene_has_three_smooth_and_two_rough_stones() -> None:
     scene: Scene = five_stones(shuffled(11))
-    assert sorted(placed.object.label for placed in scene.placed) == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
+    assert (
+        sorted(placed.object.label for placed in scene.placed)
+        == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
+    )
     assert len({placed.object.surface.seed for placed in scene.placed}) == 5

@@ -30,7 +30,9 @@ def test_the_spectrum_falls_with_the_hurst_exponent(hurst: float) -> None:
     power = np.abs(np.fft.rfft(profile)) ** 2
     wavenumber = np.fft.rfftfreq(SIZE, HEIGHT_SPACING)
     # Well over the roll-off at 1/mm: the slope between 5 and 40 per mm is -(2H + 1).
-    low, high = (power[(wavenumber > at) & (wavenumber < 1.3 * at)].mean() for at in (5e3, 30e3))
+    low, high = (
+        power[(wavenumber > at) & (wavenumber < 1.3 * at)].mean() for at in (5e3, 30e3)
+    )
     assert np.log(high / low) / np.log(6) == pytest.approx(-(2 * hurst + 1), abs=0.15)
 
 

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from tactophone.lab.simulation.mechanics import SKIN, tip_on_body
-from tactophone.lab.simulation.surface import HEIGHT_SPACING, SIZE, Material, Surface, envelope, patch_filter, track
+from tactophone.lab.simulation.surface import (
+    HEIGHT_SPACING,
+    SIZE,
+    Material,
+    Surface,
+    envelope,
+    patch_filter,
+    track,
+)
 
 
 def sine(wavelength: float, amplitude: float = 10e-6) -> np.ndarray:
@@ -17,7 +25,9 @@ def test_a_tip_does_not_reach_the_floor_of_narrow_grooves() -> None:
 
 
 def test_a_tip_follows_wide_waves() -> None:
-    np.testing.assert_allclose(envelope(sine(20e-3), tip_radius=3e-3), sine(20e-3), atol=0.1e-6)
+    np.testing.assert_allclose(
+        envelope(sine(20e-3), tip_radius=3e-3), sine(20e-3), atol=0.1e-6
+    )
 
 
 def test_the_patch_grows_with_load_as_hertz_says() -> None:
@@ -26,7 +36,9 @@ def test_the_patch_grows_with_load_as_hertz_says() -> None:
 
 
 def test_the_patch_kills_fine_waves_and_keeps_coarse_ones() -> None:
-    fine, coarse = (np.ptp(patch_filter(sine(length), 0.1e-3)) / 20e-6 for length in (0.1e-3, 10e-3))
+    fine, coarse = (
+        np.ptp(patch_filter(sine(length), 0.1e-3)) / 20e-6 for length in (0.1e-3, 10e-3)
+    )
     assert fine < 0.1
     assert coarse == pytest.approx(1, abs=0.01)
 
@@ -45,8 +57,13 @@ def test_the_envelope_is_exact() -> None:
     places = np.concatenate([rng.integers(SIZE, size=200), [0, 1, SIZE - 1]])
     reach = int(np.sqrt(2 * 3e-3 * np.ptp(height)) / HEIGHT_SPACING) + 1
     offset = np.arange(-reach, reach + 1)
-    expected = [np.max(height[(at + offset) % SIZE] - (offset * HEIGHT_SPACING) ** 2 / 6e-3) for at in places]
-    np.testing.assert_allclose(envelope(height, tip_radius=3e-3)[places], expected, atol=1e-15)
+    expected = [
+        np.max(height[(at + offset) % SIZE] - (offset * HEIGHT_SPACING) ** 2 / 6e-3)
+        for at in places
+    ]
+    np.testing.assert_allclose(
+        envelope(height, tip_radius=3e-3)[places], expected, atol=1e-15
+    )
 
 
 def test_between_two_summits_the_tip_turns_at_a_cusp() -> None:
@@ -57,5 +74,7 @@ def test_between_two_summits_the_tip_turns_at_a_cusp() -> None:
     slope = np.diff(envelope(height, tip_radius=1e-3)) / HEIGHT_SPACING
     between = slope[1000 : 1000 + distance]
     # The grid's own curvature adds one step to the jump.
-    assert np.diff(between).max() == pytest.approx(distance * HEIGHT_SPACING / 1e-3, rel=0.02)
+    assert np.diff(between).max() == pytest.approx(
+        distance * HEIGHT_SPACING / 1e-3, rel=0.02
+    )
     assert (np.diff(between) > 0).sum() == 1

@@ -20,12 +20,17 @@ def test_sound_crosses_in_virtual_time() -> None:
     now, received = link.connect(3_600.0), 0
     for start in range(0, 48_000, 240):
         link.robot.push(AudioBlock(np.zeros((240, 1), np.float32), 48_000, start))
-        received += sum(isinstance(event, DecodedAudio) for event in link.carry(now + start / 48_000))
+        received += sum(
+            isinstance(event, DecodedAudio)
+            for event in link.carry(now + start / 48_000)
+        )
     assert received == 200
 
 
 def test_a_dead_link_raises() -> None:
     lost: Iterator[bool] = repeat(True)
-    link = VirtualLink(*paired_sessions(CODEC), to_operator=ImpairedLink(NetworkProfile(), lost=lost))
+    link = VirtualLink(
+        *paired_sessions(CODEC), to_operator=ImpairedLink(NetworkProfile(), lost=lost)
+    )
     with pytest.raises(TimeoutError, match="no session"):
         link.connect(0.0)

@@ -29,10 +29,17 @@ GATE = Gate(-60.0)
 
 
 @pytest.mark.parametrize("channels", [1, 2])
-def test_the_live_side_runs_what_was_written_and_agrees_with_torch(tmp_path: Path, channels: int) -> None:
+def test_the_live_side_runs_what_was_written_and_agrees_with_torch(
+    tmp_path: Path, channels: int
+) -> None:
     network = PaperNetwork(channels=channels)
     weights = weights_of(network)
-    write_model(tmp_path / "a.onnx", make_card(weights, name="a", gate=GATE), weights, storage="float32")
+    write_model(
+        tmp_path / "a.onnx",
+        make_card(weights, name="a", gate=GATE),
+        weights,
+        storage="float32",
+    )
     detector = WindowDetector(read_model(tmp_path / "a.onnx"), sample_rate=2000)
     sound = np.random.default_rng(0).normal(0, 0.1, (512, channels)).astype(np.float32)
     (prediction,) = detector.push(AudioBlock(sound, 2000))
@@ -44,13 +51,23 @@ def test_the_card_holds_the_papers_settings(tmp_path: Path) -> None:
     weights = weights_of(PaperNetwork())
     card = make_card(weights, name="a", gate=GATE, licence="BSD-3-Clause")
     dataset = open_dataset(audiofolder(tmp_path / "stones"))
-    NetworkRecipe(network_settings("general"), seed=3).write(tmp_path / "facts.onnx", weights, dataset)
+    NetworkRecipe(network_settings("general"), seed=3).write(
+        tmp_path / "facts.onnx", weights, dataset
+    )
     facts = read_model(tmp_path / "facts.onnx").card.training
     write_model(tmp_path / "a.onnx", replace(card, training=facts), weights)
     read = read_model(tmp_path / "a.onnx").card
-    assert (read.sample_rate, read.window_size, float(read.hop / read.sample_rate)) == (2000, 512, 512 / 48_000)
+    assert (read.sample_rate, read.window_size, float(read.hop / read.sample_rate)) == (
+        2000,
+        512,
+        512 / 48_000,
+    )
     assert (read.channels, read.gate, read.licence) == (2, GATE, "BSD-3-Clause")
-    assert (read.training["recipe"], read.training["dataset"], read.training["sha256"]) == (
+    assert (
+        read.training["recipe"],
+        read.training["dataset"],
+        read.training["sha256"],
+    ) == (
         "paper/general",
         "stones",
         dataset.fingerprint,
@@ -64,8 +81,14 @@ def test_scores_are_added_beside_others_and_the_network_stays(tmp_path: Path) ->
     before = read_weights(path)
     add_scores(path, "lmt", {"balanced_accuracy": 0.8})
     add_scores(path, "stones", {"balanced_accuracy": 0.9})
-    assert read_model(path).card.scores == {"lmt": {"balanced_accuracy": 0.8}, "stones": {"balanced_accuracy": 0.9}}
-    assert all(np.array_equal(before[name], array) for name, array in read_weights(path).items())
+    assert read_model(path).card.scores == {
+        "lmt": {"balanced_accuracy": 0.8},
+        "stones": {"balanced_accuracy": 0.9},
+    }
+    assert all(
+        np.array_equal(before[name], array)
+        for name, array in read_weights(path).items()
+    )
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.onnx"]
 
 
@@ -86,12 +109,16 @@ def test_the_folder_of_a_model_is_made(tmp_path: Path) -> None:
 
 def spectra(channels: int, count: int = 20) -> FloatArray:
     """Features of the size that real windows have: most bins small, a few large."""
-    return (np.random.default_rng(0).exponential(1.0, (count, 257 * channels)) ** 2).astype(np.float32)
+    return (
+        np.random.default_rng(0).exponential(1.0, (count, 257 * channels)) ** 2
+    ).astype(np.float32)
 
 
 def run(model: bytes, features: FloatArray) -> FloatArray:
     session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
-    return np.concatenate([session.run(None, {FEATURES: row[None]})[0] for row in features])
+    return np.concatenate(
+        [session.run(None, {FEATURES: row[None]})[0] for row in features]
+    )
 
 
 @pytest.mark.parametrize("channels", [1, 2])
@@ -112,7 +139,9 @@ def test_eight_bits_cost_a_quarter_and_almost_nothing_in_probability() -> None:
     assert np.exp(run(model, features)) == pytest.approx(expected, abs=0.01)
 
 
-@pytest.mark.parametrize(("storage", "tolerance"), [("float32", 0.0), ("int8", 1 / 127)])
+@pytest.mark.parametrize(
+    ("storage", "tolerance"), [("float32", 0.0), ("int8", 1 / 127)]
+)
 def test_weights_are_read_back(storage: Storage, tolerance: float) -> None:
     weights = weights_of(PaperNetwork(channels=1))
     read = read_graph(build_graph(weights, storage=storage))
@@ -124,4 +153,6 @@ def test_weights_are_read_back(storage: Storage, tolerance: float) -> None:
 def test_a_row_of_zeros_is_stored_as_zeros() -> None:
     weights = weights_of(PaperNetwork(channels=1))
     weights["layer1.weight"][0] = 0
-    assert not read_graph(build_graph(weights, storage="int8"))["layer1.weight"][0].any()
+    assert not read_graph(build_graph(weights, storage="int8"))["layer1.weight"][
+        0
+    ].any()

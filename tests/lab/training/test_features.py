@@ -19,16 +19,25 @@ def describe(window: np.ndarray) -> np.ndarray:
 
 
 def test_a_tone_stands_in_its_own_band() -> None:
-    middle = [int(describe(tone(f, sample_rate=RATE))[0, :BAND_COUNT].argmax()) for f in (100, 1000, 3000, 7000)]
+    middle = [
+        int(describe(tone(f, sample_rate=RATE))[0, :BAND_COUNT].argmax())
+        for f in (100, 1000, 3000, 7000)
+    ]
     assert middle == sorted(set(middle))
     assert middle[0] == 0
     assert middle[-1] == BAND_COUNT - 1
 
 
-def test_a_tone_twice_as_loud_is_6_db_up_in_band_and_level_and_of_the_same_shape() -> None:
-    quiet, loud = (describe(tone(1000, amplitude=a, sample_rate=RATE))[0] for a in (0.2, 0.4))
+def test_a_tone_twice_as_loud_is_6_db_up_in_band_and_level_and_of_the_same_shape() -> (
+    None
+):
+    quiet, loud = (
+        describe(tone(1000, amplitude=a, sample_rate=RATE))[0] for a in (0.2, 0.4)
+    )
     peak = quiet[:BAND_COUNT].argmax()
-    assert loud[[peak, BAND_COUNT]] - quiet[[peak, BAND_COUNT]] == pytest.approx(np.log10(4), abs=1e-3)
+    assert loud[[peak, BAND_COUNT]] - quiet[[peak, BAND_COUNT]] == pytest.approx(
+        np.log10(4), abs=1e-3
+    )
     assert loud[BAND_COUNT + 1 :] == pytest.approx(quiet[BAND_COUNT + 1 :], abs=1e-5)
 
 
@@ -50,7 +59,9 @@ def test_a_batch_is_described_window_by_window() -> None:
 
 def test_every_band_has_a_bin_whatever_the_window() -> None:
     for size in (64, 256, 512, 4096):
-        assert design_bands(size, RATE).sum(axis=0) == pytest.approx(np.ones(BAND_COUNT))
+        assert design_bands(size, RATE).sum(axis=0) == pytest.approx(
+            np.ones(BAND_COUNT)
+        )
 
 
 def unevenness(window: np.ndarray) -> float:
@@ -75,7 +86,7 @@ def test_treble_is_more_uneven_the_fewer_strikes_there_are_at_any_gain() -> None
 
 def test_rumble_does_not_change_the_unevenness_of_treble_and_silence_has_one() -> None:
     noise = 0.01 * np.random.default_rng(1).standard_normal((SIZE, 1))
-    assert unevenness(noise + tone(300, amplitude=0.5, sample_rate=RATE)[:SIZE, :1]) == pytest.approx(
-        unevenness(noise), abs=0.02
-    )
+    assert unevenness(
+        noise + tone(300, amplitude=0.5, sample_rate=RATE)[:SIZE, :1]
+    ) == pytest.approx(unevenness(noise), abs=0.02)
     assert unevenness(np.zeros((SIZE, 1))) == pytest.approx(-3)

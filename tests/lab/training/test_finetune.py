@@ -28,7 +28,12 @@ QUIET = replace(CALIBRATION, threshold_dbfs=-55.0, window_dbfs=-60.0)
 
 def recordings(surfaces: int, takes: int) -> Dataset:
     takes_made = [
-        Recording(Path(f"{surface}-{take}.wav"), f"stone {surface}", Touch.SMOOTH, take=str(take))
+        Recording(
+            Path(f"{surface}-{take}.wav"),
+            f"stone {surface}",
+            Touch.SMOOTH,
+            take=str(take),
+        )
         for surface in range(surfaces)
         for take in range(takes)
     ]
@@ -42,8 +47,12 @@ def test_a_third_of_each_objects_takes_is_held_out() -> None:
     assert not set(kept) & set(out)
 
 
-@pytest.mark.parametrize(("surfaces", "takes", "message"), [(1, 7, "two or more"), (3, 1, "one take only")])
-def test_too_few_recordings_are_an_error(surfaces: int, takes: int, message: str) -> None:
+@pytest.mark.parametrize(
+    ("surfaces", "takes", "message"), [(1, 7, "two or more"), (3, 1, "one take only")]
+)
+def test_too_few_recordings_are_an_error(
+    surfaces: int, takes: int, message: str
+) -> None:
     with pytest.raises(DatasetError, match=message):
         hold_out(recordings(surfaces, takes))
 
@@ -58,7 +67,11 @@ def test_thinning_draws_over_all_surfaces() -> None:
 def model(folder: Path, kind: str = "paper") -> Path:
     weights = weights_of(PaperNetwork())
     card = make_card(weights, name="general", gate=Gate(-60.0))
-    write_model(folder / "general.onnx", replace(card, kind=kind, training={"dataset": "stones"}), weights)
+    write_model(
+        folder / "general.onnx",
+        replace(card, kind=kind, training={"dataset": "stones"}),
+        weights,
+    )
     return folder / "general.onnx"
 
 
@@ -81,7 +94,9 @@ def test_mixtures_lie_between_the_old_and_the_new_network(tmp_path: Path) -> Non
     assert card.gate == Gate(QUIET.threshold_dbfs)
 
 
-def test_the_papers_strategy_has_its_threshold_and_mixes_nothing(tmp_path: Path) -> None:
+def test_the_papers_strategy_has_its_threshold_and_mixes_nothing(
+    tmp_path: Path,
+) -> None:
     start = model(tmp_path)
     job = finetuning_recipe(start, "fine-tuned", calibration=QUIET)
     assert job.settings.labelling.relative
@@ -92,6 +107,9 @@ def test_the_papers_strategy_has_its_threshold_and_mixes_nothing(tmp_path: Path)
 def test_both_labels_and_kind_paper_are_required(tmp_path: Path) -> None:
     one_label = recordings(3, 2).recordings
     with pytest.raises(DatasetError, match="one label only"):
-        train_on_both(finetuning_recipe(model(tmp_path), "blend"), FinetuningData(one_label, (), (), (), ()))
+        train_on_both(
+            finetuning_recipe(model(tmp_path), "blend"),
+            FinetuningData(one_label, (), (), (), ()),
+        )
     with pytest.raises(ModelError, match="kind texture"):
         finetuning_recipe(model(tmp_path, "texture"), "blend")

@@ -21,15 +21,21 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "channels"), [("general", 2), ("fine_tuned", 2), ("piezo_only", 1)])
-def test_each_published_variant_predicts_as_before(tmp_path: Path, name: str, channels: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "channels"), [("general", 2), ("fine_tuned", 2), ("piezo_only", 1)]
+)
+def test_each_published_variant_predicts_as_before(
+    tmp_path: Path, name: str, channels: int
+) -> None:
     network = PaperNetwork(channels=channels)
     torch.jit.script(network).save(tmp_path / f"{name}.pt")
     import_published(tmp_path / f"{name}.pt", tmp_path / "imported.onnx")
     model = read_model(tmp_path / "imported.onnx")
     assert model.card.name == f"authors-{name.replace('_', '-')}"
     sound = 0.1 * torch.randn(512, channels).numpy()
-    (prediction,) = WindowDetector(model, sample_rate=2000).push(AudioBlock(sound, 2000))
+    (prediction,) = WindowDetector(model, sample_rate=2000).push(
+        AudioBlock(sound, 2000)
+    )
     expected = network(magnitudes(torch.from_numpy(sound)[None])).exp()[0].tolist()
     assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
@@ -38,7 +44,13 @@ def notebook(path: Path, **changes: object) -> PaperNetwork:
     """Save what the authors' training notebook saves."""
     network = PaperNetwork()
     state = {**network.state_dict(), "resampler.kernel": torch.zeros(1, 1, 301)}
-    held = {"model": state, "RESAMPLE_FACTOR": 24, "PART_SIZE": 512, "contact_threshold": 0.02, "rough_stones": [0, 11]}
+    held = {
+        "model": state,
+        "RESAMPLE_FACTOR": 24,
+        "PART_SIZE": 512,
+        "contact_threshold": 0.02,
+        "rough_stones": [0, 11],
+    }
     torch.save({**held, **changes}, path)
     return network
 
@@ -51,7 +63,9 @@ def test_the_notebooks_state_is_read_with_its_threshold(tmp_path: Path) -> None:
     assert model.card.gate.threshold_dbfs == pytest.approx(-33.98)
     assert model.card.training["rough_stones"] == [0, 11]
     sound = 0.1 * torch.randn(512, 2).numpy()
-    (prediction,) = WindowDetector(model, sample_rate=2000).push(AudioBlock(sound, 2000))
+    (prediction,) = WindowDetector(model, sample_rate=2000).push(
+        AudioBlock(sound, 2000)
+    )
     expected = network(magnitudes(torch.from_numpy(sound)[None])).exp()[0].tolist()
     assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
@@ -68,11 +82,17 @@ class Trap:
     [
         ({"rough_stones": Trap()}, "restricted reader refuses it"),
         ({"PART_SIZE": 256}, "windows of 256 samples"),
-        ({"model": {"weight": torch.zeros(3)}}, r"not the paper's network: layer1\.bias"),
+        (
+            {"model": {"weight": torch.zeros(3)}},
+            r"not the paper's network: layer1\.bias",
+        ),
     ],
 )
 def test_a_state_of_anything_else_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object], message: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, object],
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     notebook(tmp_path / "model.pt", **changes)
@@ -81,10 +101,16 @@ def test_a_state_of_anything_else_is_refused(
     assert not (tmp_path / "sprung").exists()
 
 
-def published(path: Path, *, channels: int = 2, traced: bool = False) -> dict[str, np.ndarray]:
+def published(
+    path: Path, *, channels: int = 2, traced: bool = False
+) -> dict[str, np.ndarray]:
     """A file of the authors' structure, with other numbers in it."""
     network = PaperNetwork(channels=channels)
-    made = torch.jit.trace(network, torch.zeros(1, 257 * channels)) if traced else torch.jit.script(network)
+    made = (
+        torch.jit.trace(network, torch.zeros(1, 257 * channels))
+        if traced
+        else torch.jit.script(network)
+    )
     made.save(path)
     return weights_of(network)
 
@@ -122,15 +148,26 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: None, "no such file"),
     "truncated": (truncate, "not a whole TorchScript archive"),
     "damaged": (damage, "fails its checksum"),
-    "plain pickle": (lambda path: path.write_bytes(pickle.dumps(Trap())), "a plain pickle"),
-    "another network": (lambda path: torch.jit.script(nn.Linear(3, 4)).save(path), r"not the paper's network: bias"),
+    "plain pickle": (
+        lambda path: path.write_bytes(pickle.dumps(Trap())),
+        "a plain pickle",
+    ),
+    "another network": (
+        lambda path: torch.jit.script(nn.Linear(3, 4)).save(path),
+        r"not the paper's network: bias",
+    ),
     "fewer layers": (renamed, r"not the paper's network: layer_resnet\.4\.bias"),
-    "words": (lambda path: path.write_text("not a model"), "not a whole TorchScript archive"),
+    "words": (
+        lambda path: path.write_text("not a model"),
+        "not a whole TorchScript archive",
+    ),
 }
 
 
 @pytest.mark.parametrize("fault", REFUSED)
-def test_anything_else_is_refused_unopened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+def test_anything_else_is_refused_unopened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     make, message = REFUSED[fault]
     make(tmp_path / "general.pt")

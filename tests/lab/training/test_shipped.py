@@ -23,10 +23,14 @@ RATE = 48_000
 
 
 def hiss(channels: int) -> np.ndarray:
-    return 0.2 * np.random.default_rng(0).standard_normal((RATE, channels)).astype(np.float32)
+    return 0.2 * np.random.default_rng(0).standard_normal((RATE, channels)).astype(
+        np.float32
+    )
 
 
-def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes() -> None:
+def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes() -> (
+    None
+):
     assert set(shipped_models()) == {
         *PAPERS,
         *(name for name, recipe in RECIPES.items() if recipe.shipped),
@@ -37,14 +41,25 @@ def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes(
 
 
 @pytest.mark.parametrize(("name", "channels"), PAPERS.items())
-def test_each_card_of_the_network_has_the_papers_settings_and_its_scores(name: str, channels: int) -> None:
+def test_each_card_of_the_network_has_the_papers_settings_and_its_scores(
+    name: str, channels: int
+) -> None:
     card = read_model(model_path(name)).card
-    assert (card.name, card.channels, card.sample_rate, card.window_size) == (name, channels, 2000, 512)
+    assert (card.name, card.channels, card.sample_rate, card.window_size) == (
+        name,
+        channels,
+        2000,
+        512,
+    )
     assert (card.gate.threshold_dbfs, card.gate.rule) == (-26.0, "rms")
     assert card.training["settings"]["labelling"]["loudness"] == "rms"
     assert "simulated sound alone" in card.licence
-    (accuracy,) = card.scores["simulated, held out"]["balanced_accuracy, two-class rule"]
-    assert card.scores["simulated, held out"]["surfaces"] == 10  # four of them smooth, too few for an interval
+    (accuracy,) = card.scores["simulated, held out"][
+        "balanced_accuracy, two-class rule"
+    ]
+    assert (
+        card.scores["simulated, held out"]["surfaces"] == 10
+    )  # four of them smooth, too few for an interval
     assert accuracy > 0.7
 
 
@@ -59,7 +74,9 @@ def test_each_card_has_scores_on_held_out_sound(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ON_FEATURES)
-def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: str) -> None:
+def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(
+    name: str,
+) -> None:
     card = read_model(model_path(name)).card
     assert (card.kind, card.training["recipe"]) == ("texture", "texture")
     assert TIPS[card.tip].model == name
@@ -67,7 +84,11 @@ def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: st
     assert card.decision == RECIPES["texture"].response_for(card.tip).decision
     for channels in (1, 2):
         detector = open_detector(name, sample_rate=RATE)
-        predictions = [each for block in blocks(hiss(channels), 4800) for each in detector.push(block)]
+        predictions = [
+            each
+            for block in blocks(hiss(channels), 4800)
+            for each in detector.push(block)
+        ]
         assert {each.touch for each in predictions[30:]} <= {Touch.SMOOTH, Touch.ROUGH}
         assert not any(each.faulty for each in predictions)
 
@@ -79,7 +100,9 @@ def test_a_model_that_works_without_air_is_its_own_fallback() -> None:
 
 def test_the_stylus_uses_the_air_microphone_where_there_are_two() -> None:
     sound = hiss(2)
-    alone, both = (open_detector("stylus", sample_rate=RATE, contact="window") for _ in range(2))
+    alone, both = (
+        open_detector("stylus", sample_rate=RATE, contact="window") for _ in range(2)
+    )
     air = np.ascontiguousarray(sound[:, 1:])
     assert both.push(AudioBlock(sound, RATE)) == alone.push(AudioBlock(air, RATE))
 
@@ -93,9 +116,13 @@ def test_the_card_of_the_stylus_names_the_sources_and_their_terms() -> None:
 @pytest.mark.parametrize("tip", TIP_NAMES)
 def test_each_tip_has_its_model_and_a_mismatch_is_reported(tip: str) -> None:
     assert default_model(tip) == TIPS[tip].model
-    texture, stylus = (read_model(model_path(name)).card for name in ("texture", "stylus"))
+    texture, stylus = (
+        read_model(model_path(name)).card for name in ("texture", "stylus")
+    )
     assert bool(tip_mismatch(texture, tip)) == (tip != "pad")
     assert bool(tip_mismatch(stylus, tip)) == (tip != "stylus")
-    assert "give --tip pad if that touches, or else use --model stylus" in tip_mismatch(texture, "stylus")
+    assert "give --tip pad if that touches, or else use --model stylus" in tip_mismatch(
+        texture, "stylus"
+    )
     assert "use --model rubber" in tip_mismatch(texture, "rubber")
     assert "train one" in tip_mismatch(texture, "glass")

@@ -33,9 +33,15 @@ def model(dataset: Dataset) -> Path:
     return path
 
 
-def predict(model: Path, samples: np.ndarray, size: int = 480, *, sample_rate: int = RATE) -> list[Prediction]:
+def predict(
+    model: Path, samples: np.ndarray, size: int = 480, *, sample_rate: int = RATE
+) -> list[Prediction]:
     detector = WindowDetector(read_model(model), sample_rate=sample_rate)
-    predictions = [each for block in blocks(samples, size, sample_rate=sample_rate) for each in detector.push(block)]
+    predictions = [
+        each
+        for block in blocks(samples, size, sample_rate=sample_rate)
+        for each in detector.push(block)
+    ]
     return predictions + detector.flush()
 
 
@@ -43,7 +49,9 @@ def predict(model: Path, samples: np.ndarray, size: int = 480, *, sample_rate: i
 def test_it_classifies_surfaces_it_was_not_trained_on(model: Path) -> None:
     for rough in (False, True):
         predictions = [
-            each for each in predict(model, scrape(rough=rough, seed=100 + rough)) if 0.5 < each.end < TOUCHED[1]
+            each
+            for each in predict(model, scrape(rough=rough, seed=100 + rough))
+            if 0.5 < each.end < TOUCHED[1]
         ]
         expected = Touch.ROUGH if rough else Touch.SMOOTH
         assert np.mean([each.touch is expected for each in predictions]) > 0.85
@@ -51,7 +59,11 @@ def test_it_classifies_surfaces_it_was_not_trained_on(model: Path) -> None:
 
 def test_contact_is_detected_within_a_window(model: Path) -> None:
     predictions = predict(model, scrape(rough=True, seed=101))
-    assert all(each.touch is Touch.NONE for each in predictions if each.end < TOUCHED[0] or each.start > TOUCHED[1])
+    assert all(
+        each.touch is Touch.NONE
+        for each in predictions
+        if each.end < TOUCHED[0] or each.start > TOUCHED[1]
+    )
     first = next(each.end for each in predictions if each.touch is not Touch.NONE)
     assert first < TOUCHED[0] + 0.032
 
@@ -77,18 +89,25 @@ def test_unknown_sound_is_none_and_rendered_as_plain_contact(model: Path) -> Non
     whistle = np.repeat(tone(3000, sample_rate=RATE), 2, axis=1)
     predictions = predict(model, whistle)[20:]
     assert all(each.probabilities[Touch.NONE] > 0.5 for each in predictions)
-    assert {(each.touch, each.roughness) for each in predictions} == {(Touch.SMOOTH, 0.0)}
+    assert {(each.touch, each.roughness) for each in predictions} == {
+        (Touch.SMOOTH, 0.0)
+    }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
-def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, tmp_path: Path, tip: str) -> None:
+def test_the_offline_predictor_equals_the_live_detector(
+    dataset: Dataset, tmp_path: Path, tip: str
+) -> None:
     job = feature_recipe(RECIPES["texture"], TrainingOptions(channels=2, tip=tip))
     job.train(tmp_path / "model.onnx", dataset)
     training_set = job.training_set(dataset.recordings)
     assert training_set.spec.unevenness == (tip == "stylus")
     graph = build_texture(training_set).SerializeToString()
-    offline, live = graph_predictor(graph, training_set), model_predictor(read_model(tmp_path / "model.onnx"))
+    offline, live = (
+        graph_predictor(graph, training_set),
+        model_predictor(read_model(tmp_path / "model.onnx")),
+    )
     for recording in dataset.recordings[:2]:
         first, other = offline(recording), live(recording)
         assert first.time == pytest.approx(other.time)

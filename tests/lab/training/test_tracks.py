@@ -12,12 +12,21 @@ from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.resample import Resampler
 
 
-def write(path: Path, *, rate: int = 48_000, seconds: float = 1.0, seed: int = 0) -> Recording:
+def write(
+    path: Path, *, rate: int = 48_000, seconds: float = 1.0, seed: int = 0
+) -> Recording:
     time = np.arange(int(rate * seconds)) / rate
     noise = np.random.default_rng(seed).normal(0, 0.01, len(time))
     soundfile.write(
         path,
-        np.stack([0.4 * np.sin(2 * np.pi * 200 * time), 0.1 * np.cos(2 * np.pi * 300 * time)], axis=1) + noise[:, None],
+        np.stack(
+            [
+                0.4 * np.sin(2 * np.pi * 200 * time),
+                0.1 * np.cos(2 * np.pi * 300 * time),
+            ],
+            axis=1,
+        )
+        + noise[:, None],
         rate,
     )
     return Recording(path, "slate", channels=("contact", "air"))
@@ -31,10 +40,15 @@ def test_training_sound_equals_live_sound(tmp_path: Path) -> None:
     assert np.array_equal(read_signals([recording], channels=2)[0], expected)
 
 
-def test_swapped_channels_are_put_right_and_one_channel_is_contact(tmp_path: Path) -> None:
+def test_swapped_channels_are_put_right_and_one_channel_is_contact(
+    tmp_path: Path,
+) -> None:
     straight = write(tmp_path / "a.wav")
     swapped = Recording(straight.path, "slate", channels=("air", "contact"))
-    both, exchanged = read_signals([straight], channels=2)[0], read_signals([swapped], channels=2)[0]
+    both, exchanged = (
+        read_signals([straight], channels=2)[0],
+        read_signals([swapped], channels=2)[0],
+    )
     assert np.array_equal(both, exchanged[:, ::-1])
     assert np.array_equal(read_signals([swapped], channels=1)[0], both[:, 1:])
 
@@ -46,10 +60,15 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("channels", [1, 2])
-def test_opus_changes_sound_a_little_and_its_length_not_at_all(tmp_path: Path, channels: int) -> None:
+def test_opus_changes_sound_a_little_and_its_length_not_at_all(
+    tmp_path: Path, channels: int
+) -> None:
     recording = write(tmp_path / "a.wav")
     codec = Codec("opus", channels=channels, packet_size=480)
-    plain, coded = (read_signals([recording], channels=channels, codec=each)[0] for each in (None, codec))
+    plain, coded = (
+        read_signals([recording], channels=channels, codec=each)[0]
+        for each in (None, codec)
+    )
     assert plain.shape == coded.shape
     assert 0 < np.abs(plain - coded)[100:-100].max() < 0.05
 

@@ -30,7 +30,9 @@ class Counting:
     def wait(self, more: int) -> None:
         with self._called:
             goal = len(self.sizes) + more
-            assert self._called.wait_for(lambda: len(self.sizes) >= goal, TIMEOUT), "the device stopped calling"
+            assert self._called.wait_for(lambda: len(self.sizes) >= goal, TIMEOUT), (
+                "the device stopped calling"
+            )
 
 
 def calls_for_the_waveform_periodically(make: Callable[[Render], Actuator]) -> None:
@@ -43,7 +45,9 @@ def calls_for_the_waveform_periodically(make: Callable[[Render], Actuator]) -> N
     assert min(render.sizes) > 0
 
 
-def a_render_that_fails_is_counted_and_called_again(make: Callable[[Render], Actuator]) -> None:
+def a_render_that_fails_is_counted_and_called_again(
+    make: Callable[[Render], Actuator],
+) -> None:
     render = Counting()
     render.level = 0.5
     render.fails = True

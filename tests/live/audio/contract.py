@@ -29,7 +29,9 @@ def blocks_follow_one_another(make: Callable[[], Source]) -> None:
             size += block.size
             if size >= DURATION * source.sample_rate:
                 break
-    assert all(after.start == before.end for before, after in itertools.pairwise(blocks))
+    assert all(
+        after.start == before.end for before, after in itertools.pairwise(blocks)
+    )
 
 
 def yielded_blocks_do_not_change(make: Callable[[], Source]) -> None:
@@ -47,6 +49,11 @@ def it_can_be_exited_in_the_middle(make: Callable[[], Source]) -> None:
             next(iter(source))
 
 
-ALL = (blocks_are_as_announced, blocks_follow_one_another, yielded_blocks_do_not_change, it_can_be_exited_in_the_middle)
+ALL = (
+    blocks_are_as_announced,
+    blocks_follow_one_another,
+    yielded_blocks_do_not_change,
+    it_can_be_exited_in_the_middle,
+)
 
 __all__ = ["ALL", "DURATION"]

@@ -22,16 +22,26 @@ from tactophone.live.audio.jack import JackClient
 from . import actuator_contract as contract
 
 
-def jack_actuator(render: Render, *, port: str = "system:playback_1", **kwargs: str) -> Actuator:
-    return jack_hand_actuator(lambda outs: render(outs[0]), ports={"vibration": port}, **kwargs)
+def jack_actuator(
+    render: Render, *, port: str = "system:playback_1", **kwargs: str
+) -> Actuator:
+    return jack_hand_actuator(
+        lambda outs: render(outs[0]), ports={"vibration": port}, **kwargs
+    )
 
 
 def portaudio_actuator(render: Render, *, device: str) -> Actuator:
-    return portaudio_hand_actuator(lambda outs: render(outs[0]), device=device, channels=[1])
+    return portaudio_hand_actuator(
+        lambda outs: render(outs[0]), device=device, channels=[1]
+    )
 
 
-def clocked_actuator(render: Render, *, period: int = 128, path: Path | None = None) -> Actuator:
-    return clocked_hand_actuator(lambda outs: render(outs[0]), fingers=1, period=period, path=path)
+def clocked_actuator(
+    render: Render, *, period: int = 128, path: Path | None = None
+) -> Actuator:
+    return clocked_hand_actuator(
+        lambda outs: render(outs[0]), fingers=1, period=period, path=path
+    )
 
 
 @pytest.mark.realtime
@@ -57,7 +67,9 @@ def test_a_file_keeps_the_contract(promise: Callable, tmp_path: Path) -> None:
     promise(lambda render: clocked_actuator(render, path=tmp_path / "vibration.wav"))
 
 
-def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(tmp_path: Path) -> None:
+def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(
+    tmp_path: Path,
+) -> None:
     render = contract.Counting()
     render.level = 0.25
     with clocked_actuator(render, period=64, path=tmp_path / "vibration.wav"):
@@ -92,7 +104,10 @@ def test_the_waveform_keeps_its_length_through_a_stall_and_what_a_longer_one_cos
 
 
 def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DeviceError, match="cannot be written"), clocked_actuator(print, path=tmp_path / "no" / "x.wav"):
+    with (
+        pytest.raises(DeviceError, match="cannot be written"),
+        clocked_actuator(print, path=tmp_path / "no" / "x.wav"),
+    ):
         pass
 
 
@@ -100,14 +115,20 @@ def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
 def test_a_missing_port_lists_the_candidates(jack_server: DummyServer) -> None:
     actuator = jack_actuator(print, port="system:playback_9", server=jack_server.name)
     with (
-        pytest.raises(DeviceError, match=r"no JACK port system:playback_9.*system:playback_1, system:playback_2"),
+        pytest.raises(
+            DeviceError,
+            match=r"no JACK port system:playback_9.*system:playback_1, system:playback_2",
+        ),
         actuator,
     ):
         pass
 
 
 def test_no_server_says_how_to_start_one() -> None:
-    with pytest.raises(DeviceError, match="jackd -R"), jack_actuator(print, server="tactophone-none"):
+    with (
+        pytest.raises(DeviceError, match="jackd -R"),
+        jack_actuator(print, server="tactophone-none"),
+    ):
         pass
 
 
@@ -124,12 +145,16 @@ def test_a_server_of_another_rate_is_refused() -> None:
 @pytest.mark.realtime
 @pytest.mark.usefixtures("portaudio")
 def test_portaudio_lists_what_it_has() -> None:
-    with pytest.raises(DeviceError, match=r"0 PortAudio devices.*'telephone'.*0 system \(JACK"):
+    with pytest.raises(
+        DeviceError, match=r"0 PortAudio devices.*'telephone'.*0 system \(JACK"
+    ):
         portaudio_actuator(print, device="telephone").__enter__()
 
 
 @pytest.mark.realtime
-def test_a_render_that_fails_is_silent_at_the_jack_port(jack_server: DummyServer) -> None:
+def test_a_render_that_fails_is_silent_at_the_jack_port(
+    jack_server: DummyServer,
+) -> None:
     peaks: list[float] = []
 
     def listen(inputs: list[FloatArray], _: list[FloatArray]) -> None:
@@ -139,7 +164,9 @@ def test_a_render_that_fails_is_silent_at_the_jack_port(jack_server: DummyServer
     render.level = 0.5
     with jack_actuator(render, port="-", server=jack_server.name, name="operator"):
         wire = {"in": "operator:vibration"}
-        listener = JackClient("listener", listen, inputs=wire, outputs={}, server=jack_server.name)
+        listener = JackClient(
+            "listener", listen, inputs=wire, outputs={}, server=jack_server.name
+        )
         listener.open()
         render.wait(10)
         assert peaks[-1] == 0.5

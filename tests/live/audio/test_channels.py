@@ -53,13 +53,22 @@ np.save({path!r}, np.concatenate(played))
 def in_alsa(tmp_path: Path, program: str) -> str:
     """Run a program with a virtual sound card of ALSA's file plug-in as its only device."""
     (tmp_path / "asound.conf").write_text(ALSA.format(path=tmp_path / "played.raw"))
-    environment = {**os.environ, "ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"), "JACK_NO_START_SERVER": "1"}
+    environment = {
+        **os.environ,
+        "ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"),
+        "JACK_NO_START_SERVER": "1",
+    }
     command = [sys.executable, "-c", program]
-    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=60).stdout
+    return subprocess.run(
+        command, env=environment, check=True, capture_output=True, text=True, timeout=60
+    ).stdout
 
 
 @pytest.mark.realtime
-@pytest.mark.skipif(not Path("/usr/share/alsa/alsa.conf").exists(), reason="ALSA's configuration is not installed")
+@pytest.mark.skipif(
+    not Path("/usr/share/alsa/alsa.conf").exists(),
+    reason="ALSA's configuration is not installed",
+)
 def test_channel_three_alone_sounds_bit_for_bit(tmp_path: Path) -> None:
     in_alsa(tmp_path, PLAY.format(path=str(tmp_path / "rendered.npy")))
     rendered = np.load(tmp_path / "rendered.npy")
@@ -73,7 +82,10 @@ def test_channel_three_alone_sounds_bit_for_bit(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.skipif(not Path("/usr/share/alsa/alsa.conf").exists(), reason="ALSA's configuration is not installed")
+@pytest.mark.skipif(
+    not Path("/usr/share/alsa/alsa.conf").exists(),
+    reason="ALSA's configuration is not installed",
+)
 def test_devices_recognises_it_and_prints_what_to_type(tmp_path: Path) -> None:
     program = "from tactophone.cli import main; main(['devices', '--set', 'process.jack_server=tactophone-none'])"
     words = " ".join(in_alsa(tmp_path, program).split())
@@ -83,7 +95,9 @@ def test_devices_recognises_it_and_prints_what_to_type(tmp_path: Path) -> None:
 
 
 def test_a_wireless_controller_with_two_outputs_is_none() -> None:
-    device = PortAudioDevice(2, "Wireless Controller: USB Audio (hw:1,0)", "ALSA", 1, 2, 48_000.0, 0.01, 0.01)
+    device = PortAudioDevice(
+        2, "Wireless Controller: USB Audio (hw:1,0)", "ALSA", 1, 2, 48_000.0, 0.01, 0.01
+    )
     assert not any("channel" in setting for setting in _assess(device).settings)
 
 
@@ -107,24 +121,49 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
 
     def render(outs: Sequence[FloatArray]) -> None:
         (out,) = outs
-        out[:] = np.arange(len(rendered) * len(out), (len(rendered) + 1) * len(out), dtype=np.float32) / 1e6
+        out[:] = (
+            np.arange(
+                len(rendered) * len(out),
+                (len(rendered) + 1) * len(out),
+                dtype=np.float32,
+            )
+            / 1e6
+        )
         rendered.append(out.copy())
 
     with (
         DummyServer(128, outputs=4) as server,
         jack_hand_actuator(
-            render, ports={"vibration": f"system:playback_{DUALSENSE_CHANNEL}"}, server=server.name, name="operator"
+            render,
+            ports={"vibration": f"system:playback_{DUALSENSE_CHANNEL}"},
+            server=server.name,
+            name="operator",
         ),
     ):
         wire = {"in": "operator:vibration"}
         listener = JackClient(
-            "listener", lambda inputs, _: played.append(inputs[0].copy()), inputs=wire, outputs={}, server=server.name
+            "listener",
+            lambda inputs, _: played.append(inputs[0].copy()),
+            inputs=wire,
+            outputs={},
+            server=server.name,
         )
         listener.open()
         ports = {port.name for port in listener.ports()}
-        connected = [entry.name for entry in listener._client.get_all_connections("operator:vibration")]
+        connected = [
+            entry.name
+            for entry in listener._client.get_all_connections("operator:vibration")
+        ]
         # A busy machine loses periods: those that were heard are looked for among those that were rendered.
-        assert eventually(lambda: len({block.tobytes() for block in rendered} & {b.tobytes() for b in played}) > 5)
+        assert eventually(
+            lambda: (
+                len(
+                    {block.tobytes() for block in rendered}
+                    & {b.tobytes() for b in played}
+                )
+                > 5
+            )
+        )
         listener.close()
     assert "system:playback_4" in ports
     assert sorted(connected) == ["listener:in", "system:playback_3"]

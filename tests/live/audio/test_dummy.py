@@ -9,7 +9,9 @@ from tactophone.live.audio.jack import JackClient
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(("period", "synchronous"), [(64, True), (512, False)])
-def test_a_server_runs_with_the_requested_period(period: int, synchronous: bool) -> None:
+def test_a_server_runs_with_the_requested_period(
+    period: int, synchronous: bool
+) -> None:
     with DummyServer(period, synchronous=synchronous) as server:
         client = JackClient("probe", None, inputs={}, outputs={}, server=server.name)
         client.open()

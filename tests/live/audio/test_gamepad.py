@@ -32,7 +32,13 @@ class RecordedPad:
         if self.gone:
             raise OSError(errno.ENODEV, "gone")
         rumble = effect.u.ff_rumble_effect
-        self.effects.append((rumble.strong_magnitude / 65535, rumble.weak_magnitude / 65535, effect.ff_replay.length))
+        self.effects.append(
+            (
+                rumble.strong_magnitude / 65535,
+                rumble.weak_magnitude / 65535,
+                effect.ff_replay.length,
+            )
+        )
         return 3
 
     def write(self, *_: int) -> None:
@@ -50,9 +56,20 @@ class Level:
         outputs[0][:] = self.level
 
 
-def device(pad: Any, process: Any, *, roughness: float = 1.0, ceiling: float = 0.5, name: str = "") -> GamepadDevice:
+def device(
+    pad: Any,
+    process: Any,
+    *,
+    roughness: float = 1.0,
+    ceiling: float = 0.5,
+    name: str = "",
+) -> GamepadDevice:
     return GamepadDevice(
-        process, device=name, roughness=lambda: roughness, ceiling=lambda: ceiling, find=lambda: [pad] if pad else []
+        process,
+        device=name,
+        roughness=lambda: roughness,
+        ceiling=lambda: ceiling,
+        find=lambda: [pad] if pad else [],
     )
 
 
@@ -62,19 +79,26 @@ def test_a_gamepad_keeps_the_contract(promise: Any) -> None:
 
     promise(
         lambda render: gamepad_actuator(
-            render, roughness=lambda: 1.0, ceiling=lambda: 0.5, find=lambda: [RecordedPad()]
+            render,
+            roughness=lambda: 1.0,
+            ceiling=lambda: 0.5,
+            find=lambda: [RecordedPad()],
         )
     )
 
 
 @pytest.mark.parametrize(("roughness", "motor"), [(1.0, 0), (0.0, 1)])
-def test_rough_turns_the_strong_motor_and_smooth_the_weak_one(roughness: float, motor: int) -> None:
+def test_rough_turns_the_strong_motor_and_smooth_the_weak_one(
+    roughness: float, motor: int
+) -> None:
     pad = RecordedPad()
     played = device(pad, Level(0.5), roughness=roughness)
     played.open()
     assert eventually(lambda: len(pad.effects) > 4)
     played.close()
-    assert all(effect[motor] == pytest.approx(0.5, abs=1e-4) for effect in pad.effects[1:-1])
+    assert all(
+        effect[motor] == pytest.approx(0.5, abs=1e-4) for effect in pad.effects[1:-1]
+    )
     assert all(effect[1 - motor] == 0 for effect in pad.effects)
     assert {effect[2] for effect in pad.effects} == {120}
     assert pad.started == len(pad.effects)
@@ -117,7 +141,9 @@ def test_a_pad_that_is_unplugged_is_a_fault_and_comes_back() -> None:
 def test_no_pad_lists_what_there_is() -> None:
     with pytest.raises(DeviceError, match="none"):
         device(None, Level(0.0)).open()
-    with pytest.raises(DeviceError, match=r"matches 'Other'; there are: /dev/input/event7 Test Pad"):
+    with pytest.raises(
+        DeviceError, match=r"matches 'Other'; there are: /dev/input/event7 Test Pad"
+    ):
         device(RecordedPad(), Level(0.0), name="Other").open()
 
 
@@ -129,7 +155,10 @@ def test_a_virtual_pad_of_the_kernel_receives_the_effects() -> None:
     from evdev import InputDevice, UInput, ecodes
 
     uploaded = []
-    with UInput({ecodes.EV_FF: [ecodes.FF_RUMBLE], ecodes.EV_KEY: [ecodes.BTN_SOUTH]}, name="tactophone test") as pad:
+    with UInput(
+        {ecodes.EV_FF: [ecodes.FF_RUMBLE], ecodes.EV_KEY: [ecodes.BTN_SOUTH]},
+        name="tactophone test",
+    ) as pad:
 
         def answer() -> None:
             for event in pad.read_loop():

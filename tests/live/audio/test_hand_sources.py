@@ -18,13 +18,27 @@ def label(value: int, time: float) -> int:
     return value
 
 
-def test_fingers_stand_side_by_side_and_the_shortest_ends_the_hand(tmp_path: Path) -> None:
+def test_fingers_stand_side_by_side_and_the_shortest_ends_the_hand(
+    tmp_path: Path,
+) -> None:
     sources = []
     for number, (size, channels) in enumerate(((1000, 2), (700, 1))):
         path = tmp_path / f"{number}.wav"
-        soundfile.write(path, np.full((size, channels), 0.25 * (number + 1)), 48_000, subtype="FLOAT")
+        soundfile.write(
+            path,
+            np.full((size, channels), 0.25 * (number + 1)),
+            48_000,
+            subtype="FLOAT",
+        )
         source = FileSource(path, block_size=256)
-        sources.append(RecordedSource(source, duration=source.duration, resample=same, label_at=partial(label, number)))
+        sources.append(
+            RecordedSource(
+                source,
+                duration=source.duration,
+                resample=same,
+                label_at=partial(label, number),
+            )
+        )
     with CombinedSource(sources) as hand:
         blocks = list(hand)
         sound = np.concatenate([block.samples for block in blocks])

@@ -40,13 +40,23 @@ def eventually(condition: Callable[[], bool]) -> bool:
 def test_ports_of_two_clients_carry_sound(jack_server: DummyServer) -> None:
     player, listener = Recorder(), Recorder()
     player.level = 0.5
-    source = JackClient("player", player, inputs={}, outputs={"out": ""}, server=jack_server.name)
+    source = JackClient(
+        "player", player, inputs={}, outputs={"out": ""}, server=jack_server.name
+    )
     source.open()
-    sink = JackClient("listener", listener, inputs={"in": "player:out"}, outputs={}, server=jack_server.name)
+    sink = JackClient(
+        "listener",
+        listener,
+        inputs={"in": "player:out"},
+        outputs={},
+        server=jack_server.name,
+    )
     sink.open()
     assert eventually(lambda: listener.peaks[-1:] == [0.5])
     assert (sink.sample_rate, sink.period, sink.fault) == (48_000, 128, "")
-    assert "player:out" in [port.name for port in sink.ports() if port.is_output and not port.physical]
+    assert "player:out" in [
+        port.name for port in sink.ports() if port.is_output and not port.physical
+    ]
     sink.close()
     source.close()
 
@@ -55,7 +65,13 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
     server = DummyServer(128)
     server.start()
     recorder = Recorder()
-    client = JackClient("robot", recorder, inputs={"contact": "system:capture_1"}, outputs={}, server=server.name)
+    client = JackClient(
+        "robot",
+        recorder,
+        inputs={"contact": "system:capture_1"},
+        outputs={},
+        server=server.name,
+    )
     client.open()
     assert eventually(lambda: len(recorder.peaks) > 3)
     server.kill()
@@ -74,11 +90,19 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
         server.stop()
 
 
-def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_follows() -> None:
+def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_follows() -> (
+    None
+):
     server = DummyServer(128)
     server.start()
     recorder = Recorder()
-    client = JackClient("robot", recorder, inputs={"contact": "system:capture_1"}, outputs={}, server=server.name)
+    client = JackClient(
+        "robot",
+        recorder,
+        inputs={"contact": "system:capture_1"},
+        outputs={},
+        server=server.name,
+    )
     client.open()
     try:
         for rate, works in ((44_100, False), (48_000, True)):
@@ -90,7 +114,11 @@ def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_foll
             recorder.peaks.clear()
             assert eventually(lambda: len(recorder.peaks) > 0) is works
             client.revive()
-            assert client.fault == "" if works else "44100 Hz now, but 48000 Hz is needed" in client.fault
+            assert (
+                client.fault == ""
+                if works
+                else "44100 Hz now, but 48000 Hz is needed" in client.fault
+            )
     finally:
         client.close()
         server.stop()
@@ -99,9 +127,17 @@ def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_foll
 def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -> None:
     player, listener = Recorder(), Recorder()
     player.level = 0.5
-    early = JackClient("player", player, inputs={}, outputs={"out": ""}, server=jack_server.name)
+    early = JackClient(
+        "player", player, inputs={}, outputs={"out": ""}, server=jack_server.name
+    )
     early.open()
-    sink = JackClient("listener", listener, inputs={"in": "player:out"}, outputs={}, server=jack_server.name)
+    sink = JackClient(
+        "listener",
+        listener,
+        inputs={"in": "player:out"},
+        outputs={},
+        server=jack_server.name,
+    )
     sink.open()
     early.close()
     assert eventually(lambda: sink.revive() or "no JACK port player:out" in sink.fault)
@@ -113,14 +149,24 @@ def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -
 
 
 def test_two_wirings_of_one_client_are_both_checked(jack_server: DummyServer) -> None:
-    client = JackClient("robot", Recorder(), inputs={"air": "system:capture_7"}, outputs={}, server=jack_server.name)
+    client = JackClient(
+        "robot",
+        Recorder(),
+        inputs={"air": "system:capture_7"},
+        outputs={},
+        server=jack_server.name,
+    )
     with pytest.raises(DeviceError, match="system:capture_7"):
         client.open()
     assert client.period == 0
 
 
-def test_a_client_leaves_a_server_that_does_not_answer(jack_server: DummyServer) -> None:
-    client = JackClient("robot", Recorder(), inputs={}, outputs={}, server=jack_server.name)
+def test_a_client_leaves_a_server_that_does_not_answer(
+    jack_server: DummyServer,
+) -> None:
+    client = JackClient(
+        "robot", Recorder(), inputs={}, outputs={}, server=jack_server.name
+    )
     client.open()
     process = jack_server._process
     assert process is not None
@@ -134,8 +180,12 @@ def test_a_client_leaves_a_server_that_does_not_answer(jack_server: DummyServer)
     client.close()
 
 
-def test_a_client_whose_sockets_are_shut_down_joins_again(jack_server: DummyServer) -> None:
-    client = JackClient("robot", Recorder(), inputs={}, outputs={"out": ""}, server=jack_server.name)
+def test_a_client_whose_sockets_are_shut_down_joins_again(
+    jack_server: DummyServer,
+) -> None:
+    client = JackClient(
+        "robot", Recorder(), inputs={}, outputs={"out": ""}, server=jack_server.name
+    )
     client.open()
     assert disconnect_from_jack(os.getpid())
     assert eventually(lambda: client.fault != "")
@@ -168,7 +218,9 @@ for _ in range(3):
 
 def test_a_client_of_a_starved_interpreter_ends(jack_server: DummyServer) -> None:
     """libjack cancels the thread of its callback; one that waits for the interpreter would keep its lock for ever."""
-    subprocess.run([sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=True)
+    subprocess.run(
+        [sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=True
+    )
 
 
 SIBLINGS = """

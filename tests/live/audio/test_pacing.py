@@ -23,7 +23,10 @@ class Clock:
 
 
 def blocks(count: int) -> list[AudioBlock]:
-    return [AudioBlock(np.zeros((480, 1), np.float32), sample_rate=48_000, start=480 * n) for n in range(count)]
+    return [
+        AudioBlock(np.zeros((480, 1), np.float32), sample_rate=48_000, start=480 * n)
+        for n in range(count)
+    ]
 
 
 def test_blocks_come_when_their_last_sample_would() -> None:
@@ -46,7 +49,9 @@ def test_a_short_delay_is_made_up_and_a_long_one_forgiven() -> None:
 def after_a_stall(*, skip: bool) -> list[tuple[float, AudioBlock]]:
     """Blocks of 10 ms, each with the time at which it came; the reader stands still for half a second at block 12."""
     clock, found = Clock(), []
-    for index, block in enumerate(paced(blocks(100), skip=skip, clock=clock, sleep=clock.sleep)):
+    for index, block in enumerate(
+        paced(blocks(100), skip=skip, clock=clock, sleep=clock.sleep)
+    ):
         found.append((clock.now, block))
         clock.now += 0.5 if index == 12 else 0.0
     return found
@@ -54,10 +59,18 @@ def after_a_stall(*, skip: bool) -> list[tuple[float, AudioBlock]]:
 
 @pytest.mark.parametrize("skip", [False, True])
 def test_times_go_on_with_the_clock_after_a_stall(skip: bool) -> None:
-    assert max(now - block.end / block.sample_rate for now, block in after_a_stall(skip=skip)) < LONGEST_DELAY + 1e-6
+    assert (
+        max(
+            now - block.end / block.sample_rate
+            for now, block in after_a_stall(skip=skip)
+        )
+        < LONGEST_DELAY + 1e-6
+    )
 
 
-def test_a_recording_skips_what_was_missed_and_a_simulation_goes_on_where_it_stopped() -> None:
+def test_a_recording_skips_what_was_missed_and_a_simulation_goes_on_where_it_stopped() -> (
+    None
+):
     recording, simulation = (after_a_stall(skip=skip) for skip in (True, False))
     assert [block.start % 480 for _, block in recording] == [0] * len(recording)
     assert len(recording) == pytest.approx(100 - 50, abs=7)
@@ -72,9 +85,15 @@ def test_a_recording_that_cannot_be_skipped_in_time_goes_on_at_later_times() -> 
             clock.now += 0.012 if block.start else 1.0  # slower than the sound plays
             yield block
 
-    found = [(clock.now, block) for block in paced(slow(), skip=True, clock=clock, sleep=clock.sleep)]
+    found = [
+        (clock.now, block)
+        for block in paced(slow(), skip=True, clock=clock, sleep=clock.sleep)
+    ]
     assert len(found) > 150
-    assert max(now - block.end / block.sample_rate for now, block in found) < LONGEST_DELAY + 0.013
+    assert (
+        max(now - block.end / block.sample_rate for now, block in found)
+        < LONGEST_DELAY + 0.013
+    )
 
 
 def test_interruptions_while_missed_sound_is_skipped_do_not_move_the_times() -> None:
@@ -91,5 +110,8 @@ def test_interruptions_while_missed_sound_is_skipped_do_not_move_the_times() -> 
         found.append((clock.now, block))
         clock.now += 0.7 if len(found) == 12 else 0.0
     assert [block.start % 480 for _, block in found] == [0] * len(found)
-    assert max(now - block.end / block.sample_rate for now, block in found) < LONGEST_DELAY + 1e-6
+    assert (
+        max(now - block.end / block.sample_rate for now, block in found)
+        < LONGEST_DELAY + 1e-6
+    )
     assert len(found) > 450

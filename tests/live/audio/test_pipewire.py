@@ -14,7 +14,9 @@ NEEDED = ("dbus-run-session", "pipewire", "wireplumber", "pw-jack")
 
 pytestmark = [
     pytest.mark.realtime,
-    pytest.mark.skipif(not all(map(shutil.which, NEEDED)), reason=f"needs {', '.join(NEEDED)}"),
+    pytest.mark.skipif(
+        not all(map(shutil.which, NEEDED)), reason=f"needs {', '.join(NEEDED)}"
+    ),
 ]
 
 SINK = """
@@ -42,9 +44,19 @@ print(json.dumps(asdict(survey()[0])))
 
 def listed(folder: Path, *before: str) -> Any:
     """Return the first device that a survey finds, with a private folder for the server's sockets and settings."""
-    environment = os.environ | {"XDG_RUNTIME_DIR": str(folder), "XDG_CONFIG_HOME": str(folder)}
+    environment = os.environ | {
+        "XDG_RUNTIME_DIR": str(folder),
+        "XDG_CONFIG_HOME": str(folder),
+    }
     command = [*before, "pw-jack", sys.executable, "-c", LISTED]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
     assert lines, done.stderr
     return json.loads(lines[-1])
@@ -55,7 +67,11 @@ def test_its_sink_is_listed_by_its_name_with_what_to_type(tmp_path: Path) -> Non
     settings.parent.mkdir(parents=True)
     settings.write_text(SINK)
     found = listed(tmp_path, "dbus-run-session", "--", "sh", "-c", SESSION, "sh")
-    assert (found["system"], found["outputs"], found["sample_rate"]) == ("JACK by PipeWire", 2, 48_000)
+    assert (found["system"], found["outputs"], found["sample_rate"]) == (
+        "JACK by PipeWire",
+        2,
+        48_000,
+    )
     assert "output.port=null:playback_FL" in found["settings"]
     assert found["note"].startswith("periods of 128 samples")
 

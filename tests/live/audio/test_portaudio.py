@@ -64,7 +64,12 @@ def test_what_a_failing_process_wrote_is_not_played() -> None:
 @pytest.mark.usefixtures("portaudio")
 def test_blocks_arrive_by_the_devices_clock() -> None:
     sizes: list[int] = []
-    stream = PortAudioStream(lambda inputs, outputs: sizes.append(len(inputs[0])), "input", device="syst", channels=2)
+    stream = PortAudioStream(
+        lambda inputs, outputs: sizes.append(len(inputs[0])),
+        "input",
+        device="syst",
+        channels=2,
+    )
     stream.open()
     begun = time.monotonic()
     try:

@@ -35,7 +35,9 @@ class HandDevice:
         self.is_open = False
 
     def deliver(self, value: float, size: int) -> None:
-        self.process([np.full(size, value, np.float32), np.full(size, -value, np.float32)], [])
+        self.process(
+            [np.full(size, value, np.float32), np.full(size, -value, np.float32)], []
+        )
 
 
 @pytest.fixture
@@ -50,7 +52,9 @@ def test_blocks_come_in_order_with_contact_first(source: LiveSource) -> None:
         source.device.deliver(value, size)
     first, second, third = (next(blocks) for _ in range(3))
     assert (first.start, second.start, third.start) == (0, 128, 145)
-    np.testing.assert_allclose(second.samples, np.tile(np.float32([0.2, -0.2]), (17, 1)))
+    np.testing.assert_allclose(
+        second.samples, np.tile(np.float32([0.2, -0.2]), (17, 1))
+    )
 
 
 def test_sound_that_nobody_fetches_is_dropped_and_counted(source: LiveSource) -> None:
@@ -64,7 +68,9 @@ def test_sound_that_nobody_fetches_is_dropped_and_counted(source: LiveSource) ->
     assert after.start == 60 * 128 > waiting[-1].end
 
 
-def test_a_late_reader_gets_all_that_waits_at_once_up_to_a_gap(source: LiveSource) -> None:
+def test_a_late_reader_gets_all_that_waits_at_once_up_to_a_gap(
+    source: LiveSource,
+) -> None:
     for _ in range(60):
         source.device.deliver(0.1, 128)
     blocks = source.joined()
@@ -79,7 +85,9 @@ def test_a_late_reader_gets_all_that_waits_at_once_up_to_a_gap(source: LiveSourc
     assert [block.size for block in blocks] == []
 
 
-def test_a_reader_that_waits_is_woken_for_as_much_as_it_needs(source: LiveSource) -> None:
+def test_a_reader_that_waits_is_woken_for_as_much_as_it_needs(
+    source: LiveSource,
+) -> None:
     received: queue.SimpleQueue[AudioBlock] = queue.SimpleQueue()
     needed = 240
 
@@ -122,7 +130,9 @@ def test_closing_from_another_thread_ends_the_sound(source: LiveSource) -> None:
 
 
 def test_another_rate_is_refused() -> None:
-    source = LiveSource(lambda process: HandDevice(process, sample_rate=44_100), channels=2)
+    source = LiveSource(
+        lambda process: HandDevice(process, sample_rate=44_100), channels=2
+    )
     with pytest.raises(DeviceError, match="44100 Hz, but 48000"), source:
         pass
     assert not source.device.is_open

@@ -19,7 +19,9 @@ def message(start: int, samples: np.ndarray) -> bytes:
 def test_samples_arrive_bit_for_bit_and_a_gap_is_counted() -> None:
     inbox, outbox = Pipe(duplex=False)
     found: list[np.ndarray] = []
-    device = StreamDevice(inbox, lambda inputs, _: found.append(inputs[0]), absent="nobody")
+    device = StreamDevice(
+        inbox, lambda inputs, _: found.append(inputs[0]), absent="nobody"
+    )
     outbox.send_bytes(message(0, np.ones(8)))  # out of date when the device opens
     device.open()
     assert device.fault == "nobody"

@@ -16,14 +16,22 @@ from tests.sounds import blocks, strokes
 
 
 def main() -> None:
-    model, seconds = sys.argv[1] if len(sys.argv) > 1 else "texture", int(sys.argv[2]) if len(sys.argv) > 2 else 60
+    model, seconds = (
+        sys.argv[1] if len(sys.argv) > 1 else "texture",
+        int(sys.argv[2]) if len(sys.argv) > 2 else 60,
+    )
     detector = open_detector(model_path(model), sample_rate=RATE)
     codec = Codec("opus", channels=2, packet_size=240).for_bandwidth(detector.bandwidth)
     noise = 1e-3 * np.random.default_rng(0).standard_normal((seconds * RATE, 2))
     touched = np.resize(strokes()[:, 0], seconds * RATE)
     sound = (np.stack([touched, 0.1 * touched], axis=1) + noise).astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
-        path = record(Path(folder) / "run.mcap", Path(model), codec=codec, sound=blocks(sound, 120))
+        path = record(
+            Path(folder) / "run.mcap",
+            Path(model),
+            codec=codec,
+            sound=blocks(sound, 120),
+        )
         size = path.stat().st_size
     sys.stdout.write(
         f"{model}, Opus at {codec.bitrate_bps // 1000} kbit/s: {size / seconds * 600 / 1e6:.2f} MB in 10 minutes, "

@@ -35,9 +35,13 @@ RATE = 48_000
 class RecordedOperator:
     """An operator's endpoint that logs and publishes as `runtime.Operator` does."""
 
-    def __init__(self, endpoint: OperatorEndpoint, telemetry: Telemetry, settings: Settings) -> None:
+    def __init__(
+        self, endpoint: OperatorEndpoint, telemetry: Telemetry, settings: Settings
+    ) -> None:
         self.endpoint = endpoint
-        self.gates = [OutputGate(pipeline.limits) for pipeline in endpoint.hand.pipelines]
+        self.gates = [
+            OutputGate(pipeline.limits) for pipeline in endpoint.hand.pipelines
+        ]
         self.gate = self.gates[0]
         self._telemetry = telemetry
         self.recorder = SessionRecorder(telemetry, settings, role="operator")
@@ -56,17 +60,28 @@ class RecordedOperator:
         return list(self._published(self.endpoint.poll(now), now))
 
     def log_controls(self) -> None:
-        for finger, (pipeline, gate) in enumerate(zip(self.endpoint.hand.pipelines, self.gates, strict=True)):
+        for finger, (pipeline, gate) in enumerate(
+            zip(self.endpoint.hand.pipelines, self.gates, strict=True)
+        ):
             self.recorder.controls(
-                gate.armed, gate.limits.ceiling, gate.output_level, pipeline.profile.name,
-                None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs, finger=finger,
-            )  # fmt: skip
+                gate.armed,
+                gate.limits.ceiling,
+                gate.output_level,
+                pipeline.profile.name,
+                None
+                if pipeline.detector.threshold.follows_floor
+                else pipeline.detector.threshold.dbfs,
+                finger=finger,
+            )
 
     def _published(self, steps: Iterable[EventStep], now: float) -> Iterator[EventStep]:
         for event, step in steps:
             if step is not None:
                 bound = self.gates[step.finger].bound
-                bounded = tuple(replace(each, amplitude=bound(each.amplitude)) for each in step.commands)
+                bounded = tuple(
+                    replace(each, amplitude=bound(each.amplitude))
+                    for each in step.commands
+                )
                 self._telemetry.publish(replace(step, commands=bounded), now=now)
             yield event, step
         self.recorder.write()
@@ -103,7 +118,10 @@ def record(
         channels = channels_of(settings, alone=codec.channels)
         endpoint = OperatorEndpoint(session, reopen(2), reopen=reopen)
         if hand:
-            opened = [open_pipeline_for(own, channels=count) for own, count in zip(hand, channels, strict=True)]
+            opened = [
+                open_pipeline_for(own, channels=count)
+                for own, count in zip(hand, channels, strict=True)
+            ]
             endpoint = OperatorEndpoint(session, Hand(opened, channels=channels))
         operator = RecordedOperator(endpoint, telemetry, settings)
         detectors = [reopen(count).detector for count in channels] if remote else None
@@ -112,7 +130,9 @@ def record(
             link = VirtualLink(robot, operator)
             begun = link.connect(0.0)
             link.to_operator = ImpairedLink(network or NetworkProfile(), lost=lost)
-            for number, block in enumerate(sound or blocks(np.repeat(strokes(), codec.channels, axis=1), 120)):
+            for number, block in enumerate(
+                sound or blocks(np.repeat(strokes(), codec.channels, axis=1), 120)
+            ):
                 meanwhile(operator, block.time)
                 sender.push(block)
                 link.carry(round(begun + block.end / RATE, ARRIVAL_DIGITS))
@@ -127,7 +147,10 @@ def messages(path: Path, topic: str) -> list[bytes]:
     from mcap.reader import make_reader
 
     with path.open("rb") as file:
-        return [message.data for _, channel, message in make_reader(file).iter_messages(topics=[topic])]
+        return [
+            message.data
+            for _, channel, message in make_reader(file).iter_messages(topics=[topic])
+        ]
 
 
 def decoded(path: Path, topic: str) -> list[Any]:

@@ -19,13 +19,23 @@ from tactophone.live.telemetry.records import RunStart
 from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
-from tests.live.log.recorded_run import RecordedOperator, decoded, decoded_sessions, joined, messages, record
+from tests.live.log.recorded_run import (
+    RecordedOperator,
+    decoded,
+    decoded_sessions,
+    joined,
+    messages,
+    record,
+)
 from tests.models import write_tiny_model
 from tests.sounds import blocks, strokes
 
 pytest.importorskip("mcap.reader")
 
-OPUS, PCM = Codec("opus", channels=4, packet_size=120), Codec("pcm16", channels=4, packet_size=120)
+OPUS, PCM = (
+    Codec("opus", channels=4, packet_size=120),
+    Codec("pcm16", channels=4, packet_size=120),
+)
 
 
 def sound() -> FloatArray:
@@ -58,10 +68,16 @@ def log(tmp_path_factory: pytest.TempPathFactory, hand: Path) -> Path:
 def recorded(folder: Path, codec: Codec, hand: Path, *, remote: bool = False) -> Path:
     lost = cycle([False] * 7 + [True] * 2 + [False] * 3 + [True])
     return record(
-        folder / "run.mcap", write_tiny_model(folder / "tiny.onnx"), codec=codec, lost=lost, remote=remote,
-        network=NetworkProfile(delay=0.01, jitter=0.004), sound=blocks(sound(), 120),
-        meanwhile=mute_the_index, fingers=str(hand),
-    )  # fmt: skip
+        folder / "run.mcap",
+        write_tiny_model(folder / "tiny.onnx"),
+        codec=codec,
+        lost=lost,
+        remote=remote,
+        network=NetworkProfile(delay=0.01, jitter=0.004),
+        sound=blocks(sound(), 120),
+        meanwhile=mute_the_index,
+        fingers=str(hand),
+    )
 
 
 @pytest.mark.slow
@@ -71,7 +87,11 @@ def test_each_finger_is_replayed_to_the_bit(log: Path) -> None:
     assert replay.comparison.equal > 300
     assert (replay.comparison.different, replay.comparison.uncertain) == (0, 0)
     for finger in (0, 1):
-        vibrating = [step for step in steps if step.finger == finger and step.command and step.command.amplitude]
+        vibrating = [
+            step
+            for step in steps
+            if step.finger == finger and step.command and step.command.amplitude
+        ]
         assert len(vibrating) > 20
 
 
@@ -89,24 +109,31 @@ def test_pcm_and_predictions_of_a_hand_are_replayed_to_the_bit(
 @pytest.mark.slow
 def test_what_is_chosen_for_a_replay_holds_for_every_finger(log: Path) -> None:
     assert main(["replay", str(log), "--profile", "paper", "--json"]) == 0
-    replay = Replay(read_log(log), lambda settings: change(settings, ["rendering.ceiling=0.1"]))
+    replay = Replay(
+        read_log(log), lambda settings: change(settings, ["rendering.ceiling=0.1"])
+    )
     commands = [command for step in replay.steps() for command in step.commands]
     assert max(command.amplitude for command in commands) == pytest.approx(0.1)
     assert replay.comparison.different > 20
 
 
 @pytest.mark.slow
-def test_a_replay_writes_files_and_a_figure_for_each_finger(log: Path, tmp_path: Path) -> None:
+def test_a_replay_writes_files_and_a_figure_for_each_finger(
+    log: Path, tmp_path: Path
+) -> None:
     rendered = write_replay(Replay(read_log(log)), tmp_path, "run", plot=True)
     assert [finger.name for finger in rendered] == ["thumb", "index"]
     for finger in rendered:
         assert {path.name for path in finger.files.values()} == {
-            f"run-{finger.name}{ending}" for ending in (".haptic.wav", ".timeline.csv", ".replay.png")
+            f"run-{finger.name}{ending}"
+            for ending in (".haptic.wav", ".timeline.csv", ".replay.png")
         }
         assert finger.summary.duration == pytest.approx(2.0, abs=0.02)
     profiles = [
         set(
-            read_timeline(finger.files["timeline"])["frequency"][read_timeline(finger.files["timeline"])["contact"] > 0]
+            read_timeline(finger.files["timeline"])["frequency"][
+                read_timeline(finger.files["timeline"])["contact"] > 0
+            ]
         )
         for finger in rendered
     ]
@@ -138,7 +165,9 @@ def test_the_sound_of_each_finger_can_be_played_and_is_that_which_was_decoded(
     assert index.path.name == "run-index.wav"
     found, _ = soundfile.read(index.path, always_2d=True)
     assert (found == joined(whole)[:, 2:4]).all()
-    with pytest.raises(DatasetError, match="no finger 'ring' in this log; there are thumb, index"):
+    with pytest.raises(
+        DatasetError, match="no finger 'ring' in this log; there are thumb, index"
+    ):
         write_sound(path, tmp_path, finger="ring")
 
 
@@ -146,15 +175,25 @@ def test_the_sound_of_each_finger_can_be_played_and_is_that_which_was_decoded(
 def test_feel_takes_one_finger_and_the_data_set_takes_of_each(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["feel", str(log), "--finger", "index", "--out", str(tmp_path / "felt")]) == 0
-    assert {path.name for path in (tmp_path / "felt").glob("*.haptic.wav")} == {"run-index.haptic.wav"}
+    assert (
+        main(["feel", str(log), "--finger", "index", "--out", str(tmp_path / "felt")])
+        == 0
+    )
+    assert {path.name for path in (tmp_path / "felt").glob("*.haptic.wav")} == {
+        "run-index.haptic.wav"
+    }
     arguments = ["--surface", "slate", "--label", "rough"]
-    assert main(["dataset", "import", str(log), str(tmp_path / "takes"), *arguments]) == 0
+    assert (
+        main(["dataset", "import", str(log), str(tmp_path / "takes"), *arguments]) == 0
+    )
     assert "2 recordings" in capsys.readouterr().out
     manifest = (tmp_path / "takes" / "metadata.csv").read_text()
     assert "1-thumb" in manifest
     assert "1-index" in manifest
-    assert main(["feel", str(tmp_path / "felt" / "run-index.wav"), "--finger", "index"]) == 1
+    assert (
+        main(["feel", str(tmp_path / "felt" / "run-index.wav"), "--finger", "index"])
+        == 1
+    )
 
 
 def test_settings_of_each_finger_are_in_the_log(log: Path) -> None:
@@ -169,7 +208,11 @@ def test_a_bag_holds_the_topics_of_each_finger(log: Path, tmp_path: Path) -> Non
     rosbags = pytest.importorskip("rosbags.rosbag2")
     assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 0
     with rosbags.Reader(tmp_path / "bag") as bag:
-        topics = {connection.topic: connection.msgcount for connection in bag.connections}
+        topics = {
+            connection.topic: connection.msgcount for connection in bag.connections
+        }
     for finger in ("thumb", "index"):
         assert topics[f"/tactophone/{finger}/prediction"] > 150
-        assert topics[f"/tactophone/{finger}/audio"] > 150  # the sound of a window in one
+        assert (
+            topics[f"/tactophone/{finger}/audio"] > 150
+        )  # the sound of a window in one

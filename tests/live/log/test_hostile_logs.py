@@ -16,7 +16,14 @@ from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay, write_replay
 from tactophone.cli import main
 from tactophone.core.errors import TactophoneError
-from tactophone.live.log.log_topics import CONTROLS, PACKETS, RUN, Message, Packets, topics_of
+from tactophone.live.log.log_topics import (
+    CONTROLS,
+    PACKETS,
+    RUN,
+    Message,
+    Packets,
+    topics_of,
+)
 from tactophone.live.log.mcap import FORMAT, LARGEST_CHUNK, MAGIC, LogFile, read_log
 from tactophone.live.telemetry.records import EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
@@ -39,7 +46,13 @@ def _record(kind: int, body: bytes, size: int | None = None) -> bytes:
 
 def _channel(number: int, topic: str, finger: str = "0") -> bytes:
     metadata = _text("finger") + _text(finger)
-    body = struct.pack("<HH", number, 1) + _text(topic) + _text("json") + struct.pack("<I", len(metadata)) + metadata
+    body = (
+        struct.pack("<HH", number, 1)
+        + _text(topic)
+        + _text("json")
+        + struct.pack("<I", len(metadata))
+        + metadata
+    )
     return _record(4, body)
 
 
@@ -49,27 +62,47 @@ def _message(number: int, content: object) -> bytes:
 
 
 def _chunk(compression: str, data: bytes, claimed: int) -> bytes:
-    return _record(6, struct.pack("<QQQI", 0, 0, claimed, 0) + _text(compression) + struct.pack("<Q", len(data)) + data)
+    return _record(
+        6,
+        struct.pack("<QQQI", 0, 0, claimed, 0)
+        + _text(compression)
+        + struct.pack("<Q", len(data))
+        + data,
+    )
 
 
-_SCHEMA = _record(3, struct.pack("<H", 1) + _text("x") + _text("jsonschema") + _text("{}"))
+_SCHEMA = _record(
+    3, struct.pack("<H", 1) + _text("x") + _text("jsonschema") + _text("{}")
+)
 
 
 def _log(*records: bytes) -> bytes:
     header = _record(1, _text(FORMAT) + _text("x"))
-    return MAGIC + header + b"".join(records) + _record(15, struct.pack("<I", 0)) + MAGIC
+    return (
+        MAGIC + header + b"".join(records) + _record(15, struct.pack("<I", 0)) + MAGIC
+    )
 
 
 def _run(**entries: Any) -> bytes:
-    channels = [_SCHEMA, _channel(1, RUN.name), _channel(2, CONTROLS.name), _channel(3, PACKETS.name)]
+    channels = [
+        _SCHEMA,
+        _channel(1, RUN.name),
+        _channel(2, CONTROLS.name),
+        _channel(3, PACKETS.name),
+    ]
     return b"".join(channels) + _message(1, {"role": "operator", **entries})
 
 
 _FINGER = {"name": "", "settings": {}, "calibration": ""}
 _CONTROLS = {
-    "armed": True, "ceiling": 0.5, "output_level": 1.0, "profile": "paper", "threshold_dbfs": None, "step": 0,
+    "armed": True,
+    "ceiling": 0.5,
+    "output_level": 1.0,
+    "profile": "paper",
+    "threshold_dbfs": None,
+    "step": 0,
     "finger": 0,
-}  # fmt: skip
+}
 _HEAD = b"".join([_SCHEMA, _channel(1, RUN.name)])
 
 
@@ -78,7 +111,10 @@ def _controls(**entries: Any) -> bytes:
 
 
 def _arrivals(**entries: Any) -> bytes:
-    return _log(_run(fingers=[_FINGER]), _message(3, {"arrivals": [{"time": 1.0, "events": [], **entries}]}))
+    return _log(
+        _run(fingers=[_FINGER]),
+        _message(3, {"arrivals": [{"time": 1.0, "events": [], **entries}]}),
+    )
 
 
 LOGS: dict[str, bytes] = {
@@ -92,31 +128,57 @@ LOGS: dict[str, bytes] = {
     "fingers are empty tables": _log(_run(fingers=[{}])),
     "fingers are a text": _log(_run(fingers="ab")),
     "a finger's settings are a list": _log(_run(fingers=[{**_FINGER, "settings": []}])),
-    "a finger's calibration is a number": _log(_run(fingers=[{**_FINGER, "calibration": 5}])),
-    "a calibration that is no TOML": _log(_run(fingers=[{**_FINGER, "calibration": "{"}])),
-    "a calibration of brackets": _log(_run(fingers=[{**_FINGER, "calibration": "[" * 100_000}])),
-    "a finger that leaves the folder": _log(_run(fingers=[{**_FINGER, "name": "/../../x"}])),
+    "a finger's calibration is a number": _log(
+        _run(fingers=[{**_FINGER, "calibration": 5}])
+    ),
+    "a calibration that is no TOML": _log(
+        _run(fingers=[{**_FINGER, "calibration": "{"}])
+    ),
+    "a calibration of brackets": _log(
+        _run(fingers=[{**_FINGER, "calibration": "[" * 100_000}])
+    ),
+    "a finger that leaves the folder": _log(
+        _run(fingers=[{**_FINGER, "name": "/../../x"}])
+    ),
     "a finger with an escape": _log(_run(fingers=[{**_FINGER, "name": "b\x1b[31m"}])),
     "eleven fingers": _log(_run(fingers=[_FINGER] * 11)),
-    "a file of this machine as model": _log(_run(settings={"detector": {"model": "/etc/passwd"}}, fingers=[_FINGER])),
-    "a model with an escape": _log(_run(settings={"detector": {"model": "\x1b]0;PWNED\x07"}}, fingers=[_FINGER])),
+    "a file of this machine as model": _log(
+        _run(settings={"detector": {"model": "/etc/passwd"}}, fingers=[_FINGER])
+    ),
+    "a model with an escape": _log(
+        _run(settings={"detector": {"model": "\x1b]0;PWNED\x07"}}, fingers=[_FINGER])
+    ),
     "controls with a ceiling of 1e308": _controls(ceiling=1e308),
-    "controls that are not finite": _log(_run(fingers=[_FINGER]), _message(2, b'{"armed":true,"ceiling":NaN}')),
+    "controls that are not finite": _log(
+        _run(fingers=[_FINGER]), _message(2, b'{"armed":true,"ceiling":NaN}')
+    ),
     "controls of text": _controls(ceiling="x", output_level=[]),
     "controls of a finger of text": _controls(finger="0"),
     "controls of the seventh finger": _controls(finger=6),
     "an arrival in 1e300 s": _arrivals(time=1e300),
     "an arrival of text": _arrivals(events="x"),
     "an arrival of wild events": _arrivals(events=["AGFiYw==", "CQ==", ""]),
-    "a finger number of 5000 digits": _log(_SCHEMA, _channel(9, "/a/predictions", "9" * 5000)),
+    "a finger number of 5000 digits": _log(
+        _SCHEMA, _channel(9, "/a/predictions", "9" * 5000)
+    ),
     "a finger number below 0": _log(_SCHEMA, _channel(9, "/a/predictions", "-5")),
-    "a topic with an escape": _log(_SCHEMA, _channel(9, "/\x1b]0;PWNED\x07/predictions")),
-    "a prediction of other types": _log(_SCHEMA, _channel(9, "/a/prediction"), _message(9, {"touch": 5})),
-    "metadata of a list": _log(_record(12, _text("tactophone") + _text(_text("missed") + _text("[1]")))),
-    "metadata of text": _log(_record(12, _text("tactophone") + _text(_text("missed") + _text('{"a":"b"}')))),
+    "a topic with an escape": _log(
+        _SCHEMA, _channel(9, "/\x1b]0;PWNED\x07/predictions")
+    ),
+    "a prediction of other types": _log(
+        _SCHEMA, _channel(9, "/a/prediction"), _message(9, {"touch": 5})
+    ),
+    "metadata of a list": _log(
+        _record(12, _text("tactophone") + _text(_text("missed") + _text("[1]")))
+    ),
+    "metadata of text": _log(
+        _record(12, _text("tactophone") + _text(_text("missed") + _text('{"a":"b"}')))
+    ),
     "a chunk of unknown compression": _log(_chunk("xz", b"x" * 50, 50)),
     "a chunk that is none": _log(_chunk("zstd", b"x" * 50, 50)),
-    "a chunk of 2^62 bytes": _log(_record(6, struct.pack("<QQQI", 0, 0, 1 << 63, 0) + _text("") + b"\xff" * 8)),
+    "a chunk of 2^62 bytes": _log(
+        _record(6, struct.pack("<QQQI", 0, 0, 1 << 63, 0) + _text("") + b"\xff" * 8)
+    ),
     "a record of 2^63 bytes": _log(_record(5, b"", 1 << 63)),
     "a record of 2^40 bytes": _log(_record(5, b"abc", 1 << 40)),
     "nothing": _log(),
@@ -124,7 +186,9 @@ LOGS: dict[str, bytes] = {
 
 
 @pytest.mark.parametrize("content", LOGS.values(), ids=LOGS)
-def test_a_log_that_is_none_is_refused_in_printable_words(content: bytes, tmp_path: Path) -> None:
+def test_a_log_that_is_none_is_refused_in_printable_words(
+    content: bytes, tmp_path: Path
+) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(content)
     with pytest.raises(TactophoneError) as refused:
@@ -134,7 +198,9 @@ def test_a_log_that_is_none_is_refused_in_printable_words(content: bytes, tmp_pa
 
 def test_a_log_names_no_file_of_this_machine_for_its_hash(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
-    path.write_bytes(_log(_run(models={"/dev/zero": "0", "/proc/kmsg": "0"}, fingers=[_FINGER])))
+    path.write_bytes(
+        _log(_run(models={"/dev/zero": "0", "/proc/kmsg": "0"}, fingers=[_FINGER]))
+    )
     replay = Replay(read_log(path))
     assert list(replay.steps()) == []
     assert replay.endpoint is not None
@@ -148,7 +214,9 @@ def test_a_chunk_that_grows_is_refused_before_it_fills_the_memory(
     tmp_path: Path, compression: str, claimed: int
 ) -> None:
     path = tmp_path / "bomb.mcap"
-    path.write_bytes(_log(_run(fingers=[_FINGER]), _chunk(compression, _bomb(compression), claimed)))
+    path.write_bytes(
+        _log(_run(fingers=[_FINGER]), _chunk(compression, _bomb(compression), claimed))
+    )
     assert path.stat().st_size < 10_000_000
     # In its own process: the greatest memory of this one is that of the tests before.
     code = (
@@ -159,7 +227,12 @@ def test_a_chunk_that_grows_is_refused_before_it_fills_the_memory(
         "except DatasetError as error: print(error, file=sys.stderr)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     assert f"over {LARGEST_CHUNK >> 20} MB" in done.stderr
     assert int(done.stdout) < 300_000  # kB
 
@@ -172,7 +245,9 @@ def _bomb(compression: str) -> bytes:
         return b"".join([*parts, compressor.flush()])
     frame = pytest.importorskip("lz4.frame")
     lz4 = frame.LZ4FrameCompressor()
-    return b"".join([lz4.begin(), *(lz4.compress(bytes(1 << 22)) for _ in range(256)), lz4.flush()])
+    return b"".join(
+        [lz4.begin(), *(lz4.compress(bytes(1 << 22)) for _ in range(256)), lz4.flush()]
+    )
 
 
 @pytest.mark.slow
@@ -184,7 +259,9 @@ def test_a_log_cannot_raise_this_machines_ceiling_and_the_user_can(
 
     def peak(*words: str) -> float:
         assert main(["replay", str(log), "--out", str(tmp_path / "out"), *words]) == 0
-        return float(np.abs(soundfile.read(tmp_path / "out" / "run.haptic.wav")[0]).max())
+        return float(
+            np.abs(soundfile.read(tmp_path / "out" / "run.haptic.wav")[0]).max()
+        )
 
     assert 0.1 < peak() <= 0.5
     said = capsys.readouterr().out
@@ -204,21 +281,37 @@ def _with_gap(path: Path, samples: int) -> Path:
     batches, size = [EventBatch(100.0, (connected,))], 240
     for number in range(400):
         timestamp = 1000 + number * size + (samples if number >= 200 else 0)
-        payload = Payload(PayloadType.L16_STEREO, timestamp % (1 << 32), b"\x10\x00\xf0\x00" * size)
+        payload = Payload(
+            PayloadType.L16_STEREO, timestamp % (1 << 32), b"\x10\x00\xf0\x00" * size
+        )
         event = write_event(PacketReceived(bytes(Packet(number, 1, payload)), False))
         batches.append(EventBatch(round(100 + number * 0.005, 5), (event,)))
     with LogFile(path, topics_of([""], sound=False)) as log:
-        log.write(Message(RUN, 0.0, msgspec.json.encode(RunStart(role="operator", settings={}, epoch=1.7e9))))
+        log.write(
+            Message(
+                RUN,
+                0.0,
+                msgspec.json.encode(
+                    RunStart(role="operator", settings={}, epoch=1.7e9)
+                ),
+            )
+        )
         log.write(Message(PACKETS, 0.0, msgspec.json.encode(Packets(batches))))
         log.end_chunk()
     return path
 
 
-def test_a_jump_in_time_is_noted_and_takes_neither_memory_nor_disk(tmp_path: Path) -> None:
+def test_a_jump_in_time_is_noted_and_takes_neither_memory_nor_disk(
+    tmp_path: Path,
+) -> None:
     log = _with_gap(tmp_path / "run.mcap", 1 << 28)
     replay = Replay(read_log(log))
     (finger,) = write_replay(replay, tmp_path / "out", "run")
-    assert soundfile.info(finger.files["vibration"]).duration == pytest.approx(2.0, abs=0.2)
-    assert any("5592 s without sound at 1.00 s are left out" in note for note in replay.notes)
+    assert soundfile.info(finger.files["vibration"]).duration == pytest.approx(
+        2.0, abs=0.2
+    )
+    assert any(
+        "5592 s without sound at 1.00 s are left out" in note for note in replay.notes
+    )
     sounds = write_sound(log, tmp_path)
     assert [soundfile.info(each.path).frames for each in sounds] == [48_000, 48_000]

@@ -35,7 +35,10 @@ class Strokes:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.closed = True
 
@@ -44,7 +47,11 @@ class Strokes:
         while not self.closed:
             phase = 2 * np.pi * 400 / 48_000 * np.arange(position, position + 128)
             tone = (0.5 * np.sin(phase) * self.touching).astype(np.float32)
-            yield AudioBlock(np.stack([tone, 0.1 * tone], axis=1)[:, : self.channels], 48_000, position)
+            yield AudioBlock(
+                np.stack([tone, 0.1 * tone], axis=1)[:, : self.channels],
+                48_000,
+                position,
+            )
             position += 128
 
 
@@ -57,23 +64,47 @@ class LiveSystem:
         operator.save(folder / "operator")
         Peers({operator.fingerprint: "operator"}).save(folder / "robot")
         Peers({robot.fingerprint: "robot"}).save(folder / "operator")
-        common = [f"link.port={free_port()}", f"detector.model={model}", "link.peer=127.0.0.1", "output.actuator=none"]
-        settings = change(Settings(), [*common, "link.host=127.0.0.1", "detector.check_microphones=false", *changes])
+        common = [
+            f"link.port={free_port()}",
+            f"detector.model={model}",
+            "link.peer=127.0.0.1",
+            "output.actuator=none",
+        ]
+        settings = change(
+            Settings(),
+            [
+                *common,
+                "link.host=127.0.0.1",
+                "detector.check_microphones=false",
+                *changes,
+            ],
+        )
         self.robot_settings = change(settings, [f"link.identity={folder / 'robot'}"])
-        self.operator_settings = change(settings, [f"link.identity={folder / 'operator'}"])
-        self.names = (f"test-robot-{uuid4().hex[:8]}", f"test-operator-{uuid4().hex[:8]}")
+        self.operator_settings = change(
+            settings, [f"link.identity={folder / 'operator'}"]
+        )
+        self.names = (
+            f"test-robot-{uuid4().hex[:8]}",
+            f"test-operator-{uuid4().hex[:8]}",
+        )
         self.source = Strokes()
 
     @contextmanager
     def robot(self) -> Iterator[Robot]:
         self.source.closed = False
-        robot = Robot(self.robot_settings, ProcessInfo(self.names[0]), open_source=lambda _: self.source)
+        robot = Robot(
+            self.robot_settings,
+            ProcessInfo(self.names[0]),
+            open_source=lambda _: self.source,
+        )
         with robot, housekept(robot):
             yield robot
 
     @contextmanager
     def operator(self, *, restarts: int = 0) -> Iterator[Operator]:
-        operator = Operator(self.operator_settings, ProcessInfo(self.names[1], restarts=restarts))
+        operator = Operator(
+            self.operator_settings, ProcessInfo(self.names[1], restarts=restarts)
+        )
         with operator, housekept(operator):
             yield operator
 

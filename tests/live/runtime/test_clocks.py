@@ -10,7 +10,9 @@ from tests.support.kills import DAY, WallClock, left_by, running_link
 pytestmark = pytest.mark.realtime
 
 
-def test_a_link_outlives_a_wall_clock_set_by_a_day_and_a_stop_of_both_ends(tmp_path: Path) -> None:
+def test_a_link_outlives_a_wall_clock_set_by_a_day_and_a_stop_of_both_ends(
+    tmp_path: Path,
+) -> None:
     clock = WallClock(tmp_path) if shutil.which("cc") else None
     with running_link(tmp_path, f"test-{tmp_path.name[-20:]}", clock) as link:
         for offset in (DAY, -DAY) if clock else ():

@@ -11,7 +11,9 @@ pytestmark = pytest.mark.realtime
 
 
 @pytest.mark.parametrize("victim", ["command 1", "operator", "everything"])
-def test_a_run_whose_process_is_killed_leaves_its_log_and_nothing_else(tmp_path: Path, victim: str) -> None:
+def test_a_run_whose_process_is_killed_leaves_its_log_and_nothing_else(
+    tmp_path: Path, victim: str
+) -> None:
     finding = kill(tmp_path, loopback, random.Random(1), running=True, victim=victim)
     assert finding.wrong == []
     assert finding.equal >= 30

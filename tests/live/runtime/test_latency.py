@@ -18,7 +18,10 @@ def marks(*rows: tuple[int, float]) -> np.ndarray:
 
 def test_a_stretch_is_followed_to_the_first_mark_at_or_beyond_its_end() -> None:
     times = follow(
-        {"decoded": marks((240, 1.0), (480, 2.0)), "sent": marks((128, 0.1), (256, 0.2), (384, 0.3), (512, 0.4))}
+        {
+            "decoded": marks((240, 1.0), (480, 2.0)),
+            "sent": marks((128, 0.1), (256, 0.2), (384, 0.3), (512, 0.4)),
+        }
     )
     assert times["sent"].tolist() == [0.2, 0.4]
 
@@ -34,25 +37,46 @@ def test_stretches_are_followed_over_the_wrap_of_the_timestamp() -> None:
 
 
 def test_what_has_not_come_through_yet_is_left_out() -> None:
-    times = follow({"decoded": marks((120, 1.0), (240, 2.0)), "detected": marks((120, 1.5))})
+    times = follow(
+        {"decoded": marks((120, 1.0), (240, 2.0)), "detected": marks((120, 1.5))}
+    )
     assert times["decoded"].tolist() == [1.0]
-    assert follow({"decoded": marks((120, 1.0)), "detected": marks()})["decoded"].size == 0
+    assert (
+        follow({"decoded": marks((120, 1.0)), "detected": marks()})["decoded"].size == 0
+    )
 
 
 def test_a_new_session_is_measured_by_its_own_marks_alone() -> None:
     """Its timestamps begin anywhere: before or behind all that came before."""
     for began in (WRAP // 2 + 7, 3_000_000_000):
-        old, new = [(120 * n, float(n)) for n in range(50)], [(began + 120 * n, 100.0 + n) for n in range(3)]
+        old, new = (
+            [(120 * n, float(n)) for n in range(50)],
+            [(began + 120 * n, 100.0 + n) for n in range(3)],
+        )
         received = marks(*old, *new)
-        times = follow({"received": received, "sent": marks(*((place, time - 0.25) for place, time in new))})
+        times = follow(
+            {
+                "received": received,
+                "sent": marks(*((place, time - 0.25) for place, time in new)),
+            }
+        )
         assert (times["received"] - times["sent"]).tolist() == [0.25] * 3
-        assert follow({"rendered": marks(*old), "received": received})["received"].size == 0
+        assert (
+            follow({"rendered": marks(*old), "received": received})["received"].size
+            == 0
+        )
 
 
 @pytest.mark.parametrize("name", ["doctest-budget"])
 def test_the_stages_add_up_to_the_total(name: str) -> None:
     codec = Codec("opus", packet_size=120)
-    lags = dict(zip(MARKS, np.cumsum([0.0, 0.001, 0.002, 0.0, 0.0005, 0.0005, 0.001]), strict=True))
+    lags = dict(
+        zip(
+            MARKS,
+            np.cumsum([0.0, 0.001, 0.002, 0.0, 0.0005, 0.0005, 0.001]),
+            strict=True,
+        )
+    )
     with Telemetry(name) as telemetry:
         for packet in range(1, 50):
             for index, mark in enumerate(MARKS):
@@ -69,7 +93,9 @@ def test_the_stages_add_up_to_the_total(name: str) -> None:
     assert stages["decode"] == pytest.approx(0.0005)
     assert stages["render"] == pytest.approx(0.001)
     assert stages.pop("total") == pytest.approx(math.fsum(stages.values()))
-    assert passed_through["total"] == pytest.approx(sum(robot.values()) + 0.002 + 0.02 + 0.003)
+    assert passed_through["total"] == pytest.approx(
+        sum(robot.values()) + 0.002 + 0.02 + 0.003
+    )
 
 
 def test_a_run_without_sound_has_no_budget() -> None:

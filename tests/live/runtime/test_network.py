@@ -24,8 +24,13 @@ from .live_system import LiveSystem, Strokes, eventually, housekept
 pytestmark = pytest.mark.realtime
 
 
-@pytest.mark.parametrize(("host", "peer"), [("::1", "::1"), ("", "::1"), ("", "127.0.0.1"), ("", "localhost")])
-def test_the_robot_reaches_its_operator_by_either_family(tmp_path: Path, host: str, peer: str) -> None:
+@pytest.mark.parametrize(
+    ("host", "peer"),
+    [("::1", "::1"), ("", "::1"), ("", "127.0.0.1"), ("", "localhost")],
+)
+def test_the_robot_reaches_its_operator_by_either_family(
+    tmp_path: Path, host: str, peer: str
+) -> None:
     if ":" in peer and not _has_ipv6():
         pytest.skip("this machine has no IPv6")
     model = write_tiny_model(tmp_path / "tiny.onnx", gain=1e3)
@@ -39,29 +44,47 @@ def test_a_second_robot_is_sent_away_and_both_sides_show_it(tmp_path: Path) -> N
     second = Identity.create("second")
     second.save(tmp_path / "second")
     Peers.load(tmp_path / "robot").save(tmp_path / "second")
-    Peers.load(tmp_path / "operator").trusting("second", second.fingerprint).save(tmp_path / "operator")
-    link = dataclasses.replace(system.robot_settings.link, identity=str(tmp_path / "second"))
+    Peers.load(tmp_path / "operator").trusting("second", second.fingerprint).save(
+        tmp_path / "operator"
+    )
+    link = dataclasses.replace(
+        system.robot_settings.link, identity=str(tmp_path / "second")
+    )
     settings = dataclasses.replace(system.robot_settings, link=link)
     info = ProcessInfo(system.names[0] + "-second")
     with ExitStack() as stack:
         stack.enter_context(system.both())
         assert eventually(lambda: system.amplitude() > 0.3)
-        robot = stack.enter_context(Robot(settings, info, open_source=lambda _: Strokes()))
+        robot = stack.enter_context(
+            Robot(settings, info, open_source=lambda _: Strokes())
+        )
         stack.enter_context(housekept(robot))
-        assert eventually(lambda: any(fault.code == "second_robot" for fault in system.snapshot().state.faults))
-        assert eventually(lambda: "takes one at a time" in str(Watcher(info.name).snapshot().state.faults))
+        assert eventually(
+            lambda: any(
+                fault.code == "second_robot" for fault in system.snapshot().state.faults
+            )
+        )
+        assert eventually(
+            lambda: (
+                "takes one at a time" in str(Watcher(info.name).snapshot().state.faults)
+            )
+        )
         assert system.snapshot().state.link == "connected to robot"
         assert system.snapshot().counters["link_losses"] == 0
 
 
-def test_a_robot_that_is_said_to_move_shows_it_at_both_ends_until_it_stands(tmp_path: Path) -> None:
+def test_a_robot_that_is_said_to_move_shows_it_at_both_ends_until_it_stands(
+    tmp_path: Path,
+) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
     with system.both():
         assert eventually(lambda: system.snapshot().state.link == "connected to robot")
         robot = Watcher(system.names[0])
         for value, words in ((1.0, ", moving"), (0.0, "")):
             robot.ask("moving", value)
-            assert eventually(lambda: system.snapshot().state.link == f"connected to robot{words}")  # noqa: B023
+            assert eventually(
+                lambda: system.snapshot().state.link == f"connected to robot{words}"  # noqa: B023
+            )
             assert robot.state().link == f"connected to operator{words}"
 
 
@@ -70,7 +93,10 @@ class Relay:
 
     def __init__(self, port: int) -> None:
         self._operator = ("127.0.0.1", port)
-        self._robot_side, self._operator_side = UdpSocket("127.0.0.1"), UdpSocket("127.0.0.1")
+        self._robot_side, self._operator_side = (
+            UdpSocket("127.0.0.1"),
+            UdpSocket("127.0.0.1"),
+        )
         self._robot = ("", 0)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -96,7 +122,12 @@ class Relay:
                 self._robot = source
                 self._operator_side.send([(datagram, self._operator)])
             if self._robot[1]:
-                self._robot_side.send([(datagram, self._robot) for datagram, _ in self._operator_side.receive(0)])
+                self._robot_side.send(
+                    [
+                        (datagram, self._robot)
+                        for datagram, _ in self._operator_side.receive(0)
+                    ]
+                )
 
 
 def test_a_robot_behind_a_changing_nat_is_felt_throughout(tmp_path: Path) -> None:
@@ -110,8 +141,16 @@ def test_a_robot_behind_a_changing_nat_is_felt_throughout(tmp_path: Path) -> Non
                 before = system.snapshot().counters
                 relay.rebind()
                 # The sound comes from the new address at once; a second later the robot, hearing nothing, calls anew.
-                assert eventually(lambda before=before: _grown(system, before, "packets_received") > 20)  # type: ignore[misc]
-                assert eventually(lambda change=change: system.snapshot().counters["handshakes"] == 1 + change)  # type: ignore[misc]
+                assert eventually(
+                    lambda before=before: (
+                        _grown(system, before, "packets_received") > 20
+                    )
+                )  # type: ignore[misc]
+                assert eventually(
+                    lambda change=change: (
+                        system.snapshot().counters["handshakes"] == 1 + change
+                    )
+                )  # type: ignore[misc]
             assert system.snapshot().counters["link_losses"] == 0
             assert eventually(lambda: system.amplitude() > 0.3)
 
@@ -129,11 +168,17 @@ def _has_ipv6() -> bool:
     return True
 
 
-@pytest.mark.skipif(not can_make_networks(), reason="network namespaces need root and iproute2")
-def test_a_network_interface_taken_away_silences_and_given_back_is_felt_again(tmp_path: Path) -> None:
+@pytest.mark.skipif(
+    not can_make_networks(), reason="network namespaces need root and iproute2"
+)
+def test_a_network_interface_taken_away_silences_and_given_back_is_felt_again(
+    tmp_path: Path,
+) -> None:
     with unpluggable_link(tmp_path, f"test-{tmp_path.name[-20:]}") as link:
         found = [link.unplug(outage, 0.5) for outage in OUTAGES]
-        assert statistics.median(each.silent for each in found) < 0.3  # 0.1 s on a quiet machine
+        assert (
+            statistics.median(each.silent for each in found) < 0.3
+        )  # 0.1 s on a quiet machine
         assert max(each.peak for each in found) <= SILENT
         assert max(each.felt for each in found) < 10.0
         assert link.restarts() == 0

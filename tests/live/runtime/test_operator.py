@@ -33,23 +33,33 @@ def test_a_rough_stroke_is_rendered_and_its_end_too(system: LiveSystem) -> None:
 
 
 @pytest.mark.parametrize("first", ["robot", "operator"])
-def test_either_side_may_start_first_die_and_come_back(system: LiveSystem, first: str) -> None:
+def test_either_side_may_start_first_die_and_come_back(
+    system: LiveSystem, first: str
+) -> None:
     second = "operator" if first == "robot" else "robot"
     with getattr(system, first)():
         for _ in range(2):
             with getattr(system, second)():
-                assert eventually(lambda: "operator" in (first, second) and system.amplitude() > 0.3, timeout=8.0)
+                assert eventually(
+                    lambda: "operator" in (first, second) and system.amplitude() > 0.3,
+                    timeout=8.0,
+                )
             if second == "robot":
                 assert eventually(lambda: system.amplitude() == 0.0)
 
 
-def test_a_robot_that_falls_silent_silences_the_finger_and_is_reported(system: LiveSystem) -> None:
+def test_a_robot_that_falls_silent_silences_the_finger_and_is_reported(
+    system: LiveSystem,
+) -> None:
     with system.operator():
         with system.robot():
             assert eventually(lambda: system.amplitude() > 0.3)
         assert eventually(lambda: system.amplitude() == 0.0)
         assert eventually(
-            lambda: any(fault.code == "link" for fault in system.snapshot().state.faults), timeout=2 * LONGEST_CALL
+            lambda: any(
+                fault.code == "link" for fault in system.snapshot().state.faults
+            ),
+            timeout=2 * LONGEST_CALL,
         )
 
 
@@ -71,7 +81,10 @@ def test_the_emergency_stop_latches_until_armed(system: LiveSystem) -> None:
 def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:
     with system.robot(), system.operator(restarts=1):
         assert eventually(
-            lambda: system.snapshot().steps.size > 0 and system.snapshot().steps[-1]["touch"] == Touch.ROUGH
+            lambda: (
+                system.snapshot().steps.size > 0
+                and system.snapshot().steps[-1]["touch"] == Touch.ROUGH
+            )
         )
         assert system.amplitude() == 0.0
         assert system.snapshot().state.muted_because == RESTARTED
@@ -91,18 +104,26 @@ def test_a_page_lowers_the_ceiling_and_cannot_raise_it(system: LiveSystem) -> No
         assert system.amplitude() <= 0.1
 
 
-def test_threshold_and_profile_are_changed_only_to_what_there_is(system: LiveSystem) -> None:
+def test_threshold_and_profile_are_changed_only_to_what_there_is(
+    system: LiveSystem,
+) -> None:
     with system.both():
         watcher = Watcher(system.names[1])
         watcher.ask("threshold_dbfs", -3.0)
         watcher.ask("profile", text="telephone")
-        assert eventually(lambda: system.snapshot().state.fingers[0].threshold_dbfs == -3.0)
+        assert eventually(
+            lambda: system.snapshot().state.fingers[0].threshold_dbfs == -3.0
+        )
         assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
         assert eventually(lambda: system.amplitude() == 0.0)
 
 
 def test_predictions_made_on_the_robot_render_the_same(tmp_path: Path) -> None:
-    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3), "link.send_predictions=true")
+    system = LiveSystem(
+        tmp_path,
+        write_tiny_model(tmp_path / "tiny.onnx", gain=1e3),
+        "link.send_predictions=true",
+    )
     with system.both():
         assert eventually(lambda: system.amplitude() > 0.3)
         assert system.snapshot().steps[-1]["touch"] == Touch.ROUGH
@@ -110,21 +131,31 @@ def test_predictions_made_on_the_robot_render_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("gain", [np.inf, np.nan])
-def test_a_model_that_outputs_invalid_numbers_is_silence_and_a_count(tmp_path: Path, gain: float) -> None:
+def test_a_model_that_outputs_invalid_numbers_is_silence_and_a_count(
+    tmp_path: Path, gain: float
+) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=gain))
     with system.both():
         assert eventually(lambda: system.snapshot().counters["model_faults"] > 10)
         assert system.amplitude() == 0.0
 
 
-def test_the_sound_itself_is_rendered_and_stopped_like_any_vibration(tmp_path: Path) -> None:
-    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3), "rendering.profile=direct")
+def test_the_sound_itself_is_rendered_and_stopped_like_any_vibration(
+    tmp_path: Path,
+) -> None:
+    system = LiveSystem(
+        tmp_path,
+        write_tiny_model(tmp_path / "tiny.onnx", gain=1e3),
+        "rendering.profile=direct",
+    )
     with system.both() as operator:
         assert eventually(lambda: system.amplitude() > 0.3)
         assert system.snapshot().state.profiles == ("direct",)
         vibration = system.snapshot().vibration[-4800:]
         assert np.abs(vibration).max() <= 0.5
-        assert np.abs(np.fft.rfft(vibration * np.hanning(4800))).argmax() * 10 == pytest.approx(400, abs=10)
+        assert np.abs(
+            np.fft.rfft(vibration * np.hanning(4800))
+        ).argmax() * 10 == pytest.approx(400, abs=10)
         system.source.touching = False
         assert eventually(lambda: system.amplitude() == 0.0)
         system.source.touching = True
@@ -133,12 +164,22 @@ def test_the_sound_itself_is_rendered_and_stopped_like_any_vibration(tmp_path: P
         assert eventually(lambda: system.amplitude() == 0.0)
 
 
-def test_a_one_channel_robot_and_a_two_channel_model_say_why_and_do_not_restart(tmp_path: Path) -> None:
+def test_a_one_channel_robot_and_a_two_channel_model_say_why_and_do_not_restart(
+    tmp_path: Path,
+) -> None:
     system = LiveSystem(tmp_path, Path("paper"))
     system.source.channels = 1  # type: ignore[misc]
     with system.both() as operator:
-        assert eventually(lambda: any(fault.code == "refused" for fault in system.snapshot().state.faults))
+        assert eventually(
+            lambda: any(
+                fault.code == "refused" for fault in system.snapshot().state.faults
+            )
+        )
         robot = Watcher(system.names[0])
-        assert eventually(lambda: any("choose a one-channel" in f.text for f in robot.snapshot().state.faults))
+        assert eventually(
+            lambda: any(
+                "choose a one-channel" in f.text for f in robot.snapshot().state.faults
+            )
+        )
         assert operator.failure is None
         assert not operator.ended.is_set()

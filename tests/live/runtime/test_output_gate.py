@@ -2,7 +2,12 @@ import math
 
 import pytest
 
-from tactophone.live.runtime.output_gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
+from tactophone.live.runtime.output_gate import (
+    EMERGENCY_STOP,
+    MUTED,
+    RESTARTED,
+    OutputGate,
+)
 from tactophone.live.telemetry.layout import Request
 from tactophone.signal.haptics.limits import Limits
 
@@ -27,7 +32,11 @@ def test_values_outside_0_to_1_are_refused(action: str, value: float) -> None:
 def test_an_emergency_stop_latches_until_armed() -> None:
     gate = OutputGate(Limits(ceiling=1.0))
     gate.stop()
-    assert (gate.armed, gate.muted_because, gate.bound(1.0)) == (False, EMERGENCY_STOP, 0.0)
+    assert (gate.armed, gate.muted_because, gate.bound(1.0)) == (
+        False,
+        EMERGENCY_STOP,
+        0.0,
+    )
     gate.apply([Request("mute"), Request("output_level", 1.0), Request("ceiling", 1.0)])
     assert gate.muted_because == EMERGENCY_STOP
     assert gate.apply([Request("arm")]) == []
@@ -50,7 +59,9 @@ def test_a_stop_by_signal_wins_over_an_arming_that_waited() -> None:
     assert gate.armed
 
 
-def test_a_stop_by_signal_wins_over_an_arming_that_is_being_granted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_by_signal_wins_over_an_arming_that_is_being_granted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     gate = OutputGate(Limits(ceiling=1.0), muted_because=RESTARTED)
     grant = gate._grant
 
@@ -87,7 +98,9 @@ def test_the_level_scales_and_the_ceiling_cuts() -> None:
 
 
 def test_an_unknown_request_is_refused() -> None:
-    assert OutputGate(Limits(ceiling=1.0)).apply([Request("profile", text="paper")]) == ["profile"]
+    assert OutputGate(Limits(ceiling=1.0)).apply(
+        [Request("profile", text="paper")]
+    ) == ["profile"]
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])

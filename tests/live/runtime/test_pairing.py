@@ -14,12 +14,19 @@ def test_both_sides_trust_each_other_and_nobody_else(tmp_path: Path) -> None:
     assert robot.link.peer == operator.link.host == "127.0.0.1"
     for own, other in ((robot, operator), (operator, robot)):
         known = Peers.load(Path(own.link.identity))
-        assert [pin for _, pin in known.items()] == [Identity.load(Path(other.link.identity)).fingerprint]
+        assert [pin for _, pin in known.items()] == [
+            Identity.load(Path(other.link.identity)).fingerprint
+        ]
 
 
 def test_keys_are_fresh_each_time(tmp_path: Path) -> None:
-    pairs = [pair_on_one_machine(Settings(), tmp_path / str(number), name="loopback")[0] for number in range(2)]
-    first, second = (Identity.load(Path(settings.link.identity)).fingerprint for settings in pairs)
+    pairs = [
+        pair_on_one_machine(Settings(), tmp_path / str(number), name="loopback")[0]
+        for number in range(2)
+    ]
+    first, second = (
+        Identity.load(Path(settings.link.identity)).fingerprint for settings in pairs
+    )
     assert first != second
 
 
@@ -28,7 +35,11 @@ def test_keys_of_killed_runs_are_removed_by_the_next() -> None:
         "import os, signal; from tactophone.live.runtime.pairing import temporary_keys\n"
         "with temporary_keys() as folder: print(folder, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
-    left = Path(subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True).stdout.strip())
+    left = Path(
+        subprocess.run(
+            [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True
+        ).stdout.strip()
+    )
     assert left.is_dir()
     with temporary_keys() as folder:
         assert not left.exists()

@@ -5,7 +5,12 @@ import threading
 
 import pytest
 
-from tactophone.live.runtime.priority import COLLECTION_INTERVAL, collect_garbage, prioritize_thread, settle
+from tactophone.live.runtime.priority import (
+    COLLECTION_INTERVAL,
+    collect_garbage,
+    prioritize_thread,
+    settle,
+)
 
 
 @pytest.mark.slow
@@ -24,11 +29,16 @@ def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
     before = gc.get_stats()[2]["collections"]
     assert collect_garbage(0.0, 0.9 * COLLECTION_INTERVAL) == 0.0
     assert collect_garbage(0.0, COLLECTION_INTERVAL) == COLLECTION_INTERVAL
-    assert collect_garbage(COLLECTION_INTERVAL, 1.9 * COLLECTION_INTERVAL) == COLLECTION_INTERVAL
+    assert (
+        collect_garbage(COLLECTION_INTERVAL, 1.9 * COLLECTION_INTERVAL)
+        == COLLECTION_INTERVAL
+    )
     assert gc.get_stats()[2]["collections"] == before + 1
 
 
-def test_a_refused_priority_is_one_sentence_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_priority_is_one_sentence_with_a_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 
@@ -50,7 +60,9 @@ def test_priority_zero_requests_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> None:
+def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> (
+    None
+):
     before = sys.getswitchinterval()
     settle()
     try:

@@ -26,9 +26,17 @@ def run() -> Iterator[Run]:
 
 
 def step(number: int, *touches: Touch) -> PipelineStep:
-    block = AudioBlock(np.full((120, 2), number / 100, np.float32), 48_000, 120 * number)
+    block = AudioBlock(
+        np.full((120, 2), number / 100, np.float32), 48_000, 120 * number
+    )
     probabilities = (0.2, 0.3, 0.5)
-    return PipelineStep(block, tuple(Prediction(probabilities, touch, 0.5, -20.0, 0.0, 0.1) for touch in touches), ())
+    return PipelineStep(
+        block,
+        tuple(
+            Prediction(probabilities, touch, 0.5, -20.0, 0.0, 0.1) for touch in touches
+        ),
+        (),
+    )
 
 
 def test_nothing_is_written_at_once_and_then_all_in_order(run: Run) -> None:
@@ -41,10 +49,16 @@ def test_nothing_is_written_at_once_and_then_all_in_order(run: Run) -> None:
     assert recorder.due(1.0 + LONGEST_DEFERRAL + 1e-3)
     recorder.write(lambda finger: 2)
     found = watcher.snapshot()
-    assert found.steps["sound_end"].tolist() == [120 * (number + 1) for number in range(10)]
+    assert found.steps["sound_end"].tolist() == [
+        120 * (number + 1) for number in range(10)
+    ]
     assert set(found.steps["truth"].tolist()) == {2}
-    assert found.sound[::120, 0] == pytest.approx([number / 100 for number in range(10)])
-    assert watcher.marks("decoded")["position"].tolist() == [120 * number for number in range(10)]
+    assert found.sound[::120, 0] == pytest.approx(
+        [number / 100 for number in range(10)]
+    )
+    assert watcher.marks("decoded")["position"].tolist() == [
+        120 * number for number in range(10)
+    ]
     assert not recorder.due(2.0)
 
 
@@ -70,8 +84,18 @@ def test_the_session_log_keeps_the_order_of_packets_and_controls(run: Run) -> No
     assert recorder.due(5.0 + LONGEST_DEFERRAL + 1e-3)
     recorder.write()
     _, *records = read_records(watcher.log()[0])
-    assert [type(record) for record in records] == [Controls, EventBatch, EventBatch, Controls, EventBatch]
-    assert [record.time for record in records if isinstance(record, EventBatch)] == [0.0, 1.0, 2.0]
+    assert [type(record) for record in records] == [
+        Controls,
+        EventBatch,
+        EventBatch,
+        Controls,
+        EventBatch,
+    ]
+    assert [record.time for record in records if isinstance(record, EventBatch)] == [
+        0.0,
+        1.0,
+        2.0,
+    ]
 
 
 def test_more_arrivals_than_one_write_of_the_log_takes_are_all_kept(run: Run) -> None:
@@ -79,5 +103,9 @@ def test_more_arrivals_than_one_write_of_the_log_takes_are_all_kept(run: Run) ->
     for number in range(20):
         recorder.arrival(float(number), [PacketReceived(bytes(10_000), report=False)])
     recorder.write()
-    batches = [record for record in read_records(watcher.log()[0]) if isinstance(record, EventBatch)]
+    batches = [
+        record
+        for record in read_records(watcher.log()[0])
+        if isinstance(record, EventBatch)
+    ]
     assert [batch.time for batch in batches] == [float(number) for number in range(20)]

@@ -26,7 +26,13 @@ def audited(main: Main, path: Path, settings: Settings, info: ProcessInfo) -> No
     log, running = path.open("w", buffering=1), False
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
-        if running and event in ("import", "compile", "open", "ctypes.dlopen", "subprocess.Popen"):
+        if running and event in (
+            "import",
+            "compile",
+            "open",
+            "ctypes.dlopen",
+            "subprocess.Popen",
+        ):
             log.write(f"{event} {str(arguments)[:100]}\n")
 
     sys.addaudithook(note)
@@ -45,12 +51,24 @@ def audited(main: Main, path: Path, settings: Settings, info: ProcessInfo) -> No
 def test_a_run_loads_nothing(profile: str, tmp_path: Path) -> None:
     name = f"test-rehearsal-{os.getpid()}-{profile}"
     changes = ["output.actuator=none", f"rendering.profile={profile}"]
-    robot, operator = pair_on_one_machine(change(Settings(), changes), tmp_path, name=name)
+    robot, operator = pair_on_one_machine(
+        change(Settings(), changes), tmp_path, name=name
+    )
     send = partial(run_robot, open_source=EndlessStroke)
     with supervised(
-        Supervisor(partial(audited, run_operator, tmp_path / "operator.txt"), operator, name=name),
-        Supervisor(partial(audited, send, tmp_path / "robot.txt"), robot, name=robot.process.name),
+        Supervisor(
+            partial(audited, run_operator, tmp_path / "operator.txt"),
+            operator,
+            name=name,
+        ),
+        Supervisor(
+            partial(audited, send, tmp_path / "robot.txt"),
+            robot,
+            name=robot.process.name,
+        ),
     ):
-        assert eventually(lambda: Watcher(name).snapshot().counters["packets_received"] > 200)
+        assert eventually(
+            lambda: Watcher(name).snapshot().counters["packets_received"] > 200
+        )
     for side in ("operator", "robot"):
         assert (tmp_path / f"{side}.txt").read_text() == "", side

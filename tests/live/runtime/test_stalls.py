@@ -45,11 +45,15 @@ class World:
     its stalls receives nothing, and its monotonic clock stands still too.
     """
 
-    def __init__(self, stalls: dict[str, tuple[tuple[float, float], ...]], *, asleep: str = "") -> None:
+    def __init__(
+        self, stalls: dict[str, tuple[tuple[float, float], ...]], *, asleep: str = ""
+    ) -> None:
         self.now = 0.0
         self.stalls, self.asleep = stalls, asleep
         self.robot: SendGroup
-        self.robot, self.operator = paired_sessions(Codec("pcm16", channels=1, packet_size=240))
+        self.robot, self.operator = paired_sessions(
+            Codec("pcm16", channels=1, packet_size=240)
+        )
         self.to_operator: list[tuple[bytes, tuple[str, int]]] = []
         self.to_robot: list[tuple[bytes, tuple[str, int]]] = []
         self.decoded: list[tuple[float, DecodedAudio]] = []
@@ -63,13 +67,19 @@ class World:
 
     def clock(self, part: str) -> float:
         spans = self.stalls[part] if part == self.asleep else ()
-        return self.now - sum(max(0.0, min(self.now, end) - start) for start, end in spans)
+        return self.now - sum(
+            max(0.0, min(self.now, end) - start) for start, end in spans
+        )
 
     def sleep(self, duration: float) -> None:
         """Let the world go on while the robot's sound thread sleeps; it wakes no earlier than its own stall ends."""
         until = self.now + duration
         while self.now < until or self.stalled("robot"):
-            self.now += TICK if self.stalled("robot") else min(TICK, max(1e-6, until - self.now))
+            self.now += (
+                TICK
+                if self.stalled("robot")
+                else min(TICK, max(1e-6, until - self.now))
+            )
             self.step()
 
     def step(self) -> None:
@@ -78,14 +88,25 @@ class World:
                 self.robot.receive(self.to_robot, now=self.clock("robot"))
                 self.to_robot = []
             self.robot.poll(self.clock("robot"))
-            self.to_operator += [(datagram, ROBOT_ADDRESS) for datagram, _ in self.robot.members[0].session.outgoing()]
+            self.to_operator += [
+                (datagram, ROBOT_ADDRESS)
+                for datagram, _ in self.robot.members[0].session.outgoing()
+            ]
         if not (self.stalled("link") or self.stalled("operator")):
             now = self.clock("operator")
-            events = [*self.operator.receive(self.to_operator, now=now), *self.operator.poll(now)]
+            events = [
+                *self.operator.receive(self.to_operator, now=now),
+                *self.operator.poll(now),
+            ]
             self.to_operator = []
             self.connections += sum(isinstance(event, Connected) for event in events)
-            self.decoded += [(self.now, event) for event in events if isinstance(event, DecodedAudio)]
-            self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.session.outgoing()]
+            self.decoded += [
+                (self.now, event) for event in events if isinstance(event, DecodedAudio)
+            ]
+            self.to_robot += [
+                (datagram, OPERATOR_ADDRESS)
+                for datagram, _ in self.operator.session.outgoing()
+            ]
             if self.pulling and self.now >= self.next_pull:
                 self.pull()
         if self.asleep and self.stalled(self.asleep):
@@ -97,15 +118,25 @@ class World:
         self.operator.pull(BLOCK, now=self.clock("operator"))
         playout = self.operator.playout
         if playout is not None and playout._position is not None:
-            newest = max((waiting.end for waiting in playout._waiting.values()), default=playout._position)
-            self.queues.append((self.now, (newest - playout._position) / LIVE_SAMPLE_RATE))
+            newest = max(
+                (waiting.end for waiting in playout._waiting.values()),
+                default=playout._position,
+            )
+            self.queues.append(
+                (self.now, (newest - playout._position) / LIVE_SAMPLE_RATE)
+            )
 
     def run(self, duration: float) -> None:
         while not self.robot.peers or self.operator.peer is None:
             self.sleep(TICK)
         # Only now, as a recording is held back until the operator is there.
         self.began = self.now
-        for block in paced(source(duration), skip=True, clock=lambda: self.clock("robot"), sleep=self.sleep):
+        for block in paced(
+            source(duration),
+            skip=True,
+            clock=lambda: self.clock("robot"),
+            sleep=self.sleep,
+        ):
             self.robot.push(block)
             self.step()
             if self.now > self.began + duration:
@@ -129,7 +160,9 @@ def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -
     world = World({part: ((1.5, 1.5 + duration),)})
     world.run(4.5)
     assert max(stale_after(world, 1.5 + duration), default=0.0) < RECOVERY
-    fresh = [now for now, audio in world.decoded if not audio.stale and now > 1.5 + duration]
+    fresh = [
+        now for now, audio in world.decoded if not audio.stale and now > 1.5 + duration
+    ]
     assert fresh[0] - (1.5 + duration) < RECOVERY
     # From then on nothing is missing: a fresh packet every 5 ms.
     late = [now for now in fresh if now > 1.5 + duration + RECOVERY]
@@ -139,7 +172,9 @@ def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [1.2, 2.0, 3.5])
-def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: str, duration: float) -> None:
+def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(
+    part: str, duration: float
+) -> None:
     """A stream that began anew would count its times from 0, and every log of the run would be off."""
     world = World({part: ((1.5, 1.5 + duration),)})
     world.run(3.0 + duration)
@@ -152,7 +187,9 @@ def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "operator"])
 @pytest.mark.parametrize("duration", [0.3, 3.0, 10.0])
-def test_sound_is_fresh_again_soon_after_a_machine_slept(part: str, duration: float) -> None:
+def test_sound_is_fresh_again_soon_after_a_machine_slept(
+    part: str, duration: float
+) -> None:
     end = 1.5 + duration
     world = World({part: ((1.5, end),)}, asleep=part)
     world.run(end + 4.0)
@@ -191,26 +228,44 @@ def test_stalls_one_after_another_do_not_add_up(part: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
-def test_sound_is_fresh_soon_after_any_sequence_of_stalls_of_all_parts(seed: int) -> None:
+def test_sound_is_fresh_soon_after_any_sequence_of_stalls_of_all_parts(
+    seed: int,
+) -> None:
     dice, stalls = random.Random(seed), dict[str, tuple[tuple[float, float], ...]]()
     for part in ("robot", "link", "operator"):
         at, found = 1.0, []
         while at < 4.0:
-            at += dice.choice([dice.uniform(0.02, 0.15), dice.uniform(0.1, 0.6), dice.uniform(0.5, 2.0)])
-            end = at + dice.choice([dice.uniform(0.02, 0.12), dice.uniform(0.05, 0.4), dice.uniform(0.2, 2.0)])
+            at += dice.choice(
+                [
+                    dice.uniform(0.02, 0.15),
+                    dice.uniform(0.1, 0.6),
+                    dice.uniform(0.5, 2.0),
+                ]
+            )
+            end = at + dice.choice(
+                [
+                    dice.uniform(0.02, 0.12),
+                    dice.uniform(0.05, 0.4),
+                    dice.uniform(0.2, 2.0),
+                ]
+            )
             found.append((at, end))
             at = end
         stalls[part] = tuple(found)
     world, pairs = World(stalls), [pair for found in stalls.values() for pair in found]
     world.run(max(end for _, end in pairs) + 1.0)
     for now in (now for now, audio in world.decoded if audio.stale):
-        assert min(max(0.0, now - end) for start, end in pairs if start <= now) < RECOVERY
+        assert (
+            min(max(0.0, now - end) for start, end in pairs if start <= now) < RECOVERY
+        )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [0.1, 0.7])
-def test_no_fresh_sound_has_waited_longer_than_what_counts_as_stale(part: str, duration: float) -> None:
+def test_no_fresh_sound_has_waited_longer_than_what_counts_as_stale(
+    part: str, duration: float
+) -> None:
     world = World({part: ((1.5, 1.5 + duration),)})
     world.run(3.5)
     assert world.began is not None
@@ -245,7 +300,9 @@ def last_stale(watcher: Watcher, *, seconds: float) -> float:
 def is_permitted() -> bool:
     """Whether a thread of this user may have a real-time priority."""
     warnings: list[str] = []
-    thread = threading.Thread(target=lambda: warnings.append(prioritize_thread(MAIN_PRIORITY)))
+    thread = threading.Thread(
+        target=lambda: warnings.append(prioritize_thread(MAIN_PRIORITY))
+    )
     thread.start()
     thread.join()
     return warnings == [""]
@@ -253,12 +310,22 @@ def is_permitted() -> bool:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("side", ["robot", "operator"])
-def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Path) -> None:
+def test_a_process_that_was_stopped_is_fresh_again_soon(
+    side: str, tmp_path: Path
+) -> None:
     name = f"test-stall-{os.getpid()}-{side}"
-    changes = ["output.actuator=none", "detector.check_microphones=false", "process.watchdog=false"]
-    robot, operator = pair_on_one_machine(change(Settings(), changes), tmp_path, name=name)
+    changes = [
+        "output.actuator=none",
+        "detector.check_microphones=false",
+        "process.watchdog=false",
+    ]
+    robot, operator = pair_on_one_machine(
+        change(Settings(), changes), tmp_path, name=name
+    )
     receiving = Supervisor(run_operator, operator, name=name)
-    sending = Supervisor(partial(run_robot, open_source=EndlessStroke), robot, name=robot.process.name)
+    sending = Supervisor(
+        partial(run_robot, open_source=EndlessStroke), robot, name=robot.process.name
+    )
     with supervised(receiving, sending):
         watcher = Watcher(name)
         last_stale(watcher, seconds=1.5)
@@ -279,10 +346,15 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 @pytest.mark.parametrize("duration", [0.02, 0.05, 0.08, 0.2, 0.5, 2.0])
-def test_the_clocked_playout_holds_no_old_sound_after_a_stall(part: str, duration: float) -> None:
+def test_the_clocked_playout_holds_no_old_sound_after_a_stall(
+    part: str, duration: float
+) -> None:
     """The sound that a profile renders itself is queued; what has waited in it for longer than 60 ms is old."""
     end = 1.5 + duration
     world = World({part: ((1.5, end),)})
     world.pulling = True
     world.run(end + 1.0)
-    assert max(queue for now, queue in world.queues if now > end + RECOVERY) < SOUND_STALE_AFTER
+    assert (
+        max(queue for now, queue in world.queues if now > end + RECOVERY)
+        < SOUND_STALE_AFTER
+    )

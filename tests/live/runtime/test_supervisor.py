@@ -38,7 +38,11 @@ def live(settings: Settings, info: ProcessInfo, *, stall_after: int = 0) -> None
         while not terminated.wait(0.003):
             telemetry.count("callbacks")
             telemetry.update(State(role="test"), now=time.monotonic())
-            if stall_after and info.restarts == 0 and telemetry.counter("callbacks") == stall_after:
+            if (
+                stall_after
+                and info.restarts == 0
+                and telemetry.counter("callbacks") == stall_after
+            ):
                 os.kill(os.getpid(), signal.SIGSTOP)
 
 
@@ -74,7 +78,9 @@ def test_a_stalled_process_is_killed_and_replaced(name: str) -> None:
         first = supervisor.pid
         assert eventually(lambda: supervisor.restarts == 1)
         assert eventually(lambda: writer_of(name) not in (0, first))
-        assert eventually(lambda: Watcher(name).snapshot().counters["process_restarts"] == 1)
+        assert eventually(
+            lambda: Watcher(name).snapshot().counters["process_restarts"] == 1
+        )
         assert supervisor.running
         last = supervisor.pid
     assert not os.path.exists(f"/proc/{last}")
@@ -101,14 +107,21 @@ def fail_twice(settings: Settings, info: ProcessInfo) -> None:
 
 def test_every_row_of_the_table_of_states_is_walked_and_no_other(name: str) -> None:
     with Followed(fail_twice, Settings(), name=name) as supervisor:
-        assert eventually(lambda: supervisor.restarts == 2 and supervisor.state == "running")
+        assert eventually(
+            lambda: supervisor.restarts == 2 and supervisor.state == "running"
+        )
         os.kill(supervisor.pid, signal.SIGKILL)
         assert eventually(lambda: supervisor.state == "restarting")
-    with pytest.raises(TactophoneError), Followed(fail_to_open, Settings(), name=f"{name}-2"):
+    with (
+        pytest.raises(TactophoneError),
+        Followed(fail_to_open, Settings(), name=f"{name}-2"),
+    ):
         pass
     with Followed(end_at_once, Settings(), name=f"{name}-3") as supervisor:
         assert supervisor.wait(20.0)
-    assert Followed.moves == {(state, after) for state, others in SIDE_TRANSITIONS.items() for after in others}
+    assert Followed.moves == {
+        (state, after) for state, others in SIDE_TRANSITIONS.items() for after in others
+    }
 
 
 def test_an_error_at_the_start_is_raised_in_one_line(name: str) -> None:
@@ -156,26 +169,38 @@ def start_never(settings: Settings, info: ProcessInfo) -> None:
     time.sleep(60.0)
 
 
-def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_may_take_long_while_it_makes_progress(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
     with Supervisor(start_slowly, Settings(), name=name) as supervisor:
         assert supervisor.running
 
 
-def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_without_progress_names_what_it_was_doing(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
     with (
-        pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
+        pytest.raises(
+            TactophoneError,
+            match=r"no progress within 1\.5 s; it was last waiting for a device",
+        ),
         Supervisor(start_never, Settings(), name=name),
     ):
         pass
 
 
-def test_a_slow_start_says_what_it_does_ever_more_rarely(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_start_says_what_it_does_ever_more_rarely(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tactophone.live.runtime.supervisor.SIDE_START_TIMEOUT", 1.5)
     monkeypatch.setattr("tactophone.live.runtime.supervisor.SLOW_START", 0.2)
     lines: list[str] = []
-    with pytest.raises(TactophoneError), Supervisor(start_never, Settings(), name=name, report=lines.append):
+    with (
+        pytest.raises(TactophoneError),
+        Supervisor(start_never, Settings(), name=name, report=lines.append),
+    ):
         pass
     assert 3 <= len(lines) <= 6
     assert re.fullmatch(r"still starting \(\d+ s\): waiting for a device\r", lines[-1])
@@ -209,7 +234,9 @@ def test_sigterm_during_the_start_leaves_no_process_behind(name: str) -> None:
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_restarts_come_as_soon_as_at_first_after_a_healthy_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_restarts_come_as_soon_as_at_first_after_a_healthy_time(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tactophone.live.runtime.supervisor.SHORT_LIFE", 0.8)
     lines: list[str] = []
     with Supervisor(live, Settings(), name=name, report=lines.append) as supervisor:
@@ -218,7 +245,11 @@ def test_restarts_come_as_soon_as_at_first_after_a_healthy_time(name: str, monke
             assert eventually(lambda number=number: supervisor.restarts > number)
             assert eventually(lambda: writer_of(name) == supervisor.pid)
             time.sleep(1.0 if number else 0.0)
-    assert [line.rpartition("in ")[2] for line in lines if line.startswith("!")] == ["0.5 s", "1 s", "0.5 s"]
+    assert [line.rpartition("in ")[2] for line in lines if line.startswith("!")] == [
+        "0.5 s",
+        "1 s",
+        "0.5 s",
+    ]
 
 
 def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
@@ -229,7 +260,10 @@ def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
 
 
 def test_sides_start_together_and_end_together_when_one_fails(name: str) -> None:
-    first, second = Supervisor(live, Settings(), name=name), Supervisor(live, Settings(), name=f"{name}-2")
+    first, second = (
+        Supervisor(live, Settings(), name=name),
+        Supervisor(live, Settings(), name=f"{name}-2"),
+    )
     with supervised(first, second):
         assert first.running
         assert second.running
@@ -237,6 +271,9 @@ def test_sides_start_together_and_end_together_when_one_fails(name: str) -> None
     assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
     failing = Supervisor(fail_to_open, Settings(), name=f"{name}-3")
     running = Supervisor(live, Settings(), name=name)
-    with pytest.raises(TactophoneError, match="no such device"), supervised(running, failing):
+    with (
+        pytest.raises(TactophoneError, match="no such device"),
+        supervised(running, failing),
+    ):
         pass
     assert not os.path.exists(f"/proc/{running.pid}")

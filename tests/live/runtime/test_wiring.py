@@ -6,7 +6,11 @@ import pytest
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
-from tactophone.live.runtime.wiring import microphone_faults, open_microphone_check, open_pipeline_for
+from tactophone.live.runtime.wiring import (
+    microphone_faults,
+    open_microphone_check,
+    open_pipeline_for,
+)
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.noise_floor import NoiseFloor
 from tests.signal.perception.test_calibration_file import CALIBRATION
@@ -18,16 +22,29 @@ def calibrated(folder: Path) -> Settings:
 
 
 def noise(seconds: float, levels: tuple[float, float]) -> AudioBlock:
-    samples = np.random.default_rng(0).normal(0, 1, (int(seconds * LIVE_SAMPLE_RATE), 2)) * levels
+    samples = (
+        np.random.default_rng(0).normal(0, 1, (int(seconds * LIVE_SAMPLE_RATE), 2))
+        * levels
+    )
     return AudioBlock(samples.astype(np.float32), LIVE_SAMPLE_RATE)
 
 
-def test_a_calibration_sets_the_threshold_and_a_setting_goes_before_it(tmp_path: Path) -> None:
-    settings = change(calibrated(tmp_path), ["detector.contact=level"])  # bands follow the noise instead
+def test_a_calibration_sets_the_threshold_and_a_setting_goes_before_it(
+    tmp_path: Path,
+) -> None:
+    settings = change(
+        calibrated(tmp_path), ["detector.contact=level"]
+    )  # bands follow the noise instead
     # The default model's contact rule is `banded`, the paper's network's is `rms`.
-    assert open_pipeline_for(settings, channels=2).detector.threshold.dbfs == CALIBRATION.banded_dbfs
+    assert (
+        open_pipeline_for(settings, channels=2).detector.threshold.dbfs
+        == CALIBRATION.banded_dbfs
+    )
     paper = change(settings, ["detector.model=paper"])
-    assert open_pipeline_for(paper, channels=2).detector.threshold.dbfs == CALIBRATION.threshold_dbfs
+    assert (
+        open_pipeline_for(paper, channels=2).detector.threshold.dbfs
+        == CALIBRATION.threshold_dbfs
+    )
     louder = change(settings, ["detector.threshold_dbfs=-10"])
     assert open_pipeline_for(louder, channels=2).detector.threshold.dbfs == -10
 
@@ -37,15 +54,21 @@ def test_the_margin_of_a_robots_motion_reaches_the_gate_and_a_setting_goes_befor
     channels: int, tmp_path: Path
 ) -> None:
     def margin(*changes: str) -> float:
-        detector = open_pipeline_for(change(settings, list(changes)), channels=channels).detector
+        detector = open_pipeline_for(
+            change(settings, list(changes)), channels=channels
+        ).detector
         assert isinstance(detector, FallbackDetector)
         assert detector.active.floor
         spare = NoiseFloor(-40.0)
-        spare.adopt(detector.active.floor)  # as the detector of one microphone does before it takes over
+        spare.adopt(
+            detector.active.floor
+        )  # as the detector of one microphone does before it takes over
         assert spare.margin_db == detector.active.floor.margin_db
         return spare.margin_db
 
-    calibration = replace(CALIBRATION, margin_db=6.5, floor_dbfs=CALIBRATION.floor_dbfs[:channels])
+    calibration = replace(
+        CALIBRATION, margin_db=6.5, floor_dbfs=CALIBRATION.floor_dbfs[:channels]
+    )
     calibration.write(tmp_path / "finger.toml")
     settings = change(Settings(), [f"detector.calibration={tmp_path / 'finger.toml'}"])
     assert margin() == 6.5
@@ -54,16 +77,23 @@ def test_the_margin_of_a_robots_motion_reaches_the_gate_and_a_setting_goes_befor
 
 def test_a_calibration_of_two_microphones_is_not_taken_for_one(tmp_path: Path) -> None:
     own = open_pipeline_for(Settings(), channels=1).detector.threshold.dbfs
-    assert open_pipeline_for(calibrated(tmp_path), channels=1).detector.threshold.dbfs == own
+    assert (
+        open_pipeline_for(calibrated(tmp_path), channels=1).detector.threshold.dbfs
+        == own
+    )
 
 
-def test_a_dead_microphone_is_reported_with_its_consequence_and_silenced(tmp_path: Path) -> None:
+def test_a_dead_microphone_is_reported_with_its_consequence_and_silenced(
+    tmp_path: Path,
+) -> None:
     pipeline = open_pipeline_for(calibrated(tmp_path), channels=2)
     step = pipeline.push(noise(2.0, (0.0, 0.1)))
     (fault,) = microphone_faults(pipeline.detector)
     assert fault.code == "contact-dead"
     assert fault.text.endswith("(nothing is rendered)")
-    assert {prediction.touch for prediction in step.predictions if prediction.end > 1} == {Touch.NONE}
+    assert {
+        prediction.touch for prediction in step.predictions if prediction.end > 1
+    } == {Touch.NONE}
     assert {command.amplitude for command in step.commands if command.time > 1} == {0.0}
 
 

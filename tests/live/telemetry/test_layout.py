@@ -8,6 +8,9 @@ def test_every_stage_of_the_budget_has_its_gauge() -> None:
     assert not set(COUNTERS) & set(GAUGES)
 
 
-@pytest.mark.parametrize("state", [State(), State(role="receive", profiles=("paper",), faults=(Fault("a", "b"),))])
+@pytest.mark.parametrize(
+    "state",
+    [State(), State(role="receive", profiles=("paper",), faults=(Fault("a", "b"),))],
+)
 def test_a_state_survives_the_memory(state: State) -> None:
     assert State.parse(bytes(state)) == state

@@ -13,11 +13,20 @@ import pytest
 from tactophone.core.errors import TactophoneError
 from tactophone.core.types import AudioBlock, PipelineStep
 from tactophone.live.telemetry.layout import State
-from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive, remove_leftovers, remove_memory
+from tactophone.live.telemetry.memory import (
+    PREFIX,
+    Memory,
+    folder,
+    is_alive,
+    remove_leftovers,
+    remove_memory,
+)
 from tactophone.live.telemetry.watcher import Watcher, running
 from tactophone.live.telemetry.writer import Telemetry
 
-STEP_OF_SILENCE = PipelineStep(AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ())
+STEP_OF_SILENCE = PipelineStep(
+    AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ()
+)
 
 
 @pytest.fixture
@@ -99,9 +108,13 @@ Telemetry(sys.argv[1])
 """
 
 
-def test_a_full_memory_file_system_is_one_clear_line_and_leaves_nothing(name: str) -> None:
+def test_a_full_memory_file_system_is_one_clear_line_and_leaves_nothing(
+    name: str,
+) -> None:
     """Without pages of its own, the first write into a full file system would end the process by SIGBUS."""
-    result = subprocess.run([sys.executable, "-c", OUT_OF_SPACE, name], capture_output=True, text=True)
+    result = subprocess.run(
+        [sys.executable, "-c", OUT_OF_SPACE, name], capture_output=True, text=True
+    )
     assert "no room for" in result.stderr
     assert "No space left on device" in result.stderr
     assert not (folder() / f"{PREFIX}{name}").exists()
@@ -114,7 +127,9 @@ def test_all_pages_exist_from_the_beginning(name: str) -> None:
 
 
 @pytest.mark.parametrize("byte", [0x00, 0x01, 0xFF, 0xA5])
-def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, byte: int) -> None:
+def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(
+    name: str, byte: int
+) -> None:
     path = folder() / f"{PREFIX}{name}"
     with Telemetry(name) as telemetry:
         telemetry.update(State(role="test"), now=time.monotonic())
@@ -122,8 +137,16 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, 
         watcher = Watcher(name)
         with path.open("r+b") as file:
             file.write(bytes([byte]) * path.stat().st_size)
-        for _ in range(3):  # whoever watches meanwhile sees nonsense, and gets no exception
-            watcher.snapshot(), watcher.pulse(), watcher.newest_step(), watcher.marks("captured"), watcher.predictions()
+        for _ in range(
+            3
+        ):  # whoever watches meanwhile sees nonsense, and gets no exception
+            (
+                watcher.snapshot(),
+                watcher.pulse(),
+                watcher.newest_step(),
+                watcher.marks("captured"),
+                watcher.predictions(),
+            )
         assert telemetry.requests(time.monotonic()) == []
         telemetry.count("xruns")
         telemetry.publish(STEP_OF_SILENCE, now=time.monotonic())
@@ -131,10 +154,16 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, 
         telemetry.mark((0, 240, 1.0))
         telemetry.update(State(role="test"), now=time.monotonic())
         snapshot = Watcher(name).snapshot()
-        assert (snapshot.counters["xruns"], snapshot.state.role, snapshot.alive) == (4, "test", True)
+        assert (snapshot.counters["xruns"], snapshot.state.role, snapshot.alive) == (
+            4,
+            "test",
+            True,
+        )
 
 
-def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(name: str) -> None:
+def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(
+    name: str,
+) -> None:
     path = folder() / f"{PREFIX}{name}"
     first = Telemetry(name)
     path.unlink()
@@ -193,13 +222,18 @@ def _link(path: Path) -> None:
 
 
 @pytest.mark.parametrize("squat", [_pipe, Path.mkdir, _link, _other_users_file])
-def test_a_name_that_another_user_took_is_one_line_and_never_waits(name: str, squat: Callable[[Path], None]) -> None:
+def test_a_name_that_another_user_took_is_one_line_and_never_waits(
+    name: str, squat: Callable[[Path], None]
+) -> None:
     if squat is _other_users_file and os.getuid() != 0:
         pytest.skip("only root can make a file of another user")
     path = folder() / f"{PREFIX}{name}"
     squat(path)
     try:
-        with pytest.raises(TactophoneError, match="another user or program: remove it, or name another run"):
+        with pytest.raises(
+            TactophoneError,
+            match="another user or program: remove it, or name another run",
+        ):
             Telemetry(name)
         with pytest.raises(TactophoneError, match="another user or program"):
             Watcher(name)

@@ -49,7 +49,9 @@ def test_a_ring_is_read_at_once_however_long_the_run(count: int) -> None:
 @pytest.mark.slow
 def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
     name = f"test-{uuid.uuid4().hex[:8]}"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, name, "1.5"], stdout=subprocess.PIPE)
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, name, "1.5"], stdout=subprocess.PIPE
+    )
     assert writer.stdout is not None
     writer.stdout.readline()
     watcher, snapshots = Watcher(name), 0
@@ -61,7 +63,10 @@ def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
         assert (steps["time"] % 65536 == steps["amplitude"]).all()
         assert (steps["amplitude"] == steps["frequency"]).all()
         assert np.isin(np.diff(snapshot.sound[:, 0]), [0, 1, -65535]).all()
-        assert len(snapshot.state.source) == snapshot.state.sample_rate % 1000 or not snapshot.state.source
+        assert (
+            len(snapshot.state.source) == snapshot.state.sample_rate % 1000
+            or not snapshot.state.source
+        )
     assert snapshots > 10
 
 
@@ -71,11 +76,20 @@ def test_since_returns_only_what_is_new(telemetry: Telemetry) -> None:
     first = watcher.snapshot()
     telemetry.rendered(np.zeros(7, np.float32))
     telemetry.publish(
-        PipelineStep(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), (HapticCommand(0, 60, 0),)),
+        PipelineStep(
+            AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000),
+            (),
+            (HapticCommand(0, 60, 0),),
+        ),
         now=0.0,
     )
     second = watcher.snapshot(first)
-    assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.steps)) == (100, 7, 5, 1)
+    assert (
+        len(first.vibration),
+        len(second.vibration),
+        len(second.sound),
+        len(second.steps),
+    ) == (100, 7, 5, 1)
     assert len(watcher.snapshot(second).vibration) == 0
 
 
@@ -94,7 +108,9 @@ def test_a_text_that_does_not_fit_is_refused(telemetry: Telemetry) -> None:
         Watcher(telemetry.name).ask("profile", text="x" * 65)
 
 
-def test_a_pulse_contains_callbacks_amplitude_and_heartbeat(telemetry: Telemetry) -> None:
+def test_a_pulse_contains_callbacks_amplitude_and_heartbeat(
+    telemetry: Telemetry,
+) -> None:
     telemetry.count("callbacks", 5)
     telemetry.gauge("output_amplitude", 0.25)
     telemetry.update(State(), now=7.0)
@@ -118,11 +134,17 @@ def test_each_finger_has_its_own_rows_and_requests() -> None:
     block = AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000)
     with Telemetry(name, fingers=3) as telemetry:
         watcher = Watcher(name)
-        telemetry.publish(PipelineStep(block, (), (HapticCommand(0.5, 60, 0),), 2), now=time.monotonic())
+        telemetry.publish(
+            PipelineStep(block, (), (HapticCommand(0.5, 60, 0),), 2),
+            now=time.monotonic(),
+        )
         telemetry.rendered(np.ones(7, np.float32), finger=1)
         snapshots = [watcher.snapshot(finger=finger) for finger in range(3)]
         assert watcher.fingers == 3
-        assert [(len(each.steps), len(each.sound), len(each.vibration)) for each in snapshots] == [
+        assert [
+            (len(each.steps), len(each.sound), len(each.vibration))
+            for each in snapshots
+        ] == [
             (0, 0, 0),
             (0, 0, 7),
             (1, 5, 0),
@@ -130,12 +152,18 @@ def test_each_finger_has_its_own_rows_and_requests() -> None:
         watcher.ask("mute", finger=1)
         watcher.ask("ceiling", 0.2)
         watcher.ask("ceiling", 0.3, finger=2)
-        found = {(request.action, request.value, request.finger) for request in telemetry.requests()}
+        found = {
+            (request.action, request.value, request.finger)
+            for request in telemetry.requests()
+        }
         assert found == {("mute", 0.0, 1), ("ceiling", 0.2, -1), ("ceiling", 0.3, 2)}
 
 
 def test_the_state_of_a_hand_names_its_fingers() -> None:
-    fingers = (FingerState("thumb", armed=True, ceiling=0.5), FingerState("index", ceiling=0.1))
+    fingers = (
+        FingerState("thumb", armed=True, ceiling=0.5),
+        FingerState("index", ceiling=0.1),
+    )
     thumb, index = State.parse(bytes(State(fingers=fingers))).fingers
     assert (index.ceiling, index.armed, thumb.armed) == (0.1, False, True)
 
@@ -151,7 +179,9 @@ def test_a_watcher_follows_the_process_that_replaced_its_own(drain: bool) -> Non
         before = watcher.snapshot()
         if drain:
             assert not watcher.follow()
-            assert watcher.totals()[0]["xruns"] == 2  # the last of the dead process can still be read
+            assert (
+                watcher.totals()[0]["xruns"] == 2
+            )  # the last of the dead process can still be read
         assert watcher.follow(drain=drain)
         assert (watcher.restarts, watcher.totals()[0]["xruns"]) == (1, 0)
         assert watcher.snapshot(before).restarts == 1

@@ -4,12 +4,26 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
-from tactophone.live.telemetry.layout import COUNTERS, SOUND_CAPACITY, Fault, FingerState, State
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
+from tactophone.live.telemetry.layout import (
+    COUNTERS,
+    SOUND_CAPACITY,
+    Fault,
+    FingerState,
+    State,
+)
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
-PREDICTION = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)
+PREDICTION = Prediction(
+    (0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256
+)
 
 
 @pytest.fixture
@@ -19,7 +33,11 @@ def telemetry() -> Iterator[Telemetry]:
 
 
 def step(size: int = 120, *, start: int = 0, predicted: bool = True) -> PipelineStep:
-    block = AudioBlock(np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start, sample_rate=48_000, start=start)
+    block = AudioBlock(
+        np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start,
+        sample_rate=48_000,
+        start=start,
+    )
     return (
         PipelineStep(block, (PREDICTION,), (HapticCommand(0.5, 60.0, 0.0),))
         if predicted
@@ -31,7 +49,9 @@ def test_a_step_contains_prediction_and_command(telemetry: Telemetry) -> None:
     telemetry.publish(step(), now=1.0, truth=Touch.ROUGH)
     row = Watcher(telemetry.name).snapshot().steps[0]
     assert row["time"] == pytest.approx(120 / 48_000)
-    assert [row[name] for name in ("none", "smooth", "rough")] == pytest.approx([0.1, 0.2, 0.7])
+    assert [row[name] for name in ("none", "smooth", "rough")] == pytest.approx(
+        [0.1, 0.2, 0.7]
+    )
     assert (row["touch"], row["truth"], row["sound_end"]) == (2, 2, 120)
     assert (row["amplitude"], row["frequency"]) == (0.5, 60.0)
 
@@ -60,11 +80,15 @@ def test_the_vibration_is_read_as_written(telemetry: Telemetry, size: int) -> No
         telemetry.rendered(waveform[start : start + size])
     snapshot = Watcher(telemetry.name).snapshot()
     assert snapshot.vibration_end == total
-    np.testing.assert_array_equal(snapshot.vibration, waveform[total - len(snapshot.vibration) :])
+    np.testing.assert_array_equal(
+        snapshot.vibration, waveform[total - len(snapshot.vibration) :]
+    )
     assert len(snapshot.vibration) >= min(total, 96_000)
 
 
-def test_the_mailbox_is_emptied_in_the_order_of_the_requests(telemetry: Telemetry) -> None:
+def test_the_mailbox_is_emptied_in_the_order_of_the_requests(
+    telemetry: Telemetry,
+) -> None:
     watcher = Watcher(telemetry.name)
     watcher.ask("ceiling", 0.5)
     watcher.ask("ceiling", 0.25)
@@ -83,7 +107,11 @@ def test_an_unknown_counter_raises(telemetry: Telemetry) -> None:
 
 def test_the_state_is_published_with_a_heartbeat(telemetry: Telemetry) -> None:
     telemetry.update(
-        State(fingers=(FingerState(armed=True),), faults=(Fault("link", "no sound from the robot"),)), now=5.0
+        State(
+            fingers=(FingerState(armed=True),),
+            faults=(Fault("link", "no sound from the robot"),),
+        ),
+        now=5.0,
     )
     snapshot = Watcher(telemetry.name).snapshot()
     assert snapshot.state.armed

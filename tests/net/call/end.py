@@ -54,7 +54,9 @@ class Ends:
 
     def start(self, namespace: str, *words: str) -> "End":
         reading, writing = os.pipe()
-        socket.send_fds(self._own, [json.dumps([namespace, *words]).encode()], [writing])
+        socket.send_fds(
+            self._own, [json.dumps([namespace, *words]).encode()], [writing]
+        )
         os.close(writing)
         return End(reading)
 
@@ -63,7 +65,9 @@ class End:
     """One end of a call, which prints an object for each thing that happens."""
 
     def __init__(self, pipe: int) -> None:
-        self._lines = os.fdopen(pipe, "rb", buffering=0)  # a line in a buffer would not wake `select`
+        self._lines = os.fdopen(
+            pipe, "rb", buffering=0
+        )  # a line in a buffer would not wake `select`
         self.gaps: list[float] = []
 
     def ready(self) -> bool:
@@ -100,7 +104,9 @@ def serve_mailbox() -> None:
     from wormhole_mailbox_server.server import make_server
     from wormhole_mailbox_server.web import make_web_server
 
-    site = make_web_server(make_server(create_channel_db(":memory:")), log_requests=False)
+    site = make_web_server(
+        make_server(create_channel_db(":memory:")), log_requests=False
+    )
     reactor.listenTCP(4000, site, interface="::")  # type: ignore[attr-defined]
     reactor.run()  # type: ignore[attr-defined]
 
@@ -144,12 +150,25 @@ def run(words: list[str]) -> None:
     parser.add_argument("code", nargs="?", default="")
     parser.add_argument("--secrets", nargs="*", default=[])
     parser.add_argument("--set", action="append", default=[])
-    parser.add_argument("--seconds", type=float, default=1.0, help="from the last way on")
+    parser.add_argument(
+        "--seconds", type=float, default=1.0, help="from the last way on"
+    )
     parser.add_argument("--ways", type=int, default=1)
     parser.add_argument("--decline", action="store_true")
-    parser.add_argument("--states", nargs="*", help="to tell once there is a way; then the other end's are told too")
-    parser.add_argument("--old", action="store_true", help="say nothing of states, as an older version")
-    parser.add_argument("--patch", action="append", default=[], help="MODULE:NAME=NUMBER, for times of minutes")
+    parser.add_argument(
+        "--states",
+        nargs="*",
+        help="to tell once there is a way; then the other end's are told too",
+    )
+    parser.add_argument(
+        "--old", action="store_true", help="say nothing of states, as an older version"
+    )
+    parser.add_argument(
+        "--patch",
+        action="append",
+        default=[],
+        help="MODULE:NAME=NUMBER, for times of minutes",
+    )
     args = parser.parse_args(words)
     for text in args.patch:
         place, _, number = text.partition("=")
@@ -159,8 +178,19 @@ def run(words: list[str]) -> None:
         _Call._states = lambda call, exchange, exchanges: exchanges.aclose()  # type: ignore[method-assign]
     settings = change(Settings(), args.set).call
     answers = args.verb == "answer"
-    secrets, own = tuple(map(bytes.fromhex, args.secrets)), Identity.create("end").fingerprint
-    plan = Plan(settings, answers, args.code, secrets, args.verb, own, "" if answers else "operator")
+    secrets, own = (
+        tuple(map(bytes.fromhex, args.secrets)),
+        Identity.create("end").fingerprint,
+    )
+    plan = Plan(
+        settings,
+        answers,
+        args.code,
+        secrets,
+        args.verb,
+        own,
+        "" if answers else "operator",
+    )
     with CallProcess(plan) as process:
         found: list[float] = []
         failed = threading.Event()
@@ -184,11 +214,17 @@ def run(words: list[str]) -> None:
         while not (found or failed.wait(INTERVAL)):
             pass
         if found:
-            ends_at = lambda: found[args.ways - 1] + args.seconds if len(found) >= args.ways else math.inf  # noqa: E731
+            ends_at = lambda: (  # noqa: E731
+                found[args.ways - 1] + args.seconds
+                if len(found) >= args.ways
+                else math.inf
+            )
             exchange(process, ends_at, failed)
 
 
-def exchange(process: CallProcess, ends_at: Callable[[], float], failed: threading.Event) -> None:
+def exchange(
+    process: CallProcess, ends_at: Callable[[], float], failed: threading.Event
+) -> None:
     """Exchange datagrams, and tell each gap in those of the other end when it is over."""
     way = WaySocket(process.keeper)
     own, received, last = 0, set[bytes](), time.monotonic()

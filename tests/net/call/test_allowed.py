@@ -19,9 +19,21 @@ def address(host: str, port: int = 40_000, priority: int = 1) -> Address:
 
 @pytest.mark.parametrize(
     "host",
-    ["224.0.0.251", "239.255.255.250", "169.254.169.254", "127.0.0.1", "0.0.0.0", "240.0.0.1", "255.255.255.255",
-     "::1", "::", "ff02::fb", "fe80::1", "::ffff:169.254.169.254"],
-)  # fmt: skip
+    [
+        "224.0.0.251",
+        "239.255.255.250",
+        "169.254.169.254",
+        "127.0.0.1",
+        "0.0.0.0",
+        "240.0.0.1",
+        "255.255.255.255",
+        "::1",
+        "::",
+        "ff02::fb",
+        "fe80::1",
+        "::ffff:169.254.169.254",
+    ],
+)
 def test_no_group_no_cable_and_no_reserved_address_is_sent_to(host: str) -> None:
     assert allowed([address(host)]) == []
 
@@ -59,7 +71,13 @@ def test_only_allowed_addresses_of_an_offer_are_tried() -> None:
             raise ConnectionError
 
         finder._check = check
-        offer = Offer("abcd", "p" * 22, [address("10.2.0.1"), address("224.0.0.251")], "open", False)
+        offer = Offer(
+            "abcd",
+            "p" * 22,
+            [address("10.2.0.1"), address("224.0.0.251")],
+            "open",
+            False,
+        )
         with socket.socket() as live, pytest.raises(ConnectionError):
             await finder.connect(offer, "open", live, name="robot", fingerprint="")
 

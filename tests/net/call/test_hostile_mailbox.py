@@ -57,7 +57,9 @@ async def lie(socket: Any, mode: str) -> None:
             pieces = [b'{"type":"ack","x":"', *[b"A" * 60_000] * 100, b'"}']
             for place, piece in enumerate(pieces):
                 head = (0 if place else 1) | (0x80 if place == len(pieces) - 1 else 0)
-                socket._writer.transport.write(struct.pack(">BBH", head, 126, len(piece)) + piece)
+                socket._writer.transport.write(
+                    struct.pack(">BBH", head, 126, len(piece)) + piece
+                )
     await say(type="welcome", welcome={"motd": ESCAPES})
     async for message in socket:
         words = json.loads(message.data)
@@ -66,19 +68,30 @@ async def lie(socket: Any, mode: str) -> None:
             case "allocate", "no number":
                 pass
             case "allocate", _:
-                wrong = {"escapes": f"{ESCAPES}7", "shell": "7;touch PWNED;", "markup": "7[/x]"}
+                wrong = {
+                    "escapes": f"{ESCAPES}7",
+                    "shell": "7;touch PWNED;",
+                    "markup": "7[/x]",
+                }
                 await say(type="allocated", nameplate=wrong.get(mode, "7"))
             case "claim", _:
                 await say(type="claimed", mailbox="mb")
             case "open", "no hexadecimal":
                 await say(type="message", side="x", phase="pake", body="zz")
             case "open", "no key":
-                await say(type="message", side="x", phase="pake", body=b'{"pake_v1":"zz"}'.hex())
+                await say(
+                    type="message",
+                    side="x",
+                    phase="pake",
+                    body=b'{"pake_v1":"zz"}'.hex(),
+                )
             case "open", "error":
                 await say(type="error", error=ESCAPES + "crowded", orig={})
             case "open", "many":
                 for number in range(5_000):
-                    await say(type="message", side=f"x{number}", phase="pake", body="00" * 50)
+                    await say(
+                        type="message", side=f"x{number}", phase="pake", body="00" * 50
+                    )
 
 
 def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
@@ -99,7 +112,9 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
     async def call(mode: str, port: int) -> str:
         try:
-            async with exchange.Exchange(f"ws://127.0.0.1:{port}/{mode.replace(' ', '_')}") as own:
+            async with exchange.Exchange(
+                f"ws://127.0.0.1:{port}/{mode.replace(' ', '_')}"
+            ) as own:
                 await own.open()
                 await own.meet()
                 return "met"
@@ -116,8 +131,13 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
         port = runner.addresses[0][1]
         # Those that answer one by one, so that none waits for another's bytes; the silent ones at once.
         answering = [mode for mode, wanted in MODES.items() if wanted != NOTHING]
-        exchange.WELCOME_TIMEOUT = 20 * TIMEOUT  # they answer at once, but this machine may not
-        found = {mode: await asyncio.wait_for(call(mode, port), 20 * TIMEOUT) for mode in answering}
+        exchange.WELCOME_TIMEOUT = (
+            20 * TIMEOUT
+        )  # they answer at once, but this machine may not
+        found = {
+            mode: await asyncio.wait_for(call(mode, port), 20 * TIMEOUT)
+            for mode in answering
+        }
         exchange.WELCOME_TIMEOUT = TIMEOUT
         silent = [mode for mode in MODES if mode not in found]
         calls = (asyncio.wait_for(call(mode, port), 20 * TIMEOUT) for mode in silent)
@@ -128,7 +148,9 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
 
 @pytest.mark.slow
-def test_a_mailbox_that_lies_is_silent_or_says_too_much_ends_the_call_in_time_and_in_printable_words() -> None:
+def test_a_mailbox_that_lies_is_silent_or_says_too_much_ends_the_call_in_time_and_in_printable_words() -> (
+    None
+):
     found = results_of(hostile_calls)
     for mode, wanted in MODES.items():
         assert wanted in found[mode], mode

@@ -24,7 +24,12 @@ from .test_networks import begin
 
 pytestmark = [needs_namespaces, pytest.mark.realtime]
 
-SOON = ("--patch", "aioice.ice:CONSENT_INTERVAL=0.5", "--patch", "aioice.ice:CONSENT_FAILURES=3")
+SOON = (
+    "--patch",
+    "aioice.ice:CONSENT_INTERVAL=0.5",
+    "--patch",
+    "aioice.ice:CONSENT_FAILURES=3",
+)
 """Consent is lost after about 2 s, not after half a minute."""
 
 LONGEST_GAP = 10.0
@@ -49,46 +54,80 @@ def ended_well(ends: tuple[End, End]) -> None:
         assert received > 0.2 * sent
 
 
-def test_a_router_that_restarts_with_another_address_and_a_moved_caller_get_new_ways(homes: Networks) -> None:
+def test_a_router_that_restarts_with_another_address_and_a_moved_caller_get_new_ways(
+    homes: Networks,
+) -> None:
     ends = begin(homes, "--ways", "3")
     found(ends, relayed=False)
     time.sleep(0.5)
     homes.ip("natrob", "addr del 10.9.0.1/24 dev wan", "addr add 10.9.0.21/24 dev wan")
     found(ends, relayed=False, again=True)
-    homes.ip("ope", "addr del 10.2.0.2/24 dev eth0", "addr add 10.2.0.3/24 dev eth0", "route add default via 10.2.0.1")
+    homes.ip(
+        "ope",
+        "addr del 10.2.0.2/24 dev eth0",
+        "addr add 10.2.0.3/24 dev eth0",
+        "route add default via 10.2.0.1",
+    )
     found(ends, relayed=False, again=True)
     ended_well(ends)
     assert all(max(end.gaps) < LONGEST_GAP for end in ends)
 
 
-def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(homes: Networks) -> None:
+def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(
+    homes: Networks,
+) -> None:
     ends = begin(homes, "--ways", "2")
     found(ends, relayed=False)
     time.sleep(0.5)
     between = "ip saddr 10.9.0.2 drop; ip daddr 10.9.0.2 drop;"
-    homes.nft("natrob", f"table ip block {{ chain through {{ type filter hook forward priority -1; {between} }}; }}")
+    homes.nft(
+        "natrob",
+        f"table ip block {{ chain through {{ type filter hook forward priority -1; {between} }}; }}",
+    )
     found(ends, relayed=True, again=True)
     ended_well(ends)
     assert all(max(end.gaps) < LONGEST_GAP for end in ends)
 
 
-def test_a_permission_of_the_relay_is_renewed_before_it_ends_and_a_dead_relay_ends_the_call_in_words() -> None:
+def test_a_permission_of_the_relay_is_renewed_before_it_ends_and_a_dead_relay_ends_the_call_in_words() -> (
+    None
+):
     with Networks("changes", "changes", relay=False) as networks:
-        relay = networks.start_relay("--permission-lifetime", "3", "--channel-lifetime", "3")
+        relay = networks.start_relay(
+            "--permission-lifetime", "3", "--channel-lifetime", "3"
+        )
         turn = ("--set", f"call.turn={USER}@{SERVERS}")
         time.sleep(0.5)
-        ends = begin(networks, *turn, *SOON, "--seconds", "30", "--patch", "tactophone.net.call.ice:CHANNEL_REFRESH=1")
+        ends = begin(
+            networks,
+            *turn,
+            *SOON,
+            "--seconds",
+            "30",
+            "--patch",
+            "tactophone.net.call.ice:CHANNEL_REFRESH=1",
+        )
         found(ends, relayed=True)
         time.sleep(7.0)
         assert all(not end.ready() for end in ends), "not one gap"
         relay.kill()
         for end in ends:
-            assert "the way to the other end is lost, and no other one was found" in end.next("error")
+            assert (
+                "the way to the other end is lost, and no other one was found"
+                in end.next("error")
+            )
 
 
-def test_a_relay_that_drops_duplicates_replays_and_redirects_ends_nothing(homes: Networks) -> None:
+def test_a_relay_that_drops_duplicates_replays_and_redirects_ends_nothing(
+    homes: Networks,
+) -> None:
     lying = LyingRelay(homes)
-    turn = ("--set", f"call.turn={USER}@{SECOND}:{LyingRelay.PORT}", "--set", "call.relay_only=true")
+    turn = (
+        "--set",
+        f"call.turn={USER}@{SECOND}:{LyingRelay.PORT}",
+        "--set",
+        "call.relay_only=true",
+    )
     ends = begin(homes, *turn, "--seconds", "4")
     found(ends, relayed=True)
     lying.begin()
@@ -96,21 +135,44 @@ def test_a_relay_that_drops_duplicates_replays_and_redirects_ends_nothing(homes:
     assert min(lying.counts.values()) > 10, lying.counts
 
 
-def test_a_stranger_who_floods_the_punched_port_ends_nothing_and_delays_nothing() -> None:
+def test_a_stranger_who_floods_the_punched_port_ends_nothing_and_delays_nothing() -> (
+    None
+):
     with Networks("open", "open") as networks:
         ends = begin(networks, "--seconds", "4")
         found(ends, relayed=False)
         flooded = 0
-        with networks.entered("net"), socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_RAW) as raw:
+        with (
+            networks.entered("net"),
+            socket.socket(socket.AF_INET, socket.SOCK_RAW, socket.IPPROTO_RAW) as raw,
+        ):
             ports = {place: networks.udp_ports(place) for place in ("rob", "ope")}
             until = time.monotonic() + 2.0
             while time.monotonic() < until:
-                for target, source in (("10.1.0.2", "10.2.0.2"), ("10.2.0.2", "10.1.0.2")):
-                    own, other = (ports["rob" if each == "10.1.0.2" else "ope"] for each in (target, source))
-                    for host, port in ((SERVERS, 9), *((source, each) for each in other)):
-                        for first in (b"\x00\x01", b"\x01\x01", b"\x03chosen", b"\x16\xfe\xfd", b"\x40\x00"):
+                for target, source in (
+                    ("10.1.0.2", "10.2.0.2"),
+                    ("10.2.0.2", "10.1.0.2"),
+                ):
+                    own, other = (
+                        ports["rob" if each == "10.1.0.2" else "ope"]
+                        for each in (target, source)
+                    )
+                    for host, port in (
+                        (SERVERS, 9),
+                        *((source, each) for each in other),
+                    ):
+                        for first in (
+                            b"\x00\x01",
+                            b"\x01\x01",
+                            b"\x03chosen",
+                            b"\x16\xfe\xfd",
+                            b"\x40\x00",
+                        ):
                             for to in own:
-                                raw.sendto(udp(host, port, target, to, first + os.urandom(60)), (target, 0))
+                                raw.sendto(
+                                    udp(host, port, target, to, first + os.urandom(60)),
+                                    (target, 0),
+                                )
                                 flooded += 1
                 time.sleep(0.002)
         ended_well(ends)
@@ -122,7 +184,10 @@ def udp(source: str, port: int, target: str, to: int, content: bytes) -> bytes:
     """Return an IPv4 packet from any source; its checksums are the kernel's, or left out."""
     length = 8 + len(content)
     addresses = socket.inet_aton(source) + socket.inet_aton(target)
-    header = struct.pack("!BBHHHBBH", 0x45, 0, 20 + length, 0, 0, 64, socket.IPPROTO_UDP, 0) + addresses
+    header = (
+        struct.pack("!BBHHHBBH", 0x45, 0, 20 + length, 0, 0, 64, socket.IPPROTO_UDP, 0)
+        + addresses
+    )
     return header + struct.pack("!HHHH", port, to, length, 0) + content
 
 
@@ -147,13 +212,19 @@ class LyingRelay:
         self._lies = True
 
     def _serve(self) -> None:
-        enter_network(f"/run/netns/{self._networks.namespace('net')}")  # of this thread alone
+        enter_network(
+            f"/run/netns/{self._networks.namespace('net')}"
+        )  # of this thread alone
         while True:
             datagram, client = self._front.recvfrom(4096)
             if client not in self._backs:
-                back = self._backs[client] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                back = self._backs[client] = socket.socket(
+                    socket.AF_INET, socket.SOCK_DGRAM
+                )
                 back.connect((SERVERS, 3478))
-                threading.Thread(target=self._return, args=(back, client), daemon=True).start()
+                threading.Thread(
+                    target=self._return, args=(back, client), daemon=True
+                ).start()
             for each in self._changed(datagram):
                 self._backs[client].send(each)
 
@@ -194,12 +265,23 @@ def test_the_two_commands_feel_a_recording_stop_with_the_relay_go_on_with_it_and
         def start(place: str, *words: str) -> "subprocess.Popen[str]":
             own = ["--set", f"link.identity={tmp_path / place}", *networks.settings()]
             command = [sys.executable, "-m", "tactophone", *words, *own]
-            return networks.start(place, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            return networks.start(
+                place, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
 
         operator = start("ope", "call", "--actuator", "none", "--name", name, "--json")
         assert operator.stderr
         code = operator.stderr.readline().split()[-1]
-        robot = start("rob", "answer", code, "--yes", "--source", f"file:{tmp_path}/noise.wav", "--name", f"{name}-r")
+        robot = start(
+            "rob",
+            "answer",
+            code,
+            "--yes",
+            "--source",
+            f"file:{tmp_path}/noise.wav",
+            "--name",
+            f"{name}-r",
+        )
         assert any("connected over the relay" in line for line in operator.stderr)
         while (watcher := Watcher.find(name)) is None:
             time.sleep(0.01)

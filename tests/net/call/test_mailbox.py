@@ -40,13 +40,21 @@ def lying_calls(results: "multiprocessing.Queue[dict[str, list[str]]]") -> None:
             body = bytearray.fromhex(message["body"])
             body[-1] ^= 1
             # The mailbox as the man in the middle, which guesses at the code.
-            guess = SPAKE2_Symmetric(b"1-escapade-peachy", idSymmetric=exchange.APPLICATION.encode()).start()
-            message["body"] = (json.dumps({"pake_v1": guess.hex()}).encode() if swapped == "pake" else body).hex()
+            guess = SPAKE2_Symmetric(
+                b"1-escapade-peachy", idSymmetric=exchange.APPLICATION.encode()
+            ).start()
+            message["body"] = (
+                json.dumps({"pake_v1": guess.hex()}).encode()
+                if swapped == "pake"
+                else body
+            ).hex()
         honest(self, json.dumps(message).encode(), is_binary)
 
     WebSocketServer.onMessage = lie
     listening: Any = reactor
-    site = make_web_server(make_server(create_channel_db(":memory:")), log_requests=False)
+    site = make_web_server(
+        make_server(create_channel_db(":memory:")), log_requests=False
+    )
     port = listening.listenTCP(0, site, interface="127.0.0.1").getHost().port
 
     async def end(code: "asyncio.Future[str]", *, opens: bool) -> str:

@@ -3,15 +3,32 @@
 import pytest
 
 from tactophone.core.errors import PacketError
-from tactophone.net.call.messages import Accepted, Address, Hello, Offer, Refused, State, read_message, write_message
+from tactophone.net.call.messages import (
+    Accepted,
+    Address,
+    Hello,
+    Offer,
+    Refused,
+    State,
+    read_message,
+    write_message,
+)
 
-OFFER = Offer("user", "p" * 22, [Address("host", "192.0.2.7", 4000, 5, "f1")], "keeps", relay=False)
+OFFER = Offer(
+    "user",
+    "p" * 22,
+    [Address("host", "192.0.2.7", 4000, 5, "f1")],
+    "keeps",
+    relay=False,
+)
 HELLO = Hello("lab-7", "robot", "0.1.0", ":".join(["0A"] * 32))
 MESSAGES = [HELLO, Accepted("operator"), OFFER, State("opening"), Refused("no")]
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda each: type(each).__name__)
-def test_a_message_arrives_as_it_was_sent(message: Hello | Accepted | Offer | State | Refused) -> None:
+def test_a_message_arrives_as_it_was_sent(
+    message: Hello | Accepted | Offer | State | Refused,
+) -> None:
     assert read_message(write_message(message)) == message
 
 
@@ -33,7 +50,11 @@ def test_a_message_arrives_as_it_was_sent(message: Hello | Accepted | Offer | St
     ],
 )
 def test_anything_else_is_refused(before: bytes, after: bytes) -> None:
-    changed = [write_message(each).replace(before, after) for each in MESSAGES if before in write_message(each)]
+    changed = [
+        write_message(each).replace(before, after)
+        for each in MESSAGES
+        if before in write_message(each)
+    ]
     assert changed
     for data in changed:
         with pytest.raises(PacketError, match="something else than a call's message"):

@@ -41,8 +41,15 @@ def begin(networks: Networks, *options: str) -> tuple[End, End]:
 def connect(ends: tuple[End, End], *, relayed: bool) -> list[str]:
     """Check what each end finds, and that each receives what the other one sends; return the secrets of both."""
     found = [end.next("found") for end in ends]
-    for own, name, role in zip(found, ("answer", "call"), ("operator", "robot"), strict=True):
-        assert (own["name"], own["role"], own["relayed"], own["again"]) == (name, role, relayed, False)
+    for own, name, role in zip(
+        found, ("answer", "call"), ("operator", "robot"), strict=True
+    ):
+        assert (own["name"], own["role"], own["relayed"], own["again"]) == (
+            name,
+            role,
+            relayed,
+            False,
+        )
         assert 0.0 < own["round_trip"] < 0.5
     assert found[0]["secrets"] == found[1]["secrets"]
     for end in ends:
@@ -71,7 +78,9 @@ def test_an_older_end_that_knows_no_states_is_called_as_before(homes: Networks) 
     connect((caller, answerer), relayed=False)
 
 
-def test_two_homes_find_a_direct_way_which_holds_longer_than_their_routers_remember(homes: Networks) -> None:
+def test_two_homes_find_a_direct_way_which_holds_longer_than_their_routers_remember(
+    homes: Networks,
+) -> None:
     secrets = connect(begin(homes, "--seconds", "4"), relayed=False)
     # The same two, with what they remember instead of a code.
     renewed = call_again(homes, secrets, secrets)
@@ -89,7 +98,9 @@ def call_again(homes: Networks, own: list[str], other: list[str]) -> list[str]:
     return connect((caller, answerer), relayed=False)
 
 
-def test_a_wrong_code_tells_both_ends_and_the_next_code_reaches_somebody_who_may_decline(homes: Networks) -> None:
+def test_a_wrong_code_tells_both_ends_and_the_next_code_reaches_somebody_who_may_decline(
+    homes: Networks,
+) -> None:
     caller = homes.end("ope", "call")
     number = caller.next("code").partition("-")[0]
     stranger = homes.end("rob", "answer", f"{number}-wrong-words")
@@ -101,7 +112,9 @@ def test_a_wrong_code_tells_both_ends_and_the_next_code_reaches_somebody_who_may
     assert answerer.next("error") == "you did not accept the call"
 
 
-def test_two_calls_at_once_pass_through_one_relay_where_no_direct_way_exists(offices: Networks) -> None:
+def test_two_calls_at_once_pass_through_one_relay_where_no_direct_way_exists(
+    offices: Networks,
+) -> None:
     first, second = begin(offices), begin(offices)
     connect(first, relayed=True)
     connect(second, relayed=True)
@@ -109,7 +122,14 @@ def test_two_calls_at_once_pass_through_one_relay_where_no_direct_way_exists(off
 
 def test_two_networks_that_need_a_relay_and_have_none_say_so(offices: Networks) -> None:
     # From two STUN servers each end knows what kind of router it is behind.
-    ends = begin(offices, "--set", "call.turn=", "--set", "call.stun=10.9.0.10,10.9.0.11", *GIVE_UP_SOON)
+    ends = begin(
+        offices,
+        "--set",
+        "call.turn=",
+        "--set",
+        "call.stun=10.9.0.10,10.9.0.11",
+        *GIVE_UP_SOON,
+    )
     for end in ends:
         error = end.next("error")
         assert error.count("its router takes another port for each destination") == 2
@@ -121,7 +141,10 @@ def test_a_network_that_blocks_udp_says_so(homes: Networks) -> None:
     homes.nft("natrob", block)
     try:
         caller, answerer = begin(homes, *GIVE_UP_SOON)
-        assert "no STUN server answers: UDP to the internet is blocked" in answerer.next("error")
+        assert (
+            "no STUN server answers: UDP to the internet is blocked"
+            in answerer.next("error")
+        )
         assert "there, no STUN server answers" in caller.next("error")
     finally:
         homes.nft("natrob", "delete table ip block")
@@ -137,10 +160,23 @@ def test_two_homes_with_ipv6_alone_find_a_direct_way() -> None:
         connect(begin(networks), relayed=False)
 
 
-def test_check_says_which_router_is_here_and_which_way_a_call_would_take(offices: Networks, homes: Networks) -> None:
+def test_check_says_which_router_is_here_and_which_way_a_call_would_take(
+    offices: Networks, homes: Networks
+) -> None:
     more = ["--set", "call.stun=10.9.0.10,10.9.0.11"]
-    command = [sys.executable, "-m", "tactophone", "call", "--check", *homes.settings(), *more]
-    asked = [networks.start("rob", *command, stdout=subprocess.PIPE) for networks in (offices, homes)]
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        "call",
+        "--check",
+        *homes.settings(),
+        *more,
+    ]
+    asked = [
+        networks.start("rob", *command, stdout=subprocess.PIPE)
+        for networks in (offices, homes)
+    ]
     routers = ("its router takes another port", "its router keeps one port")
     for process, router in zip(asked, routers, strict=True):
         said = process.communicate(timeout=30)[0].splitlines()

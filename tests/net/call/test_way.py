@@ -9,7 +9,15 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.udp import CLOSED_READS, MAX_STUN, STUN_COOKIE, Address
-from tactophone.net.link.way import PEER, READING, SILENT, WANTED, Way, WaySocket, read_kept
+from tactophone.net.link.way import (
+    PEER,
+    READING,
+    SILENT,
+    WANTED,
+    Way,
+    WaySocket,
+    read_kept,
+)
 
 CHANNEL, STREAM = 0x4001, 0x01020304
 SRTP = b"\x80\x60" + bytes(6) + STREAM.to_bytes(4) + b"sound"
@@ -65,11 +73,16 @@ def wrap(ends: Ends, datagram: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("connected", [False, True])
-def test_sound_reaches_the_session_and_stun_the_keeper(ends: Ends, connected: bool) -> None:
+def test_sound_reaches_the_session_and_stun_the_keeper(
+    ends: Ends, connected: bool
+) -> None:
     if connected:
         ends.own.follow((PEER, frozenset({STREAM})))
     wrapped = wrap(ends, STUN)
-    assert ends.arrives(STUN, wrapped, wrap(ends, SRTP), wrap(ends, HELLO)) == [(SRTP, PEER), (HELLO, PEER)]
+    assert ends.arrives(STUN, wrapped, wrap(ends, SRTP), wrap(ends, HELLO)) == [
+        (SRTP, PEER),
+        (HELLO, PEER),
+    ]
     assert ends.kept() == [STUN, wrapped]
     ends.own.send([(SRTP, PEER)])
     assert ends.other.recv(2048) == wrap(ends, SRTP)
@@ -92,7 +105,9 @@ def test_a_stranger_who_floods_the_port_delays_no_sound(ends: Ends) -> None:
     assert [source for _, source in received].count(PEER) == 1
 
 
-def test_stun_without_its_cookie_or_with_a_length_of_its_own_stays_in_the_kernel(ends: Ends) -> None:
+def test_stun_without_its_cookie_or_with_a_length_of_its_own_stays_in_the_kernel(
+    ends: Ends,
+) -> None:
     ends.own.follow((PEER, frozenset({STREAM})))
     odd = b"\0\1\0\3" + STUN_COOKIE.to_bytes(4) + bytes(15)
     chosen = b"\3\0\0\0" + STUN_COOKIE.to_bytes(4) + b"password"
@@ -102,7 +117,9 @@ def test_stun_without_its_cookie_or_with_a_length_of_its_own_stays_in_the_kernel
     assert ends.kept() == [wrap(ends, chosen)]
 
 
-def test_a_flood_of_stun_from_the_peers_address_closes_it_for_a_second_and_leaves_the_sound_alone(ends: Ends) -> None:
+def test_a_flood_of_stun_from_the_peers_address_closes_it_for_a_second_and_leaves_the_sound_alone(
+    ends: Ends,
+) -> None:
     """A keeper gets eight messages of a read, then none for a while, and then again some."""
     ends.own.follow((PEER, frozenset({STREAM})))
     found = ends.arrives(*[wrap(ends, STUN)] * 100, *[wrap(ends, SRTP)] * 20)
@@ -117,7 +134,9 @@ def test_a_flood_of_stun_from_the_peers_address_closes_it_for_a_second_and_leave
     assert len(ends.kept()) == 1
 
 
-def test_a_flood_of_stun_from_strangers_reaches_the_keeper_eight_at_a_time(ends: Ends) -> None:
+def test_a_flood_of_stun_from_strangers_reaches_the_keeper_eight_at_a_time(
+    ends: Ends,
+) -> None:
     if ends.own.channel:
         pytest.skip("nobody but the relay reaches the socket")
     ends.own.follow((PEER, frozenset({STREAM})))
@@ -134,7 +153,12 @@ def test_a_flood_of_stun_from_strangers_reaches_the_keeper_eight_at_a_time(ends:
 def test_what_a_relay_sends_in_another_channel_or_cut_is_dropped(ends: Ends) -> None:
     if ends.own.channel:
         cut = CHANNEL.to_bytes(2) + (len(SRTP) + 1).to_bytes(2) + SRTP
-        assert ends.arrives(b"\x40\x02" + wrap(ends, SRTP)[2:], cut, b"\x40", SRTP, wrap(ends, b"")) == []
+        assert (
+            ends.arrives(
+                b"\x40\x02" + wrap(ends, SRTP)[2:], cut, b"\x40", SRTP, wrap(ends, b"")
+            )
+            == []
+        )
         assert ends.kept() == []
 
 
@@ -143,7 +167,9 @@ def test_a_keeper_that_is_gone_holds_up_nothing(ends: Ends) -> None:
     assert ends.arrives(STUN, wrap(ends, SRTP)) == [(SRTP, PEER)]
 
 
-def test_sound_goes_on_over_a_new_way_and_the_session_sees_the_same_peer(ends: Ends) -> None:
+def test_sound_goes_on_over_a_new_way_and_the_session_sees_the_same_peer(
+    ends: Ends,
+) -> None:
     ends.own.follow((PEER, frozenset({STREAM})))
     assert ends.arrives(wrap(ends, SRTP)) == [(SRTP, PEER)]
     with (
@@ -189,7 +215,9 @@ def test_a_way_that_falls_silent_is_reported_each_second_until_something_comes(
 def test_a_successor_asks_for_the_way_that_its_predecessor_had(ends: Ends) -> None:
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with here, there:
-        Way(socket.socket(socket.AF_INET, socket.SOCK_DGRAM), PEER, 7, "other", "0A").send(there)
+        Way(
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM), PEER, 7, "other", "0A"
+        ).send(there)
         with WaySocket(here, ask=True) as successor:
             assert there.recv(100) == WANTED
             assert (successor.way.channel, successor.way.name) == (7, "other")

@@ -8,7 +8,9 @@ from tactophone.net.link.events import Event
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.session import Session
 
-ROBOT, OPERATOR, UNTRUSTED = (Identity.create(name) for name in ("robot", "operator", "untrusted"))
+ROBOT, OPERATOR, UNTRUSTED = (
+    Identity.create(name) for name in ("robot", "operator", "untrusted")
+)
 AT_ROBOT, AT_OPERATOR = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
 
 
@@ -52,6 +54,10 @@ class SessionPair:
                 if next(self._losses):
                     continue
                 if target == AT_OPERATOR:
-                    self.at_operator += self.operator.receive(datagram, source=AT_ROBOT, now=self.now)
+                    self.at_operator += self.operator.receive(
+                        datagram, source=AT_ROBOT, now=self.now
+                    )
                 elif target == AT_ROBOT:
-                    self.at_robot += self.robot.receive(datagram, source=AT_OPERATOR, now=self.now)
+                    self.at_robot += self.robot.receive(
+                        datagram, source=AT_OPERATOR, now=self.now
+                    )

@@ -12,19 +12,27 @@ from tactophone.net.link.packet import FRAME_SIZES, SOUND_FORMATS, PayloadType
 from tests.sounds import noise
 
 CODECS = [
-    *(Codec("opus", channels=channels, packet_size=size) for size in FRAME_SIZES for channels in (1, 2)),
+    *(
+        Codec("opus", channels=channels, packet_size=size)
+        for size in FRAME_SIZES
+        for channels in (1, 2)
+    ),
     Codec("pcm16", channels=1, packet_size=128),
     Codec("pcm16", packet_size=120),
 ]
 by_name = pytest.mark.parametrize(
-    "codec", CODECS, ids=lambda codec: f"{codec.name}-{codec.packet_size}x{codec.channels}"
+    "codec",
+    CODECS,
+    ids=lambda codec: f"{codec.name}-{codec.packet_size}x{codec.channels}",
 )
 
 
 def round_trip(codec: Codec, sound: FloatArray) -> FloatArray:
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
     starts = range(0, len(sound) - codec.packet_size + 1, codec.packet_size)
-    packets = [encoder.encode(sound[start : start + codec.packet_size]) for start in starts]
+    packets = [
+        encoder.encode(sound[start : start + codec.packet_size]) for start in starts
+    ]
     return np.concatenate([decoder.decode(packet) for packet in packets])
 
 
@@ -33,12 +41,19 @@ def test_an_impulse_measures_the_declared_lookahead(codec: Codec) -> None:
     sound = np.zeros((9_600, codec.channels), np.float32)
     sound[4_000] = 0.5
     decoded = round_trip(codec, sound)
-    assert np.abs(decoded).argmax(axis=0).tolist() == [4_000 + codec.lookahead] * codec.channels
+    assert (
+        np.abs(decoded).argmax(axis=0).tolist()
+        == [4_000 + codec.lookahead] * codec.channels
+    )
 
 
 @by_name
 def test_every_packet_has_the_same_size_and_states_its_length(codec: Codec) -> None:
-    noise = np.random.default_rng(0).normal(0, 0.1, (50, codec.packet_size, codec.channels)).astype(np.float32)
+    noise = (
+        np.random.default_rng(0)
+        .normal(0, 0.1, (50, codec.packet_size, codec.channels))
+        .astype(np.float32)
+    )
     noise[:20] = 0
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
     packets = [encoder.encode(samples) for samples in noise]
@@ -56,7 +71,10 @@ def test_the_channels_stay_separate() -> None:
 def test_opus_keeps_touch_below_one_kilohertz() -> None:
     # 20 noise-like partials a channel: 25 dB is what the study measured at 5 ms and 96 kbit/s, minus a margin.
     random, time = np.random.default_rng(2), np.arange(48_000)[:, np.newaxis] / 48_000
-    partials = 0.02 * np.sin(2 * np.pi * random.uniform(30, 900, (2, 1, 20)) * time + random.uniform(0, 6, (2, 1, 20)))
+    partials = 0.02 * np.sin(
+        2 * np.pi * random.uniform(30, 900, (2, 1, 20)) * time
+        + random.uniform(0, 6, (2, 1, 20))
+    )
     sound = np.ascontiguousarray(partials.sum(axis=2).T, np.float32)
     decoded = round_trip(Codec("opus"), sound)
     error = decoded[4_920:] - sound[4_800:-120]
@@ -65,20 +83,29 @@ def test_opus_keeps_touch_below_one_kilohertz() -> None:
 
 def test_pcm_is_lossless_for_16_bit_sound() -> None:
     sound = (np.arange(-32_768, 32_768, dtype=np.float32) / 32_768).reshape(-1, 2)
-    np.testing.assert_array_equal(round_trip(Codec("pcm16", packet_size=128), sound), sound)
+    np.testing.assert_array_equal(
+        round_trip(Codec("pcm16", packet_size=128), sound), sound
+    )
 
 
 def test_pcm_clips_rather_than_wraps() -> None:
-    decoded = round_trip(Codec("pcm16", packet_size=1), np.array([[1.5, -1.5]], np.float32))
+    decoded = round_trip(
+        Codec("pcm16", packet_size=1), np.array([[1.5, -1.5]], np.float32)
+    )
     np.testing.assert_allclose(decoded, [[1, -1]], atol=1e-4)
 
 
 @by_name
 def test_a_gap_is_concealed_to_its_size_without_clicks(codec: Codec) -> None:
     time = np.arange(20 * codec.packet_size, dtype=np.float32)[:, np.newaxis]
-    sound = np.repeat(np.sin(2 * np.pi * 200 * time / 48_000) * 0.5, codec.channels, axis=1)
+    sound = np.repeat(
+        np.sin(2 * np.pi * 200 * time / 48_000) * 0.5, codec.channels, axis=1
+    )
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
-    packets = [encoder.encode(sound[k * codec.packet_size :][: codec.packet_size]) for k in range(20)]
+    packets = [
+        encoder.encode(sound[k * codec.packet_size :][: codec.packet_size])
+        for k in range(20)
+    ]
     decoded = [decoder.decode(packet) for packet in packets[:10]]
     decoded += [decoder.conceal(2 * codec.packet_size, packets[12])]
     decoded += [decoder.decode(packet) for packet in packets[12:]]
@@ -96,13 +123,21 @@ def test_a_gap_is_concealed_to_its_size_without_clicks(codec: Codec) -> None:
         ({"channels": 3}, "1 or 2"),
     ],
 )
-def test_an_invalid_codec_is_refused_with_the_choices(wrong: dict[str, object], words: str) -> None:
+def test_an_invalid_codec_is_refused_with_the_choices(
+    wrong: dict[str, object], words: str
+) -> None:
     with pytest.raises(ConfigError, match=words):
         Codec(**wrong)
 
 
 @pytest.mark.parametrize(
-    "kind", [PayloadType.OPUS, PayloadType.MULTIOPUS, PayloadType.L16_MONO, PayloadType.L16_STEREO]
+    "kind",
+    [
+        PayloadType.OPUS,
+        PayloadType.MULTIOPUS,
+        PayloadType.L16_MONO,
+        PayloadType.L16_STEREO,
+    ],
 )
 @pytest.mark.parametrize("content", [b"", b"\xff", b"\xff\xff\xff"])
 def test_invalid_payloads_are_refused(kind: PayloadType, content: bytes) -> None:
@@ -117,7 +152,9 @@ def test_the_encoder_refuses_another_length() -> None:
 
 def test_wider_sound_needs_a_wider_band() -> None:
     time = np.arange(48_000, dtype=np.float32)[:, np.newaxis] / 48_000
-    sound = np.repeat(0.3 * np.sin(2 * np.pi * 6_000 * time), 2, axis=1).astype(np.float32)
+    sound = np.repeat(0.3 * np.sin(2 * np.pi * 6_000 * time), 2, axis=1).astype(
+        np.float32
+    )
     assert round_trip(Codec("opus", bandwidth=7_600), sound)[4_800:].std() > 0.15
     assert round_trip(Codec("opus", bandwidth=1_000), sound)[4_800:].std() < 0.02
 
@@ -129,13 +166,20 @@ def test_a_prediction_is_not_sound() -> None:
 
 @pytest.mark.parametrize("fingers", [2, 5, 10])
 @pytest.mark.parametrize("name", ["pcm16", "opus"])
-def test_each_finger_of_a_hand_is_coded_as_alone(name: Literal["pcm16", "opus"], fingers: int) -> None:
-    codec, one = (Codec(name, channels=2 * n, packet_size=24 if name == "pcm16" else 120) for n in (fingers, 1))
+def test_each_finger_of_a_hand_is_coded_as_alone(
+    name: Literal["pcm16", "opus"], fingers: int
+) -> None:
+    codec, one = (
+        Codec(name, channels=2 * n, packet_size=24 if name == "pcm16" else 120)
+        for n in (fingers, 1)
+    )
     sound = noise(duration=0.05, channels=2 * fingers)
     decoded = round_trip(codec, sound)
     for finger in range(fingers):
         part = np.ascontiguousarray(sound[:, 2 * finger : 2 * finger + 2])
-        assert np.array_equal(decoded[:, 2 * finger : 2 * finger + 2], round_trip(one, part))
+        assert np.array_equal(
+            decoded[:, 2 * finger : 2 * finger + 2], round_trip(one, part)
+        )
     assert SOUND_FORMATS[codec.kind] == (name, 2 * fingers)
 
 
@@ -162,7 +206,9 @@ def test_a_hand_that_does_not_fit_a_datagram_is_refused(
 
 def test_wild_samples_of_a_page_are_clipped_without_a_warning() -> None:
     wild = np.float32([[3e38], [-3e38], [2.0], [0.5]])
-    assert np.frombuffer(open_encoder(Codec("pcm16", channels=1)).encode(wild), ">i2").tolist() == [
+    assert np.frombuffer(
+        open_encoder(Codec("pcm16", channels=1)).encode(wild), ">i2"
+    ).tolist() == [
         32_767,
         -32_768,
         32_767,

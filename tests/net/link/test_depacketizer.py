@@ -26,13 +26,18 @@ SECOND = 0.005
 
 
 def noise(size: int) -> FloatArray:
-    return np.random.default_rng(3).integers(-3_000, 3_000, (size, 2)).astype(np.float32) / 32_768
+    return (
+        np.random.default_rng(3).integers(-3_000, 3_000, (size, 2)).astype(np.float32)
+        / 32_768
+    )
 
 
 def packets(sound: FloatArray, *, depth: int = 0, codec: Codec = PCM) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
     packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy)
-    return list(map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, CLOCK_RATE))))
+    return list(
+        map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, CLOCK_RATE)))
+    )
 
 
 def arrive(
@@ -53,7 +58,10 @@ def joined(decoded: list[DecodedAudio]) -> FloatArray:
 
 
 def is_contiguous(decoded: list[DecodedAudio]) -> bool:
-    return all(audio.block.end == following.block.start for audio, following in pairwise(decoded))
+    return all(
+        audio.block.end == following.block.start
+        for audio, following in pairwise(decoded)
+    )
 
 
 def test_sound_passes_unchanged_and_without_waiting() -> None:
@@ -61,8 +69,14 @@ def test_sound_passes_unchanged_and_without_waiting() -> None:
     depacketizer = Depacketizer()
     for step, packet in enumerate(packets(sound)):
         (decoded,) = depacketizer.push([packet], now=step * SECOND)
-        np.testing.assert_array_equal(decoded.block.samples, sound[step * 240 : step * 240 + 240])
-        assert (decoded.block.start, decoded.block.concealed, decoded.stale) == (step * 240, False, False)
+        np.testing.assert_array_equal(
+            decoded.block.samples, sound[step * 240 : step * 240 + 240]
+        )
+        assert (decoded.block.start, decoded.block.concealed, decoded.stale) == (
+            step * 240,
+            False,
+            False,
+        )
 
 
 def test_a_lost_packet_is_concealed_and_marked() -> None:
@@ -82,7 +96,9 @@ def test_redundancy_recovers_it_exactly(depth: int, lost: list[int]) -> None:
     codec = Codec("pcm16", packet_size=96)
     sound = noise(960)
     sent = packets(sound, depth=depth, codec=codec)
-    decoded, depacketizer = arrive([None if step in lost else packet for step, packet in enumerate(sent)])
+    decoded, depacketizer = arrive(
+        [None if step in lost else packet for step, packet in enumerate(sent)]
+    )
     np.testing.assert_array_equal(joined(decoded), sound)
     assert depacketizer.reception.stats.packets_recovered == len(lost)
 
@@ -100,7 +116,9 @@ def test_without_a_reorder_window_nothing_waits() -> None:
     sent = packets(noise(2_400))
     depacketizer = Depacketizer(reorder=0)
     depacketizer.push(sent[:1], now=0)
-    assert [audio.block.concealed for audio in depacketizer.push(sent[2:3], now=0.01)] == [True, False]
+    assert [
+        audio.block.concealed for audio in depacketizer.push(sent[2:3], now=0.01)
+    ] == [True, False]
     depacketizer.push(sent[1:2], now=0.011)
     assert depacketizer.reception.stats.packets_late == 1
 
@@ -111,7 +129,10 @@ def test_a_packet_waits_no_longer_than_the_next_one_should_take() -> None:
     depacketizer.push(sent[:1], now=0)
     assert depacketizer.push(sent[2:3], now=0.010) == []
     assert depacketizer.poll(0.0149) == []
-    assert [audio.block.concealed for audio in depacketizer.poll(0.0151)] == [True, False]
+    assert [audio.block.concealed for audio in depacketizer.poll(0.0151)] == [
+        True,
+        False,
+    ]
 
 
 def test_duplicates_are_counted_and_dropped() -> None:
@@ -131,7 +152,9 @@ def test_a_stall_and_its_burst_are_stale_history() -> None:
     decoded = depacketizer.push(sent[100:140], now=140.5 * SECOND)
     assert is_contiguous(decoded)
     assert [audio.stale for audio in decoded] == [True] * 29 + [False] * 11
-    assert not any(audio.stale for audio in depacketizer.push(sent[140:141], now=141 * SECOND))
+    assert not any(
+        audio.stale for audio in depacketizer.push(sent[140:141], now=141 * SECOND)
+    )
 
 
 def test_a_longer_path_is_followed_within_a_second() -> None:
@@ -159,13 +182,20 @@ def test_of_a_long_backlog_only_the_newest_is_decoded() -> None:
     for step, packet in enumerate(sent[:50]):
         depacketizer.push([packet], now=step * SECOND)
     decoded = depacketizer.push(sent[50:450], now=449.5 * SECOND)
-    assert sum(audio.block.size for audio in decoded) == pytest.approx(PACKET_HISTORY * CLOCK_RATE, abs=480)
+    assert sum(audio.block.size for audio in decoded) == pytest.approx(
+        PACKET_HISTORY * CLOCK_RATE, abs=480
+    )
     assert is_contiguous(decoded)
     assert decoded[-1].block.end == 450 * 240
     assert not decoded[-1].stale
     stats = depacketizer.reception.stats
-    assert stats.samples_skipped == 400 * 240 - sum(audio.block.size for audio in decoded)
-    assert stats.packets_skipped == sum(audio.stale for audio in decoded) + stats.samples_skipped / 240
+    assert stats.samples_skipped == 400 * 240 - sum(
+        audio.block.size for audio in decoded
+    )
+    assert (
+        stats.packets_skipped
+        == sum(audio.stale for audio in decoded) + stats.samples_skipped / 240
+    )
 
 
 def test_a_gap_too_long_to_conceal_is_skipped() -> None:
@@ -179,7 +209,11 @@ def test_a_gap_too_long_to_conceal_is_skipped() -> None:
 def test_timestamps_and_numbers_may_wrap() -> None:
     content = np.zeros((240, 2), ">i2").tobytes()
     sent = [
-        Packet((65_530 + k) % 2**16, 1, Payload(PayloadType.L16_STEREO, (2**32 - 960 + 240 * k) % 2**32, content))
+        Packet(
+            (65_530 + k) % 2**16,
+            1,
+            Payload(PayloadType.L16_STEREO, (2**32 - 960 + 240 * k) % 2**32, content),
+        )
         for k in range(12)
     ]
     decoded, depacketizer = arrive(sent)
@@ -190,37 +224,62 @@ def test_timestamps_and_numbers_may_wrap() -> None:
 
 def test_a_broken_payload_is_a_gap() -> None:
     sent = packets(noise(2_400))
-    sent[4] = Packet(sent[4].sequence, 1, Payload(PayloadType.L16_STEREO, sent[4].payload.timestamp, b"odd"))
+    sent[4] = Packet(
+        sent[4].sequence,
+        1,
+        Payload(PayloadType.L16_STEREO, sent[4].payload.timestamp, b"odd"),
+    )
     decoded, depacketizer = arrive(sent)
     assert [audio.block.start for audio in decoded if audio.block.concealed] == [960]
     assert depacketizer.reception.stats.packets_broken == 1
 
 
-@given(st.lists(st.sampled_from(["deliver", "lose", "twice", "late"]), min_size=1, max_size=40), st.integers(0, 2))
-def test_sound_is_ordered_and_exact_where_not_marked_concealed(deliveries: list[str], depth: int) -> None:
+@given(
+    st.lists(
+        st.sampled_from(["deliver", "lose", "twice", "late"]), min_size=1, max_size=40
+    ),
+    st.integers(0, 2),
+)
+def test_sound_is_ordered_and_exact_where_not_marked_concealed(
+    deliveries: list[str], depth: int
+) -> None:
     codec = Codec("pcm16", packet_size=64)
     sound = noise(64 * len(deliveries))
     sent = packets(sound, depth=depth, codec=codec)
     order: list[Packet | None] = []
     held: list[Packet] = []
     for delivery, packet in zip(deliveries, sent, strict=True):
-        order += {"deliver": [packet], "lose": [None], "twice": [packet, packet], "late": []}[delivery]
+        order += {
+            "deliver": [packet],
+            "lose": [None],
+            "twice": [packet, packet],
+            "late": [],
+        }[delivery]
         order += held
         held = [packet] if delivery == "late" else []
     decoded, _ = arrive(order)
-    assert all(audio.block.end <= following.block.start for audio, following in pairwise(decoded))
+    assert all(
+        audio.block.end <= following.block.start
+        for audio, following in pairwise(decoded)
+    )
     begun = next((sent.index(packet) for packet in order if packet), 0)
     for audio in decoded:
         if not audio.block.concealed:
             start = audio.block.start + 64 * begun
-            np.testing.assert_array_equal(audio.block.samples, sound[start : start + 64])
+            np.testing.assert_array_equal(
+                audio.block.samples, sound[start : start + 64]
+            )
 
 
 def test_opus_stays_aligned_through_a_gap() -> None:
     time = np.arange(48_000, dtype=np.float32)[:, np.newaxis] / CLOCK_RATE
-    sound = np.repeat(0.3 * np.sin(2 * np.pi * 200 * time), 2, axis=1).astype(np.float32)
+    sound = np.repeat(0.3 * np.sin(2 * np.pi * 200 * time), 2, axis=1).astype(
+        np.float32
+    )
     sent = packets(sound, codec=Codec("opus"))
-    decoded, _ = arrive([None if step % 20 == 7 else packet for step, packet in enumerate(sent)])
+    decoded, _ = arrive(
+        [None if step % 20 == 7 else packet for step, packet in enumerate(sent)]
+    )
     error = joined(decoded)[4_920:] - sound[4_800:-120]
     assert joined(decoded).shape == sound.shape
     assert error.std() < 0.1 * sound.std()
@@ -234,18 +293,30 @@ def test_only_two_reorder_windows_exist() -> None:
 def test_a_stream_keeps_its_codec_and_channels_until_the_next_handshake() -> None:
     stereo = packets(noise(1_200))
     mono = [
-        Packet(sequence, ssrc=1, payload=Payload(PayloadType.L16_MONO, packet.payload.timestamp, bytes(480)))
+        Packet(
+            sequence,
+            ssrc=1,
+            payload=Payload(PayloadType.L16_MONO, packet.payload.timestamp, bytes(480)),
+        )
         for sequence, packet in enumerate(stereo, stereo[0].sequence)
     ]
-    mixed = [pair[number % 2] for number, pair in enumerate(zip(stereo, mono, strict=True))]
+    mixed = [
+        pair[number % 2] for number, pair in enumerate(zip(stereo, mono, strict=True))
+    ]
     decoded, depacketizer = arrive(mixed)
     assert {audio.block.channels for audio in decoded} == {2}
     assert depacketizer.reception.stats.packets_broken >= 2
 
 
-@pytest.mark.parametrize("order", [range(8), (0, 1, 3, 2, 4, 5, 6, 7), (0, 1, 2, 4, 5, 6, 7)])
+@pytest.mark.parametrize(
+    "order", [range(8), (0, 1, 3, 2, 4, 5, 6, 7), (0, 1, 2, 4, 5, 6, 7)]
+)
 def test_whether_the_robot_moves_comes_with_the_sound(order: Sequence[int]) -> None:
-    packetizer = Packetizer(BlockEncoder(PCM), ssrc=1, redundancy=Redundancy(RedundancyRule(least=1, most=1)))
+    packetizer = Packetizer(
+        BlockEncoder(PCM),
+        ssrc=1,
+        redundancy=Redundancy(RedundancyRule(least=1, most=1)),
+    )
     sent = []
     for number in range(8):
         packetizer.encoder.moving = 4 <= number < 6
@@ -254,4 +325,6 @@ def test_whether_the_robot_moves_comes_with_the_sound(order: Sequence[int]) -> N
     decoded, _ = arrive([sent[number] for number in order])
     # Sound that is recovered comes with what the packet says that brought it.
     still = 4 - (len(order) < 8)
-    assert [audio.block.moving for audio in decoded] == [False] * still + [True] * (6 - still) + [False] * 2
+    assert [audio.block.moving for audio in decoded] == [False] * still + [True] * (
+        6 - still
+    ) + [False] * 2

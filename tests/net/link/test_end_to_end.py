@@ -22,9 +22,15 @@ class Call:
     """Robot and operator, a link each way, and the time."""
 
     def __init__(
-        self, codec: Codec = PCM, *, profile: NetworkProfile | None = None, rule: RedundancyRule | None = None
+        self,
+        codec: Codec = PCM,
+        *,
+        profile: NetworkProfile | None = None,
+        rule: RedundancyRule | None = None,
     ) -> None:
-        self.link = VirtualLink(SendGroup([calling()], codec, rule=rule), ReceiveSession(answering()))
+        self.link = VirtualLink(
+            SendGroup([calling()], codec, rule=rule), ReceiveSession(answering())
+        )
         self.robot, self.operator = self.link.robot, self.link.operator
         self.now = self.link.connect(100.0)
         self.link.to_operator = ImpairedLink(profile or NetworkProfile(), seed=1)
@@ -32,14 +38,33 @@ class Call:
         self.events: list[tuple[float, ReceiveEvent]] = []
         self.position = 0
 
-    def run(self, seconds: float, *, sound: FloatArray | None = None, predictions: bool = False) -> None:
+    def run(
+        self,
+        seconds: float,
+        *,
+        sound: FloatArray | None = None,
+        predictions: bool = False,
+    ) -> None:
         for _ in range(round(seconds / 0.0025)):
             self.position += 120
             if sound is not None:
-                self.robot.push(AudioBlock(sound[self.position - 120 : self.position], RATE, self.position - 120))
+                self.robot.push(
+                    AudioBlock(
+                        sound[self.position - 120 : self.position],
+                        RATE,
+                        self.position - 120,
+                    )
+                )
             if predictions:
                 end = self.position / RATE
-                prediction = Prediction((0.0, 0.25, 0.75), Touch.ROUGH, 0.75, -20.0, max(0.0, end - 0.256), end)
+                prediction = Prediction(
+                    (0.0, 0.25, 0.75),
+                    Touch.ROUGH,
+                    0.75,
+                    -20.0,
+                    max(0.0, end - 0.256),
+                    end,
+                )
                 self.robot.send_predictions({0: prediction})
             self.step()
 
@@ -52,14 +77,25 @@ class Call:
 
 
 def noise(seconds: float) -> FloatArray:
-    return np.random.default_rng(0).integers(-3_000, 3_000, (round(seconds * RATE), 2)).astype(np.float32) / 32_768
+    return (
+        np.random.default_rng(0)
+        .integers(-3_000, 3_000, (round(seconds * RATE), 2))
+        .astype(np.float32)
+        / 32_768
+    )
 
 
 def test_sound_arrives_exactly() -> None:
     call, sound = Call(), noise(1)
     call.run(1, sound=sound)
-    np.testing.assert_array_equal(np.concatenate([event.block.samples for event in call.decoded()]), sound)
-    assert call.operator.counters["packets_received"] == call.robot.counters["packets_sent"] == 400
+    np.testing.assert_array_equal(
+        np.concatenate([event.block.samples for event in call.decoded()]), sound
+    )
+    assert (
+        call.operator.counters["packets_received"]
+        == call.robot.counters["packets_sent"]
+        == 400
+    )
 
 
 def test_reports_contain_loss_and_round_trip_time() -> None:
@@ -77,12 +113,16 @@ def test_redundancy_is_dropped_on_a_clean_link() -> None:
     call = Call()
     call.run(11, sound=noise(11))
     assert call.robot.members[0].redundancy.depth == 0
-    assert call.operator.gauges["bitrate_bps"] == pytest.approx(8 * 400 * (480 + 12 + 16 + 28), rel=0.03)
+    assert call.operator.gauges["bitrate_bps"] == pytest.approx(
+        8 * 400 * (480 + 12 + 16 + 28), rel=0.03
+    )
 
 
 @pytest.mark.slow
 def test_fixed_redundancy_stays() -> None:
-    call = Call(codec=Codec("opus", packet_size=120), rule=RedundancyRule(least=2, most=2))
+    call = Call(
+        codec=Codec("opus", packet_size=120), rule=RedundancyRule(least=2, most=2)
+    )
     call.run(11, sound=noise(11))
     assert call.robot.members[0].redundancy.depth == 2
 
@@ -110,7 +150,11 @@ def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
     call.run(1, sound=sound)
     for _ in range(80):  # the link holds everything back for 200 ms
         call.position += 120
-        call.robot.push(AudioBlock(sound[call.position - 120 : call.position], RATE, call.position - 120))
+        call.robot.push(
+            AudioBlock(
+                sound[call.position - 120 : call.position], RATE, call.position - 120
+            )
+        )
         call.now += 0.0025
     call.step()
     resumed = call.now
@@ -118,7 +162,9 @@ def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
     fresh = [
         when
         for when, event in call.events
-        if isinstance(event, DecodedAudio) and not event.stale and when >= resumed - 1e-9
+        if isinstance(event, DecodedAudio)
+        and not event.stale
+        and when >= resumed - 1e-9
     ]
     assert fresh[0] - resumed < 0.01
     assert call.operator.counters["packets_skipped"] == pytest.approx(56, abs=2)
@@ -127,26 +173,36 @@ def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
 def test_predictions_take_tens_of_bytes() -> None:
     call = Call()
     call.run(0.5, predictions=True)
-    received = [event for _, event in call.events if isinstance(event, PredictionReceived)]
+    received = [
+        event for _, event in call.events if isinstance(event, PredictionReceived)
+    ]
     assert len(received) == 200
     assert received[5].prediction.touch is Touch.ROUGH
-    assert received[5].prediction.probabilities == pytest.approx((0, 0.25, 0.75), abs=1e-4)
+    assert received[5].prediction.probabilities == pytest.approx(
+        (0, 0.25, 0.75), abs=1e-4
+    )
     assert call.operator.gauges["bitrate_bps"] < 8 * 400 * 80
 
 
 def test_a_late_prediction_is_stale() -> None:
     call = Call(profile=NetworkProfile(stall=0.2, stall_interval=0.5))
     call.run(3, predictions=True)
-    received = [event for _, event in call.events if isinstance(event, PredictionReceived)]
+    received = [
+        event for _, event in call.events if isinstance(event, PredictionReceived)
+    ]
     assert any(event.stale for event in received)
-    assert [event.prediction.end for event in received] == sorted(event.prediction.end for event in received)
+    assert [event.prediction.end for event in received] == sorted(
+        event.prediction.end for event in received
+    )
 
 
 def test_non_finite_sound_is_counted_and_sent_as_silence() -> None:
     call, sound = Call(), noise(0.1)
     sound[500:510] = np.nan
     call.run(0.1, sound=sound)
-    assert np.isfinite(np.concatenate([event.block.samples for event in call.decoded()])).all()
+    assert np.isfinite(
+        np.concatenate([event.block.samples for event in call.decoded()])
+    ).all()
     assert call.robot.counters["sound_faults"] == 1
 
 
@@ -171,23 +227,32 @@ def test_the_clocked_buffer_returns_the_sound_at_the_listeners_rate() -> None:
 @pytest.mark.parametrize(("follow", "passed"), [(True, True), (False, False)])
 def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -> None:
     call = Call(Codec("opus", packet_size=120))
-    call.link.robot = call.robot = SendGroup([calling()], Codec("opus", packet_size=120), follow=follow)
+    call.link.robot = call.robot = SendGroup(
+        [calling()], Codec("opus", packet_size=120), follow=follow
+    )
     call.operator.bandwidth = 7_600
     tone = 0.3 * np.sin(2 * np.pi * 6_000 * np.arange(2 * RATE) / RATE)
     call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))
-    level = np.concatenate([event.block.samples for event in call.decoded()])[-RATE // 2 :].std()
+    level = np.concatenate([event.block.samples for event in call.decoded()])[
+        -RATE // 2 :
+    ].std()
     assert bool(level > 0.15) is passed
     assert call.robot.encoder.codec.bitrate_bps == (256_000 if follow else 128_000)
 
 
 def test_foreign_datagrams_are_counted() -> None:
     call = Call()
-    call.operator.receive([(b"hello", ("203.0.113.9", 1)), (b"\x80" + bytes(30), ("203.0.113.9", 1))], now=call.now)
+    call.operator.receive(
+        [(b"hello", ("203.0.113.9", 1)), (b"\x80" + bytes(30), ("203.0.113.9", 1))],
+        now=call.now,
+    )
     assert call.operator.counters["packets_rejected"] == 2
 
 
 def test_counters_only_ever_grow() -> None:
-    call = Call(profile=NetworkProfile(loss=0.05, spread=0.02, duplicates=0.05, overtaking=True))
+    call = Call(
+        profile=NetworkProfile(loss=0.05, spread=0.02, duplicates=0.05, overtaking=True)
+    )
     before = call.operator.counters
     for _ in range(200):
         call.run(0.01, sound=noise(3))

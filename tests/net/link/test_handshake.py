@@ -6,13 +6,21 @@ from itertools import product
 
 import pytest
 
-from tactophone.net.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes, hello_random, is_hello
+from tactophone.net.link.handshake import (
+    HANDSHAKE_TIMEOUT,
+    Handshake,
+    Handshakes,
+    hello_random,
+    is_hello,
+)
 from tactophone.net.link.identity import Peers
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 
 
-def run_handshake(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, Handshake | None]:
+def run_handshake(
+    lost: set[int], *, duration: float = 2.0
+) -> tuple[Handshake, Handshake | None]:
     """Let robot and operator connect, but lose the datagrams with these numbers."""
     calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
     answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
@@ -39,7 +47,14 @@ def run_handshake(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, 
     return robot, operator
 
 
-@pytest.mark.parametrize("lost", [set(), *({k} for k in range(1, 8)), *({a, b} for a, b in product((2, 3), (4, 5, 6)))])
+@pytest.mark.parametrize(
+    "lost",
+    [
+        set(),
+        *({k} for k in range(1, 8)),
+        *({a, b} for a, b in product((2, 3), (4, 5, 6))),
+    ],
+)
 def test_any_lost_datagram_is_retransmitted(lost: set[int]) -> None:
     robot, operator = run_handshake(lost)
     assert operator is not None
@@ -99,7 +114,9 @@ def steps_of_a_call(sent: list[bytes]) -> Iterator[tuple[Handshake, Handshake | 
 
 
 @pytest.mark.slow
-def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_a_flight() -> None:
+def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_a_flight() -> (
+    None
+):
     """OpenSSL's own timer reads the wall clock; what it repeated made an answerer take the caller for a new one."""
     calls = []
     for stalled_at in range(8):
@@ -114,8 +131,12 @@ def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_
         assert robot.agreement is not None
         assert operator is not None
         assert operator.agreement is not None
-        assert len(sent) == 5  # two hellos and three more flights; the cookie's is not counted
-        assert sum(datagram[0] == 20 for datagram in sent) == 1  # begins with the change of the cipher
+        assert (
+            len(sent) == 5
+        )  # two hellos and three more flights; the cookie's is not counted
+        assert (
+            sum(datagram[0] == 20 for datagram in sent) == 1
+        )  # begins with the change of the cipher
 
 
 def test_a_finished_handshake_ends_even_where_each_flight_is_repeated() -> None:
@@ -135,7 +156,9 @@ def test_no_signature_with_sha1_is_offered() -> None:
     robot = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"})).call(now=0.0)
     robot.poll(0.0)
     (hello,) = robot.outgoing()
-    at = hello.index(b"\x00\x0d", 60) + 4  # the extension signature_algorithms (RFC 5246, 7.4.1.4.1), after its length
+    at = (
+        hello.index(b"\x00\x0d", 60) + 4
+    )  # the extension signature_algorithms (RFC 5246, 7.4.1.4.1), after its length
     size = int.from_bytes(hello[at : at + 2])
     offered = [hello[at + 2 + place : at + 4 + place] for place in range(0, size, 2)]
     assert b"\x04\x03" in offered  # ECDSA with SHA-256

@@ -12,9 +12,23 @@ from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import PayloadType, parse_packet
 from tactophone.net.link.rtcp import Goodbye, ReceiverReport, parse_report
 from tactophone.net.link.session import BUSY, BUSY_PAUSE, Session
-from tests.support.hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
+from tests.support.hostile_callers import (
+    CERTIFICATE_FAULTS,
+    DelayedLine,
+    call_with_certificate,
+    overlong_hello,
+)
 
-from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
+from .session_pair import (
+    AT_OPERATOR,
+    AT_ROBOT,
+    OPERATOR,
+    ROBOT,
+    UNTRUSTED,
+    SessionPair,
+    answering,
+    calling,
+)
 
 EVE = ("203.0.113.66", 666)
 
@@ -26,7 +40,18 @@ def replies(session: Session, datagram: bytes, *, now: float = 0.0) -> list[byte
 
 def keep_alive(session: Session) -> None:
     if session._keys.current:
-        session.send(bytes(ReceiverReport(session._keys.current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0)))
+        session.send(
+            bytes(
+                ReceiverReport(
+                    session._keys.current.agreement.secrets.local_ssrc,
+                    1,
+                    0.0,
+                    0,
+                    0,
+                    0.0,
+                )
+            )
+        )
 
 
 def connected() -> SessionPair:
@@ -37,9 +62,13 @@ def connected() -> SessionPair:
 
 
 @pytest.mark.parametrize("fault", CERTIFICATE_FAULTS)
-def test_a_certificate_that_only_openssl_parses_ends_its_own_handshake(fault: str) -> None:
+def test_a_certificate_that_only_openssl_parses_ends_its_own_handshake(
+    fault: str,
+) -> None:
     pair = connected()
-    call_with_certificate(fault, lambda datagram: replies(pair.operator, datagram, now=pair.now))
+    call_with_certificate(
+        fault, lambda datagram: replies(pair.operator, datagram, now=pair.now)
+    )
     assert pair.operator.failure == "certificate verify failed"
     assert pair.operator.peer == "robot"
     assert not pair.operator._pending
@@ -48,7 +77,9 @@ def test_a_certificate_that_only_openssl_parses_ends_its_own_handshake(fault: st
 @pytest.mark.parametrize("high", [0x00, 0x01, 0x02, 0x17, 0xFF])
 def test_a_hello_longer_than_its_record_ends_its_own_handshake(high: int) -> None:
     pair = connected()
-    hello = overlong_hello(lambda datagram: replies(pair.operator, datagram, now=pair.now), high)
+    hello = overlong_hello(
+        lambda datagram: replies(pair.operator, datagram, now=pair.now), high
+    )
     pair.operator.receive(hello, source=EVE, now=pair.now)
     pair.wait(4)
     assert pair.operator.peer == "robot"
@@ -76,7 +107,9 @@ OPENSSL_TIMER = 0.9
 
 @pytest.mark.slow
 @pytest.mark.parametrize("round_trip", [0.002, 0.02, 0.1])
-def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(round_trip: float) -> None:
+def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(
+    round_trip: float,
+) -> None:
     for _ in range(5):
         begun = time.monotonic()
         connected_after, line = _connect_among_strangers(round_trip)
@@ -84,21 +117,29 @@ def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(round
         if connected_after is not None or time.monotonic() - begun < OPENSSL_TIMER:
             break
     else:
-        pytest.skip("this machine is too busy: OpenSSL's timer, which reads the wall clock, ran out five times")
+        pytest.skip(
+            "this machine is too busy: OpenSSL's timer, which reads the wall clock, ran out five times"
+        )
     assert connected_after is not None
     assert len(line.answerer._pending) <= 2 * MAX_HANDSHAKES
 
 
 def _connect_among_strangers(round_trip: float) -> tuple[float | None, DelayedLine]:
     line = DelayedLine(answering(), address=AT_OPERATOR, delay=round_trip / 2)
-    strangers = ((("198.51.100.1", port), calling(UNTRUSTED)) for port in itertools.count(1))
-    while line.now < 0.2:  # strangers first, so that they hold all the places that they can get
+    strangers = (
+        (("198.51.100.1", port), calling(UNTRUSTED)) for port in itertools.count(1)
+    )
+    while (
+        line.now < 0.2
+    ):  # strangers first, so that they hold all the places that they can get
         line.callers.update([next(strangers)])
         line.step(0.001)
     begun, robot = line.now, calling()
     while robot.peer is None and line.now < begun + 1.0:
         newest = list(line.callers.items())[-119:]
-        line.callers = {AT_ROBOT: robot} | {key: caller for key, caller in newest if caller is not robot}
+        line.callers = {AT_ROBOT: robot} | {
+            key: caller for key, caller in newest if caller is not robot
+        }
         line.callers.update([next(strangers)])
         line.step(0.001)
     return (line.now - begun if robot.peer else None), line
@@ -109,14 +150,18 @@ def test_an_untrusted_robot_learns_that_it_was_refused_and_what_to_do() -> None:
     pair.wait(0.2)
     assert pair.robot.failure is not None
     assert "refused this machine's certificate" in pair.robot.failure
-    assert f"tactophone pair trust untrusted {UNTRUSTED.fingerprint}" in pair.robot.failure
+    assert (
+        f"tactophone pair trust untrusted {UNTRUSTED.fingerprint}" in pair.robot.failure
+    )
     pair.wait(4)
     assert "refused" in pair.robot.failure
 
 
 def test_the_first_of_two_trusted_robots_stays_and_the_second_learns_why() -> None:
     second = Identity.create("second")
-    operator = Session(OPERATOR, Peers({ROBOT.fingerprint: "robot", second.fingerprint: "second"}))
+    operator = Session(
+        OPERATOR, Peers({ROBOT.fingerprint: "robot", second.fingerprint: "second"})
+    )
     line = DelayedLine(operator, address=AT_OPERATOR, delay=0.005)
     first, other = calling(), calling(second)
     line.callers = {AT_ROBOT: first}
@@ -154,9 +199,13 @@ def test_records_from_the_peers_address_are_not_stored_after_the_handshake() -> 
     pair = connected()
     (current,) = pair.operator._keys
     written: list[bytes] = []
-    current.handshake._connection = type("Sink", (), {"bio_write": lambda _, data: written.append(data)})()  # type: ignore[assignment]
+    current.handshake._connection = type(
+        "Sink", (), {"bio_write": lambda _, data: written.append(data)}
+    )()  # type: ignore[assignment]
     for kind in (b"\x16", b"\x14", b"\x17"):
-        pair.operator.receive(kind + b"\xfe\xfd" + bytes(1_200), source=AT_ROBOT, now=pair.now)
+        pair.operator.receive(
+            kind + b"\xfe\xfd" + bytes(1_200), source=AT_ROBOT, now=pair.now
+        )
     assert not written
 
 
@@ -166,7 +215,12 @@ def test_a_handshake_processes_a_bounded_number_of_datagrams() -> None:
     (handshake,) = robot._pending.values()
     written: list[bytes] = []
     handshake._connection = type(
-        "Sink", (), {"bio_write": lambda _, data: written.append(data), "do_handshake": lambda _: 1 / 0}
+        "Sink",
+        (),
+        {
+            "bio_write": lambda _, data: written.append(data),
+            "do_handshake": lambda _: 1 / 0,
+        },
     )()  # type: ignore[assignment]
     handshake.step = lambda now: None  # type: ignore[method-assign]
     for _ in range(3 * MAX_FLIGHT_DATAGRAMS):
@@ -189,5 +243,9 @@ def test_a_handshake_that_is_sent_twice_connects_once() -> None:
         pair.operator.receive(datagram, source=AT_ROBOT, now=pair.now)
         pair.robot.receive(datagram, source=AT_OPERATOR, now=pair.now)
     pair.wait(0.5)
-    assert [event for event in pair.at_operator if isinstance(event, Connected)] == connections
-    assert not any(isinstance(event, Disconnected | PacketReceived) for event in pair.at_operator)
+    assert [
+        event for event in pair.at_operator if isinstance(event, Connected)
+    ] == connections
+    assert not any(
+        isinstance(event, Disconnected | PacketReceived) for event in pair.at_operator
+    )

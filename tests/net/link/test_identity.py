@@ -36,7 +36,9 @@ def test_a_key_that_others_may_access_is_refused(tmp_path: Path, mode: int) -> N
 
 
 @pytest.mark.parametrize("name", ["key.pem", "peers.txt"])
-def test_a_file_of_another_user_is_refused(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_of_another_user_is_refused(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     Identity.create("robot").save(tmp_path)
     Peers({}).save(tmp_path)
     own = Path.stat
@@ -51,12 +53,16 @@ def test_a_file_of_another_user_is_refused(tmp_path: Path, name: str, monkeypatc
         Identity.load(tmp_path) if name == "key.pem" else Peers.load(tmp_path)
 
 
-def test_missing_broken_and_mismatched_keys_have_different_errors(tmp_path: Path) -> None:
+def test_missing_broken_and_mismatched_keys_have_different_errors(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(ConfigError, match="pair init"):
         Identity.load(tmp_path)
     Identity.create("robot").save(tmp_path)
     Identity.create("operator").save(tmp_path / "other")
-    (tmp_path / "certificate.pem").write_bytes((tmp_path / "other" / "certificate.pem").read_bytes())
+    (tmp_path / "certificate.pem").write_bytes(
+        (tmp_path / "other" / "certificate.pem").read_bytes()
+    )
     with pytest.raises(ConfigError, match="do not belong together"):
         Identity.load(tmp_path)
     (tmp_path / "key.pem").write_text("nonsense")
@@ -95,14 +101,18 @@ def test_a_malformed_fingerprint_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"\x00\x80 robot"])
-def test_a_list_of_peers_that_is_not_text_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
+def test_a_list_of_peers_that_is_not_text_is_refused_in_words(
+    tmp_path: Path, content: bytes
+) -> None:
     (tmp_path / "peers.txt").write_bytes(content)
     (tmp_path / "peers.txt").chmod(0o600)
     with pytest.raises(ConfigError):
         Peers.load(tmp_path)
 
 
-def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(tmp_path: Path) -> None:
+def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(
+    tmp_path: Path,
+) -> None:
     """The library raises many types of its own: for a version, an algorithm or a name that it does not know."""
     Identity.create("robot").save(tmp_path)
     original = {path: path.read_bytes() for path in tmp_path.iterdir()}
@@ -121,8 +131,14 @@ def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(tmp_path:
 def test_a_certificate_without_a_name_is_refused_in_words(tmp_path: Path) -> None:
     key = ec.generate_private_key(ec.SECP256R1())
     now = datetime.datetime.now(datetime.UTC)
-    builder = x509.CertificateBuilder(x509.Name([]), x509.Name([]), key.public_key(), x509.random_serial_number())
-    certificate = builder.not_valid_before(now).not_valid_after(now + datetime.timedelta(1)).sign(key, hashes.SHA256())
+    builder = x509.CertificateBuilder(
+        x509.Name([]), x509.Name([]), key.public_key(), x509.random_serial_number()
+    )
+    certificate = (
+        builder.not_valid_before(now)
+        .not_valid_after(now + datetime.timedelta(1))
+        .sign(key, hashes.SHA256())
+    )
     Identity(key, certificate).save(tmp_path)
     with pytest.raises(ConfigError, match="no usable key and certificate"):
         Identity.load(tmp_path)

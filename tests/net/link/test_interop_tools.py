@@ -15,9 +15,23 @@ from tactophone.net.link.codec import Codec
 from tactophone.net.link.handshake import KEY_SIZE, SALT_SIZE, Secrets
 from tactophone.net.link.packet import PayloadType, write_prediction, write_predictions
 from tactophone.net.link.session import SrtpCrypto
-from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+from tactophone.net.link.stream import (
+    BlockEncoder,
+    Packetizer,
+    Redundancy,
+    RedundancyRule,
+)
 from tests.live.runtime.live_system import eventually
-from tests.net.link.test_interop import PORT, RATE, SSRC, needs_gstreamer, needs_wireshark, packets, tone, write_capture
+from tests.net.link.test_interop import (
+    PORT,
+    RATE,
+    SSRC,
+    needs_gstreamer,
+    needs_wireshark,
+    packets,
+    tone,
+    write_capture,
+)
 
 LUA = Path(__file__).parents[3] / "docs" / "reference" / "tactophone.lua"
 
@@ -29,9 +43,15 @@ PREDICTIONS = [
 
 @needs_wireshark
 def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
-    packetizer = Packetizer(BlockEncoder(Codec("opus")), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
+    packetizer = Packetizer(
+        BlockEncoder(Codec("opus")), ssrc=SSRC, redundancy=Redundancy(RedundancyRule())
+    )
     sent = [
-        bytes(packetizer.wrap(PayloadType.PREDICTION, round(each.end * RATE), write_prediction(each)))
+        bytes(
+            packetizer.wrap(
+                PayloadType.PREDICTION, round(each.end * RATE), write_prediction(each)
+            )
+        )
         for each in PREDICTIONS
     ]
     kind, hand = write_predictions(dict(enumerate(PREDICTIONS)), fingers=5)
@@ -55,14 +75,28 @@ def dissected(path: Path, datagrams: list[bytes]) -> list[dict[str, Any]]:
     """Write packets to a capture, and return what Wireshark with our dissector finds in each, by layer."""
     write_capture(path, datagrams)
     done = subprocess.run(
-        ["tshark", "-X", f"lua_script:{LUA}", "-r", str(path), "-T", "json", "--no-duplicate-keys",
-         "-d", f"udp.port=={PORT},rtp"],
-        capture_output=True, check=True, timeout=120,
-    )  # fmt: skip
+        [
+            "tshark",
+            "-X",
+            f"lua_script:{LUA}",
+            "-r",
+            str(path),
+            "-T",
+            "json",
+            "--no-duplicate-keys",
+            "-d",
+            f"udp.port=={PORT},rtp",
+        ],
+        capture_output=True,
+        check=True,
+        timeout=120,
+    )
     return [packet["_source"]["layers"] for packet in json.loads(done.stdout)]
 
 
-def decrypted_by_gstreamer(folder: Path, datagrams: list[bytes], caps: str) -> FloatArray:
+def decrypted_by_gstreamer(
+    folder: Path, datagrams: list[bytes], caps: str
+) -> FloatArray:
     """Send datagrams to GStreamer over UDP; return the samples that it decrypts.
 
     From a file it would crash: srtpdec of 1.22 decrypts in place, which pcapparse's buffers do not allow.
@@ -74,8 +108,12 @@ def decrypted_by_gstreamer(folder: Path, datagrams: list[bytes], caps: str) -> F
     source = f"udpsrc address=127.0.0.1 port={port} num-buffers={len(datagrams)} buffer-size=2000000 caps={caps}"
     sink = f"audioconvert ! audio/x-raw,format=F32LE ! filesink sync=false location={received}"
     pipeline = f"{source} ! srtpdec ! rtpL16depay ! {sink}".split()
-    with subprocess.Popen(["gst-launch-1.0", "-q", *pipeline], stderr=subprocess.DEVNULL) as process:
-        assert eventually(lambda: f":{port:04X} " in Path("/proc/net/udp").read_text(), timeout=20)
+    with subprocess.Popen(
+        ["gst-launch-1.0", "-q", *pipeline], stderr=subprocess.DEVNULL
+    ) as process:
+        assert eventually(
+            lambda: f":{port:04X} " in Path("/proc/net/udp").read_text(), timeout=20
+        )
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending:
             for datagram in datagrams:
                 sending.sendto(datagram, ("127.0.0.1", port))

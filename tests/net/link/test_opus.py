@@ -5,7 +5,13 @@ import pytest
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import FloatArray
-from tactophone.net.link.codec import Codec, OpusDecoder, OpusEncoder, open_decoder, open_encoder
+from tactophone.net.link.codec import (
+    Codec,
+    OpusDecoder,
+    OpusEncoder,
+    open_decoder,
+    open_encoder,
+)
 from tactophone.net.link.packet import FRAME_SIZES, split_streams
 
 
@@ -26,11 +32,15 @@ def sounds(channels: int, sizes: list[int]) -> list[FloatArray]:
     found = []
     for number, size in enumerate(sizes):
         level = 0.0 if number % 11 < 2 else 10 ** random.uniform(-5, 0.3, channels)
-        found.append((level * random.standard_normal((size, channels))).astype(np.float32))
+        found.append(
+            (level * random.standard_normal((size, channels))).astype(np.float32)
+        )
     return found
 
 
-@pytest.mark.parametrize("bitrate_kbps", [0, 12, 24, 510, 1500], ids=lambda rate: f"{rate}kbps")
+@pytest.mark.parametrize(
+    "bitrate_kbps", [0, 12, 24, 510, 1500], ids=lambda rate: f"{rate}kbps"
+)
 @pytest.mark.parametrize("bandwidth", [4000, 20_000])
 @pytest.mark.parametrize("size", FRAME_SIZES)
 @pytest.mark.parametrize("channels", [1, 2])
@@ -59,7 +69,10 @@ def check_equality(codec: Codec, sizes: list[int]) -> None:
         payload = encoder.encode(samples)
         assert payload == encode_by_reference(other_encoder, samples)
         if number % 17 == 16:  # lost, and concealed by both
-            lost = decoder.conceal(len(samples), None), other_decoder.conceal(len(samples), None)
+            lost = (
+                decoder.conceal(len(samples), None),
+                other_decoder.conceal(len(samples), None),
+            )
             np.testing.assert_array_equal(*lost)
         else:
             expected = decode_by_reference(other_decoder, payload, len(samples))
@@ -69,7 +82,11 @@ def check_equality(codec: Codec, sizes: list[int]) -> None:
 def test_altered_payloads_are_decoded_or_refused_as_by_the_multistream_api() -> None:
     random, codec = np.random.default_rng(2), Codec("opus", packet_size=120)
     kind = codec.kind
-    encoder, decoder, other = open_encoder(codec), open_decoder(kind), open_decoder(kind)
+    encoder, decoder, other = (
+        open_encoder(codec),
+        open_decoder(kind),
+        open_decoder(kind),
+    )
     assert isinstance(other, OpusDecoder)
     refused = 0
     for samples in sounds(2, [120] * 400):
@@ -88,6 +105,10 @@ def test_altered_payloads_are_decoded_or_refused_as_by_the_multistream_api() -> 
     assert 50 < refused < 350
 
 
-@pytest.mark.parametrize("payload", [b"", b"\xe0", b"\xe0\x01", b"\xe0\x05\x00\xe0", b"\xe1\x01\x00\xe1\x00"])
-def test_payloads_that_are_not_one_frame_of_each_stream_are_not_split(payload: bytes) -> None:
+@pytest.mark.parametrize(
+    "payload", [b"", b"\xe0", b"\xe0\x01", b"\xe0\x05\x00\xe0", b"\xe1\x01\x00\xe1\x00"]
+)
+def test_payloads_that_are_not_one_frame_of_each_stream_are_not_split(
+    payload: bytes,
+) -> None:
     assert split_streams(payload, 2) == []

@@ -47,11 +47,18 @@ SHAPES = {
     "plain": PLAIN,
     "marked": Packet(7, ssrc=42, payload=SOUND, marker=True),
     "one_earlier": Packet(7, ssrc=42, payload=SOUND, earlier=(BEFORE,)),
-    "two_earlier": Packet(7, ssrc=42, payload=SOUND, earlier=(Payload(PayloadType.OPUS, 480, b"Z"), BEFORE)),
+    "two_earlier": Packet(
+        7,
+        ssrc=42,
+        payload=SOUND,
+        earlier=(Payload(PayloadType.OPUS, 480, b"Z"), BEFORE),
+    ),
 }
 
 kinds = st.sampled_from([kind for kind in PayloadType if kind != PayloadType.RED])
-earlier = st.tuples(kinds, st.integers(0, MAX_EARLIER_OFFSET), st.binary(max_size=MAX_EARLIER_SIZE))
+earlier = st.tuples(
+    kinds, st.integers(0, MAX_EARLIER_OFFSET), st.binary(max_size=MAX_EARLIER_SIZE)
+)
 
 
 def golden(name: str) -> bytes:
@@ -75,11 +82,24 @@ def test_fields_of_other_senders_are_skipped(name: str) -> None:
     assert parse_packet(golden(name)) == PLAIN
 
 
-@given(st.integers(0, 65_535), st.integers(0, 2**32 - 1), st.lists(earlier, max_size=2), st.binary(), st.booleans())
+@given(
+    st.integers(0, 65_535),
+    st.integers(0, 2**32 - 1),
+    st.lists(earlier, max_size=2),
+    st.binary(),
+    st.booleans(),
+)
 def test_any_packet_survives_the_wire(
-    sequence: int, timestamp: int, past: list[tuple[PayloadType, int, bytes]], content: bytes, marker: bool
+    sequence: int,
+    timestamp: int,
+    past: list[tuple[PayloadType, int, bytes]],
+    content: bytes,
+    marker: bool,
 ) -> None:
-    before = tuple(Payload(kind, (timestamp - offset) % 2**32, sound) for kind, offset, sound in past)
+    before = tuple(
+        Payload(kind, (timestamp - offset) % 2**32, sound)
+        for kind, offset, sound in past
+    )
     payload = Payload(PayloadType.L16_STEREO, timestamp, content)
     packet = Packet(sequence, ssrc=9, payload=payload, earlier=before, marker=marker)
     assert parse_packet(bytes(packet)) == packet
@@ -95,12 +115,16 @@ def test_no_bytes_crash_the_parser(datagram: bytes) -> None:
 
 
 @given(st.integers(0, 2**16 - 1), st.integers(-(2**15), 2**15 - 1))
-def test_wrapping_counters_are_compared_by_the_shorter_distance(reference: int, step: int) -> None:
+def test_wrapping_counters_are_compared_by_the_shorter_distance(
+    reference: int, step: int
+) -> None:
     assert ahead((reference + step) % 2**16, reference, bits=16) == step
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_robot_that_moves_is_a_contributing_source_and_the_packet_reads_back(name: str) -> None:
+def test_a_robot_that_moves_is_a_contributing_source_and_the_packet_reads_back(
+    name: str,
+) -> None:
     moving = replace(SHAPES[name], moving=True)
     data = bytes(moving)
     assert (data[0], data[12:16]) == (0x81, MOTION)
@@ -111,5 +135,10 @@ def test_a_robot_that_moves_is_a_contributing_source_and_the_packet_reads_back(n
 
 
 def test_the_largest_packet_fits_a_datagram_while_the_robot_moves() -> None:
-    packet = Packet(1, ssrc=1, payload=Payload(PayloadType.L16_HAND_5, 0, bytes(PAYLOAD_SPACE)), moving=True)
+    packet = Packet(
+        1,
+        ssrc=1,
+        payload=Payload(PayloadType.L16_HAND_5, 0, bytes(PAYLOAD_SPACE)),
+        moving=True,
+    )
     assert len(bytes(packet)) + SRTP_OVERHEAD == MAX_DATAGRAM

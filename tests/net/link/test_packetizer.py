@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import MAX_DATAGRAM, SRTP_OVERHEAD, Packet, parse_packet
-from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+from tactophone.net.link.stream import (
+    BlockEncoder,
+    Packetizer,
+    Redundancy,
+    RedundancyRule,
+)
 from tests.sounds import ODD_SIZES, blocks
 
 RATE = 48_000
@@ -16,7 +21,11 @@ PCM = Codec("pcm16", packet_size=120)
 
 
 def packetizer(codec: Codec = PCM, depth: int = 0) -> Packetizer:
-    return Packetizer(BlockEncoder(codec), ssrc=1, redundancy=Redundancy(RedundancyRule(least=depth, most=depth)))
+    return Packetizer(
+        BlockEncoder(codec),
+        ssrc=1,
+        redundancy=Redundancy(RedundancyRule(least=depth, most=depth)),
+    )
 
 
 def push(packetizer: Packetizer, block: AudioBlock) -> list[Packet]:
@@ -47,20 +56,29 @@ def test_numbers_and_times_go_on_and_a_gap_is_marked() -> None:
     assert [packet.marker for packet in packets] == [True, False, True, False]
     begun = packets[0]
     assert [packet.sequence - begun.sequence for packet in packets] == [0, 1, 2, 3]
-    times = [(packet.payload.timestamp - begun.payload.timestamp) % 2**32 for packet in packets]
+    times = [
+        (packet.payload.timestamp - begun.payload.timestamp) % 2**32
+        for packet in packets
+    ]
     assert times == [0, 120, 960, 1_080]
 
 
 @pytest.mark.parametrize("size", [1, 100, 128, 240])
 @pytest.mark.parametrize("depth", [0, 1, 2])
 def test_a_packet_never_outgrows_a_datagram(size: int, depth: int) -> None:
-    packets = push(packetizer(Codec("pcm16", packet_size=size), depth), AudioBlock(noise(4 * size), RATE))
+    packets = push(
+        packetizer(Codec("pcm16", packet_size=size), depth),
+        AudioBlock(noise(4 * size), RATE),
+    )
     assert max(len(bytes(packet)) + SRTP_OVERHEAD for packet in packets) <= MAX_DATAGRAM
     assert all(parse_packet(bytes(packet)) == packet for packet in packets)
 
 
 def test_the_past_that_is_carried_is_the_newest() -> None:
-    packets = push(packetizer(Codec("opus", packet_size=120), depth=2), AudioBlock(noise(1_200), RATE))
+    packets = push(
+        packetizer(Codec("opus", packet_size=120), depth=2),
+        AudioBlock(noise(1_200), RATE),
+    )
     assert packets[5].earlier == (packets[3].payload, packets[4].payload)
 
 
@@ -73,7 +91,9 @@ def test_what_is_no_number_is_sent_as_silence_and_counted() -> None:
     assert out.encoder.faults == {"non-finite samples": 3}
 
 
-@pytest.mark.parametrize("block", [AudioBlock(noise(10), 44_100), AudioBlock(noise(10)[:, :1], RATE)])
+@pytest.mark.parametrize(
+    "block", [AudioBlock(noise(10), 44_100), AudioBlock(noise(10)[:, :1], RATE)]
+)
 def test_other_sound_is_refused(block: AudioBlock) -> None:
     with pytest.raises(ValueError, match="this stream carries"):
         push(packetizer(), block)
@@ -103,13 +123,20 @@ def test_a_rule_that_cannot_be_is_refused() -> None:
         RedundancyRule(least=2, most=1)
 
 
-@pytest.mark.parametrize("codec", [Codec("opus", packet_size=480), Codec("opus"), Codec("pcm16", packet_size=240)])
+@pytest.mark.parametrize(
+    "codec",
+    [Codec("opus", packet_size=480), Codec("opus"), Codec("pcm16", packet_size=240)],
+)
 def test_the_rest_of_a_long_block_need_not_wait_for_the_next(codec: Codec) -> None:
     rule = RedundancyRule(most=0)
-    prompt = Packetizer(BlockEncoder(codec, prompt=True), ssrc=1, redundancy=Redundancy(rule))
+    prompt = Packetizer(
+        BlockEncoder(codec, prompt=True), ssrc=1, redundancy=Redundancy(rule)
+    )
     decoder, decoded = open_decoder(codec.kind), 0
     for block in blocks(noise(512 * 40), 512):
         for packet in push(prompt, block):
-            assert (packet.payload.timestamp - prompt.encoder.origin) % (1 << 32) == decoded
+            assert (packet.payload.timestamp - prompt.encoder.origin) % (
+                1 << 32
+            ) == decoded
             decoded += len(decoder.decode(packet.payload.content))
         assert 0 <= block.end - decoded < (120 if codec.name == "opus" else 1)

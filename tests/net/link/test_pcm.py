@@ -30,4 +30,10 @@ def test_a_concealed_gap_is_continuous_at_both_sides() -> None:
 def test_a_gap_without_sound_is_silent() -> None:
     nothing = np.zeros((0, 1), np.float32)
     assert not conceal_gap(nothing, nothing, 5).any()
-    assert mirror(np.array([[1], [2]], np.float32), 5).ravel().tolist() == [1, 2, 2, 1, 1]
+    assert mirror(np.array([[1], [2]], np.float32), 5).ravel().tolist() == [
+        1,
+        2,
+        2,
+        1,
+        1,
+    ]

@@ -9,7 +9,12 @@ from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.packet import Packet
 from tactophone.net.link.playout import Playout
-from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+from tactophone.net.link.stream import (
+    BlockEncoder,
+    Packetizer,
+    Redundancy,
+    RedundancyRule,
+)
 
 RATE, BLOCK = 48_000, 128
 PCM = Codec("pcm16", packet_size=96)
@@ -18,13 +23,17 @@ STEEPEST = AMPLITUDE * 2 * np.pi * PITCH / RATE
 
 
 def tone(seconds: float) -> FloatArray:
-    wave = AMPLITUDE * np.sin(2 * np.pi * PITCH * np.arange(round(seconds * RATE)) / RATE)
+    wave = AMPLITUDE * np.sin(
+        2 * np.pi * PITCH * np.arange(round(seconds * RATE)) / RATE
+    )
     return np.stack([wave, wave], axis=1).astype(np.float32)
 
 
 def packets(sound: FloatArray, codec: Codec, redundancy: Redundancy) -> list[Packet]:
     packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy)
-    return list(map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, RATE))))
+    return list(
+        map(packetizer.packet, packetizer.encoder.push(AudioBlock(sound, RATE)))
+    )
 
 
 def played(
@@ -38,12 +47,19 @@ def played(
     stall: tuple[float, float] = (0, 0),
 ) -> tuple[FloatArray, Playout]:
     """Play a tone over a line, block by block."""
-    random, redundancy = np.random.default_rng(4), Redundancy(RedundancyRule(least=depth, most=depth))
+    random, redundancy = (
+        np.random.default_rng(4),
+        Redundancy(RedundancyRule(least=depth, most=depth)),
+    )
     sent = packets(tone(seconds), codec, redundancy)
     speed = RATE * (1 + skew_ppm * 1e-6)
-    times = (np.arange(len(sent)) + 1) * codec.packet_size / speed + random.exponential(jitter, len(sent))
+    times = (np.arange(len(sent)) + 1) * codec.packet_size / speed + random.exponential(
+        jitter, len(sent)
+    )
     times[(times > stall[0]) & (times < stall[1])] = stall[1]
-    kept = [index for index in np.argsort(times, kind="stable") if random.random() >= loss]
+    kept = [
+        index for index in np.argsort(times, kind="stable") if random.random() >= loss
+    ]
     waiting: Iterator[int] = iter(kept)
     playout, following, blocks = Playout(block_size=BLOCK), next(waiting, None), []
     for now in np.arange(0, seconds, BLOCK / RATE):
@@ -56,7 +72,9 @@ def played(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("skew_ppm", [200, -200])
-@pytest.mark.parametrize("codec", [PCM, Codec("opus", packet_size=120)], ids=["pcm16", "opus"])
+@pytest.mark.parametrize(
+    "codec", [PCM, Codec("opus", packet_size=120)], ids=["pcm16", "opus"]
+)
 def test_two_clocks_and_jitter_make_no_click(codec: Codec, skew_ppm: float) -> None:
     sound, playout = played(12, codec=codec, skew_ppm=skew_ppm)
     assert np.abs(np.diff(sound[RATE * 6 :], axis=0)).max() < 0.02 + STEEPEST
@@ -67,10 +85,14 @@ def test_the_tone_keeps_its_level_and_pitch() -> None:
     sound, _ = played(8, skew_ppm=100)
     spectrum = np.abs(np.fft.rfft(sound[-4 * RATE :, 0] * np.hanning(4 * RATE))) / RATE
     assert np.argmax(spectrum) / 4 == pytest.approx(PITCH, abs=0.3)
-    assert sound[-4 * RATE :, 0].std() == pytest.approx(AMPLITUDE / np.sqrt(2), rel=0.02)
+    assert sound[-4 * RATE :, 0].std() == pytest.approx(
+        AMPLITUDE / np.sqrt(2), rel=0.02
+    )
 
 
-@pytest.mark.parametrize("codec", [PCM, Codec("opus", packet_size=120)], ids=["pcm16", "opus"])
+@pytest.mark.parametrize(
+    "codec", [PCM, Codec("opus", packet_size=120)], ids=["pcm16", "opus"]
+)
 def test_loss_and_a_stall_make_no_step(codec: Codec) -> None:
     sound, playout = played(8, codec=codec, loss=0.05, stall=(5.0, 5.2))
     assert np.abs(np.diff(sound, axis=0)).max() < 0.02 + STEEPEST
@@ -84,7 +106,10 @@ def test_loss_and_a_stall_make_no_step(codec: Codec) -> None:
 def test_redundancy_recovers_nearly_all() -> None:
     _, bare = played(8, loss=0.05)
     _, mended = played(8, loss=0.05, depth=1)
-    assert mended.reception.stats.samples_concealed < 0.2 * bare.reception.stats.samples_concealed
+    assert (
+        mended.reception.stats.samples_concealed
+        < 0.2 * bare.reception.stats.samples_concealed
+    )
 
 
 def test_silence_before_the_first_packet_and_in_a_long_gap() -> None:
@@ -113,7 +138,9 @@ def test_late_and_doubled_packets_are_counted() -> None:
 def test_channels_are_fitted_to_the_listener(sent: int, played: int) -> None:
     codec = Codec("pcm16", channels=sent, packet_size=96)
     playout = Playout(block_size=96, channels=played)
-    for step, packet in enumerate(packets(tone(1)[:, :sent], codec, Redundancy(RedundancyRule(most=0)))):
+    for step, packet in enumerate(
+        packets(tone(1)[:, :sent], codec, Redundancy(RedundancyRule(most=0)))
+    ):
         playout.push(packet, now=step * 0.002)
         block = playout.pull(now=step * 0.002)
     assert block.shape == (96, played)

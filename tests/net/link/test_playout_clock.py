@@ -29,9 +29,20 @@ class Simulation:
         came[sent > self.duration / 2] += self.longer_path
         order = np.argsort(came, kind="stable")
         order = order[random.random(len(sent))[order] >= self.loss]
-        self.packets = deque(zip(came[order].tolist(), (order * PACKET).tolist(), strict=True))
-        self.controller, self.late, self.jumps = PlayoutController(block_size=BLOCK), 0, 0
-        self.delays = np.array([self._play(block * BLOCK / RATE) for block in range(int(self.duration * RATE / BLOCK))])
+        self.packets = deque(
+            zip(came[order].tolist(), (order * PACKET).tolist(), strict=True)
+        )
+        self.controller, self.late, self.jumps = (
+            PlayoutController(block_size=BLOCK),
+            0,
+            0,
+        )
+        self.delays = np.array(
+            [
+                self._play(block * BLOCK / RATE)
+                for block in range(int(self.duration * RATE / BLOCK))
+            ]
+        )
 
     def _play(self, now: float) -> float:
         while self.packets and self.packets[0][0] <= now:
@@ -63,7 +74,9 @@ def test_the_margin_follows_the_jitter(jitter: float) -> None:
     packet_and_block = (PACKET + BLOCK) / RATE
     assert run.late < 0.003 * 12_000
     # All but 1 in 1000 of an exponential lie below 6.9 times its mean.
-    assert run.controller.margin - packet_and_block == pytest.approx(6.9 * jitter, rel=0.45, abs=0.002)
+    assert run.controller.margin - packet_and_block == pytest.approx(
+        6.9 * jitter, rel=0.45, abs=0.002
+    )
 
 
 def test_a_longer_path_is_followed_within_a_moment() -> None:
@@ -88,7 +101,11 @@ def test_speed_stays_below_the_noticeable_difference() -> None:
     random = np.random.default_rng(1)
     for block in range(20_000):
         now = block * BLOCK / RATE
-        run.push(block * BLOCK, BLOCK, now=now + float(random.exponential(0.004 if block > 10_000 else 0.0005)))
+        run.push(
+            block * BLOCK,
+            BLOCK,
+            now=now + float(random.exponential(0.004 if block > 10_000 else 0.0005)),
+        )
         speeds.append(run.step(BLOCK, now=now).speed)
     assert max(abs(speed - 1) for speed in speeds) < 0.021
     assert all(abs(speed - following) < 0.021 for speed, following in pairwise(speeds))

@@ -14,13 +14,35 @@ shares = st.floats(0, 1)
 
 
 @pytest.mark.slow
-@given(shares, shares, shares, st.sampled_from(Touch), st.floats(-120, 0), st.floats(0, 1), st.booleans())
+@given(
+    shares,
+    shares,
+    shares,
+    st.sampled_from(Touch),
+    st.floats(-120, 0),
+    st.floats(0, 1),
+    st.booleans(),
+)
 def test_a_prediction_survives_the_wire(
-    smooth: float, rough: float, roughness: float, touch: Touch, level: float, length: float, faulty: bool
+    smooth: float,
+    rough: float,
+    roughness: float,
+    touch: Touch,
+    level: float,
+    length: float,
+    faulty: bool,
 ) -> None:
     none = max(0.001, 1 - smooth - rough)
     total = none + smooth + rough
-    sent = Prediction((none / total, smooth / total, rough / total), touch, roughness, level, 5 - length, 5.0, faulty)
+    sent = Prediction(
+        (none / total, smooth / total, rough / total),
+        touch,
+        roughness,
+        level,
+        5 - length,
+        5.0,
+        faulty,
+    )
     content = write_prediction(sent)
     assert len(content) == 16
     got = read_prediction(content, end=5.0)
@@ -33,17 +55,23 @@ def test_a_prediction_survives_the_wire(
 
 
 def test_silence_is_minus_infinity() -> None:
-    content = write_prediction(Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, 0.0, 1.0))
+    content = write_prediction(
+        Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, 0.0, 1.0)
+    )
     assert read_prediction(content, end=1.0).level_dbfs == -math.inf
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_non_finite_values_arrive_as_a_fault(wrong: float) -> None:
-    content = write_prediction(Prediction((wrong, 0.0, 0.0), Touch.ROUGH, wrong, wrong, 0.0, 1.0))
+    content = write_prediction(
+        Prediction((wrong, 0.0, 0.0), Touch.ROUGH, wrong, wrong, 0.0, 1.0)
+    )
     assert read_prediction(content, end=1.0).faulty
 
 
-@pytest.mark.parametrize("content", [b"", bytes(15), bytes(17), bytes(16), b"\x03" + b"\x01" * 15])
+@pytest.mark.parametrize(
+    "content", [b"", bytes(15), bytes(17), bytes(16), b"\x03" + b"\x01" * 15]
+)
 def test_invalid_bytes_are_refused(content: bytes) -> None:
     with pytest.raises(PacketError):
         read_prediction(content, end=0.0)

@@ -10,7 +10,13 @@ from tactophone.net.link.identity import Peers
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.rtcp import ReceiverReport
 from tactophone.net.link.send import SendGroup
-from tactophone.net.link.session import KEY_OVERLAP, MAX_KEY_AGE, RECALL_AFTER, RENEW_AFTER, Session
+from tactophone.net.link.session import (
+    KEY_OVERLAP,
+    MAX_KEY_AGE,
+    RECALL_AFTER,
+    RENEW_AFTER,
+    Session,
+)
 from tactophone.net.link.stream import DecodedAudio
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, SessionPair
@@ -22,7 +28,10 @@ class Stream:
     """A robot that sends a ramp of samples, and an operator that decodes it, with a delay of one packet each way."""
 
     def __init__(self, *, renew_after: float) -> None:
-        peers = Peers({OPERATOR.fingerprint: "operator"}), Peers({ROBOT.fingerprint: "robot"})
+        peers = (
+            Peers({OPERATOR.fingerprint: "operator"}),
+            Peers({ROBOT.fingerprint: "robot"}),
+        )
         caller = Session(ROBOT, peers[0], call=AT_OPERATOR, renew_after=renew_after)
         self.robot = SendGroup([caller], Codec("pcm16", packet_size=PACKET))
         self.operator = ReceiveSession(Session(OPERATOR, peers[1]))
@@ -38,8 +47,16 @@ class Stream:
         for _ in range(round(seconds * 200)):
             self.now += PACKET / 48_000
             if packets and self.robot.peers:
-                ramp = (np.arange(self.position, self.position + PACKET) % 32_768) / 32_768
-                self.robot.push(AudioBlock(np.stack([ramp, ramp], 1).astype(np.float32), 48_000, self.position))
+                ramp = (
+                    np.arange(self.position, self.position + PACKET) % 32_768
+                ) / 32_768
+                self.robot.push(
+                    AudioBlock(
+                        np.stack([ramp, ramp], 1).astype(np.float32),
+                        48_000,
+                        self.position,
+                    )
+                )
                 self.position += PACKET
             self.robot.poll(self.now)
             self._exchange()
@@ -48,7 +65,9 @@ class Stream:
     def _exchange(self) -> None:
         for datagram, _ in self.robot.members[0].session.outgoing():
             if self._passes(datagram):
-                self.events += self.operator.receive([(datagram, AT_ROBOT)], now=self.now)
+                self.events += self.operator.receive(
+                    [(datagram, AT_ROBOT)], now=self.now
+                )
         for datagram, _ in self.operator.session.outgoing():
             if self._passes(datagram):
                 self.robot.receive([(datagram, AT_OPERATOR)], now=self.now)
@@ -58,7 +77,13 @@ class Stream:
         return not lost
 
     def sound(self) -> FloatArray:
-        return np.concatenate([event.block.samples[:, 0] for event in self.events if isinstance(event, DecodedAudio)])
+        return np.concatenate(
+            [
+                event.block.samples[:, 0]
+                for event in self.events
+                if isinstance(event, DecodedAudio)
+            ]
+        )
 
     def keys(self) -> bytes:
         current = self.operator.session._keys.current
@@ -78,10 +103,16 @@ def test_renewed_keys_lose_no_sample(lost: int) -> None:
     assert not any(isinstance(event, Disconnected) for event in stream.events)
     sound = stream.sound()
     assert len(sound) >= stream.position - 2 * PACKET
-    np.testing.assert_array_equal(sound, (np.arange(len(sound)) % 32_768 / 32_768).astype(np.float32))
+    np.testing.assert_array_equal(
+        sound, (np.arange(len(sound)) % 32_768 / 32_768).astype(np.float32)
+    )
     assert stream.operator.stats.packets_lost == 0
     assert stream.operator.session.refused == 0
-    assert stream.operator.counters["handshakes"] == stream.robot.counters["handshakes"] >= 2
+    assert (
+        stream.operator.counters["handshakes"]
+        == stream.robot.counters["handshakes"]
+        >= 2
+    )
 
 
 def test_old_keys_are_refused_after_the_overlap() -> None:
@@ -93,7 +124,9 @@ def test_old_keys_are_refused_after_the_overlap() -> None:
     assert len(list(stream.operator.session._keys)) == 2
     stream.run(KEY_OVERLAP)
     # Two seconds later the next renewal may be under way, but the first keys are gone.
-    assert old.agreement.secrets.local_ssrc not in [known.stream for known in stream.operator.session._keys]
+    assert old.agreement.secrets.local_ssrc not in [
+        known.stream for known in stream.operator.session._keys
+    ]
 
 
 @pytest.mark.slow
@@ -101,7 +134,10 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
     pair = SessionPair()
     pair.wait(0.2)
     assert RENEW_AFTER < MAX_KEY_AGE <= 12 * 3600
-    for side in (pair.robot, pair.operator):  # so that the first long step below begins right after a report
+    for side in (
+        pair.robot,
+        pair.operator,
+    ):  # so that the first long step below begins right after a report
         side.send(report(side))
     pair.exchange()
     ages, keys = [], set()
@@ -117,7 +153,9 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
         keys.add(pair.operator._keys.current.agreement.secrets.inbound)
     assert max(ages) < RENEW_AFTER + 10
     assert len(keys) == 3
-    assert [event for event in pair.at_operator if isinstance(event, Disconnected)] == []
+    assert [
+        event for event in pair.at_operator if isinstance(event, Disconnected)
+    ] == []
 
 
 def test_keys_that_cannot_be_renewed_end_the_session() -> None:
@@ -125,7 +163,9 @@ def test_keys_that_cannot_be_renewed_end_the_session() -> None:
     pair.wait(0.2)
     assert pair.operator._keys.current is not None
     pair.operator._keys.current.last_received = pair.now = MAX_KEY_AGE + 1
-    assert pair.operator.poll(pair.now) == [Disconnected("the keys were not renewed in time")]
+    assert pair.operator.poll(pair.now) == [
+        Disconnected("the keys were not renewed in time")
+    ]
 
 
 def test_keys_are_not_renewed_shortly_before_the_sequence_wraps() -> None:
@@ -145,4 +185,8 @@ def test_keys_are_not_renewed_shortly_before_the_sequence_wraps() -> None:
 
 def report(session: Session) -> bytes:
     assert session._keys.current is not None
-    return bytes(ReceiverReport(session._keys.current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0))
+    return bytes(
+        ReceiverReport(
+            session._keys.current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0
+        )
+    )

@@ -27,20 +27,38 @@ class GroupCall:
     """A robot and its operators, each with a link of its own."""
 
     def __init__(
-        self, operators: int, codec: Codec = OPUS, *, trusting: int = MOST_OPERATORS, renew_after: float = 1e9
+        self,
+        operators: int,
+        codec: Codec = OPUS,
+        *,
+        trusting: int = MOST_OPERATORS,
+        renew_after: float = 1e9,
     ) -> None:
         self.robot = Identity.create("robot")
-        identities = [Identity.create(f"operator {number}") for number in range(operators)]
+        identities = [
+            Identity.create(f"operator {number}") for number in range(operators)
+        ]
         trusted = Peers({each.fingerprint: each.name for each in identities})
         callers = [
-            Session(self.robot, trusted, call=OPERATOR_ADDRESS, renew_after=renew_after) for number in range(operators)
+            Session(self.robot, trusted, call=OPERATOR_ADDRESS, renew_after=renew_after)
+            for number in range(operators)
         ]
         self.group = SendGroup(callers, codec, follow=True)
         answerers = [
-            ReceiveSession(Session(each, Peers({self.robot.fingerprint: "robot"} if number < trusting else {})))
+            ReceiveSession(
+                Session(
+                    each,
+                    Peers(
+                        {self.robot.fingerprint: "robot"} if number < trusting else {}
+                    ),
+                )
+            )
             for number, each in enumerate(identities)
         ]
-        self.links = [VirtualLink(self.group, each, number=number) for number, each in enumerate(answerers)]
+        self.links = [
+            VirtualLink(self.group, each, number=number)
+            for number, each in enumerate(answerers)
+        ]
         self.events = [[] for _ in range(operators)]
         self.now, self.start = 0.0, 0
 
@@ -56,11 +74,22 @@ class GroupCall:
             self.now += 0.005
         assert len(self.group.connected) == operators
 
-    def run(self, duration: float, each: Callable[["GroupCall"], None] = lambda _: None, *, without=()) -> None:
+    def run(
+        self,
+        duration: float,
+        each: Callable[["GroupCall"], None] = lambda _: None,
+        *,
+        without=(),
+    ) -> None:
         for _ in range(round(duration / PACKET)):
             self.group.push(
                 AudioBlock(
-                    SOUND[self.start : self.start + 120, : self.group.encoder.codec.channels], 48_000, self.start
+                    SOUND[
+                        self.start : self.start + 120,
+                        : self.group.encoder.codec.channels,
+                    ],
+                    48_000,
+                    self.start,
                 )
             )
             self.start, self.now = self.start + 120, self.now + PACKET
@@ -69,7 +98,9 @@ class GroupCall:
 
     def decoded(self, operator: int) -> bytes:
         return b"".join(
-            event.block.samples.tobytes() for event in self.events[operator] if isinstance(event, DecodedAudio)
+            event.block.samples.tobytes()
+            for event in self.events[operator]
+            if isinstance(event, DecodedAudio)
         )
 
 
@@ -87,7 +118,9 @@ def alone(duration: float) -> bytes:
 def test_two_operators_feel_the_same_to_the_bit(fingers: int) -> None:
     call = GroupCall(2, Codec("opus", channels=2 * fingers, packet_size=120))
     for link in call.links:
-        pipelines = [open_pipeline(sample_rate=48_000, channels=2) for _ in range(fingers)]
+        pipelines = [
+            open_pipeline(sample_rate=48_000, channels=2) for _ in range(fingers)
+        ]
         link.operator = OperatorEndpoint(link.operator, Hand(pipelines))
     call.connect(2)
     robot, felt = RobotEndpoint(call.group), [[], []]
@@ -95,7 +128,11 @@ def test_two_operators_feel_the_same_to_the_bit(fingers: int) -> None:
         robot.push(AudioBlock(SOUND[start : start + 120, : 2 * fingers], 48_000, start))
         call.now += PACKET
         for link, steps in zip(call.links, felt, strict=True):
-            steps += [(s.finger, s.predictions, s.commands) for _, s in link.carry(call.now) if s is not None]
+            steps += [
+                (s.finger, s.predictions, s.commands)
+                for _, s in link.carry(call.now)
+                if s is not None
+            ]
     assert felt[0] == felt[1]
     assert any(command.amplitude for _, _, commands in felt[0] for command in commands)
 
@@ -111,7 +148,9 @@ def test_an_operator_that_leaves_or_comes_later_changes_nothing_for_the_other() 
     call.run(PACKET)  # with the goodbye; then its process is gone
     call.run(0.1 - PACKET, without=(1,))
     assert call.group.peers == ["operator 0"]
-    assert [type(event) for event in call.events[0] if not isinstance(event, DecodedAudio)] == [Connected]
+    assert [
+        type(event) for event in call.events[0] if not isinstance(event, DecodedAudio)
+    ] == [Connected]
     assert call.decoded(0) == alone(0.5)
 
 
@@ -120,7 +159,9 @@ def test_whoever_comes_later_soon_decodes_the_same() -> None:
     call.connect(1)
     call.run(0.1, without=(1,))
     call.run(0.6)
-    first, second = (np.frombuffer(call.decoded(number), np.float32)[-9600:] for number in (0, 1))
+    first, second = (
+        np.frombuffer(call.decoded(number), np.float32)[-9600:] for number in (0, 1)
+    )
     assert np.abs(first - second).max() < 1e-3
 
 
@@ -139,7 +180,10 @@ def test_a_hostile_operator_changes_nothing_for_the_other() -> None:
     call.connect(2)
     seen: list[bytes] = []
     push = call.links[1].to_robot.push
-    call.links[1].to_robot.push = lambda datagram, *, now: (seen.append(datagram), push(datagram, now=now))
+    call.links[1].to_robot.push = lambda datagram, *, now: (
+        seen.append(datagram),
+        push(datagram, now=now),
+    )
 
     def attack(call: GroupCall) -> None:
         for _ in range(5):
@@ -155,12 +199,16 @@ def test_a_hostile_operator_changes_nothing_for_the_other() -> None:
     assert call.decoded(0) == alone(0.5)
 
 
-def test_an_operator_that_does_not_trust_the_robot_gets_nothing_and_the_other_all() -> None:
+def test_an_operator_that_does_not_trust_the_robot_gets_nothing_and_the_other_all() -> (
+    None
+):
     call = GroupCall(2, trusting=1)
     call.connect(1)
     call.run(0.5)
     assert call.group.peers == ["operator 0"]
-    assert "refused this machine's certificate" in str(call.group.members[1].session.failure)
+    assert "refused this machine's certificate" in str(
+        call.group.members[1].session.failure
+    )
     assert not call.events[1]
     assert call.decoded(0) == alone(0.5)
 
@@ -177,7 +225,9 @@ def test_each_operator_renews_its_keys_without_a_gap_at_any() -> None:
 
 def test_a_fifth_operator_is_refused() -> None:
     identity = Identity.create("robot")
-    sessions = [Session(identity, Peers(), call=("192.0.2.1", port)) for port in range(5)]
+    sessions = [
+        Session(identity, Peers(), call=("192.0.2.1", port)) for port in range(5)
+    ]
     with pytest.raises(ValueError, match="5 operators, but a robot has 1 to 4"):
         SendGroup(sessions, OPUS)
 
@@ -185,14 +235,21 @@ def test_a_fifth_operator_is_refused() -> None:
 def test_predictions_go_to_all() -> None:
     call = GroupCall(2)
     call.connect(2)
-    call.group.send_predictions({0: Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1)})
+    call.group.send_predictions(
+        {0: Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1)}
+    )
     call.carry()
-    first, second = ([e for e in events if isinstance(e, PredictionReceived)] for events in call.events)
+    first, second = (
+        [e for e in events if isinstance(e, PredictionReceived)]
+        for events in call.events
+    )
     assert len(first) == 1
     assert first == second
 
 
-def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_listen() -> None:
+def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_listen() -> (
+    None
+):
     call = GroupCall(2)
     call.links[0].operator.bandwidth = 8_000
     call.connect(1)
@@ -223,10 +280,17 @@ def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None
     ]
 
 
-def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> None:
+def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> (
+    None
+):
     robot, operator = Identity.create("robot"), Identity.create("trainer")
-    trusted, addresses = Peers({operator.fingerprint: "trainer"}), [("192.0.2.1", 6000), ("198.51.100.1", 6000)]
-    group = SendGroup([Session(robot, trusted, call=address) for address in addresses], OPUS)
+    trusted, addresses = (
+        Peers({operator.fingerprint: "trainer"}),
+        [("192.0.2.1", 6000), ("198.51.100.1", 6000)],
+    )
+    group = SendGroup(
+        [Session(robot, trusted, call=address) for address in addresses], OPUS
+    )
     answerer = Session(operator, Peers({robot.fingerprint: "robot"}))
     connected = []
 
@@ -235,13 +299,23 @@ def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refuse
             now = step / 50
             for number, member in enumerate(group.members):
                 group.poll(now, operator=number)
-                sent = [] if number in unreachable else [datagram for datagram, _ in member.session.outgoing()]
+                sent = (
+                    []
+                    if number in unreachable
+                    else [datagram for datagram, _ in member.session.outgoing()]
+                )
                 for datagram in sent:
-                    connected.extend(answerer.receive(datagram, source=("192.0.2.2", number), now=now))
+                    connected.extend(
+                        answerer.receive(
+                            datagram, source=("192.0.2.2", number), now=now
+                        )
+                    )
             answerer.poll(now)
             for datagram, (_, number) in answerer.outgoing():
                 if number not in unreachable:
-                    group.receive([(datagram, addresses[number])], now=now, operator=number)
+                    group.receive(
+                        [(datagram, addresses[number])], now=now, operator=number
+                    )
 
     run(0.0, 4.5)
     assert group.peers == ["trainer"]
@@ -251,7 +325,9 @@ def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refuse
     )
     assert sum(isinstance(event, Connected) for event in connected) == 1
     # Once the address in use fails, the other one takes over.
-    in_use = next(number for number, member in enumerate(group.members) if member.session.peer)
+    in_use = next(
+        number for number, member in enumerate(group.members) if member.session.peer
+    )
     run(4.5, 20.0, unreachable=(in_use,))
     assert group.members[1 - in_use].session.peer == "trainer"
     assert group.members[in_use].session.peer is None

@@ -13,7 +13,16 @@ from tactophone.net.link.packet import is_dtls, is_srtp
 from tactophone.net.link.rtcp import ReceiverReport
 from tactophone.net.link.session import RECALL_AFTER, SESSION_TIMEOUT, Session
 
-from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
+from .session_pair import (
+    AT_OPERATOR,
+    AT_ROBOT,
+    OPERATOR,
+    ROBOT,
+    UNTRUSTED,
+    SessionPair,
+    answering,
+    calling,
+)
 
 
 def connected() -> SessionPair:
@@ -25,7 +34,11 @@ def connected() -> SessionPair:
 
 
 def rtp(pair: SessionPair, sequence: int = 1) -> bytes:
-    ssrc = next(event.local_ssrc for event in reversed(pair.at_robot) if isinstance(event, Connected | Renewed))
+    ssrc = next(
+        event.local_ssrc
+        for event in reversed(pair.at_robot)
+        if isinstance(event, Connected | Renewed)
+    )
     return b"\x80\x62" + sequence.to_bytes(2) + bytes(4) + ssrc.to_bytes(4) + b"sound"
 
 
@@ -34,7 +47,10 @@ def test_both_ends_agree_on_peers_and_streams() -> None:
     at_robot, at_operator = pair.at_robot[-1], pair.at_operator[-1]
     assert isinstance(at_robot, Connected)
     assert isinstance(at_operator, Connected)
-    assert (at_robot.local_ssrc, at_robot.remote_ssrc) == (at_operator.remote_ssrc, at_operator.local_ssrc)
+    assert (at_robot.local_ssrc, at_robot.remote_ssrc) == (
+        at_operator.remote_ssrc,
+        at_operator.local_ssrc,
+    )
 
 
 def test_packets_pass_both_ways_encrypted() -> None:
@@ -43,7 +59,9 @@ def test_packets_pass_both_ways_encrypted() -> None:
     pair.exchange()
     assert pair.at_operator[-1] == PacketReceived(rtp(pair), report=False)
     assert b"sound" not in pair.passed[-1]
-    ssrc = next(event.local_ssrc for event in pair.at_operator if isinstance(event, Connected))
+    ssrc = next(
+        event.local_ssrc for event in pair.at_operator if isinstance(event, Connected)
+    )
     report = bytes(ReceiverReport(ssrc, 1, 0.5, 3, 9, 0.001))
     pair.operator.send(report)
     pair.exchange()
@@ -52,24 +70,39 @@ def test_packets_pass_both_ways_encrypted() -> None:
 
 def introduced(robot: str, operator: str) -> SessionPair:
     """Connect ends of these versions."""
-    caller = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR, version=robot)
-    pair = SessionPair(caller, Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}), version=operator))
+    caller = Session(
+        ROBOT,
+        Peers({OPERATOR.fingerprint: "operator"}),
+        call=AT_OPERATOR,
+        version=robot,
+    )
+    pair = SessionPair(
+        caller, Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}), version=operator)
+    )
     pair.wait(0.2)
     return pair
 
 
 def test_ends_of_different_versions_say_so_in_one_sentence() -> None:
     pair = introduced("0.1.0", "0.2.0")
-    assert pair.robot.version_conflict.startswith("operator runs tactophone 0.2.0, this machine 0.1.0: update the")
-    assert pair.operator.version_conflict.startswith("robot runs tactophone 0.1.0, this machine 0.2.0: update the")
+    assert pair.robot.version_conflict.startswith(
+        "operator runs tactophone 0.2.0, this machine 0.1.0: update the"
+    )
+    assert pair.operator.version_conflict.startswith(
+        "robot runs tactophone 0.1.0, this machine 0.2.0: update the"
+    )
     pair.operator.hang_up()
     assert pair.operator.version_conflict == ""
 
 
-def test_ends_of_one_version_say_nothing_of_it_and_introduce_themselves_a_few_times_only() -> None:
+def test_ends_of_one_version_say_nothing_of_it_and_introduce_themselves_a_few_times_only() -> (
+    None
+):
     pair = introduced("0.1.0", "0.1.0")
     begun = len(pair.passed)
-    ssrc = next(event.local_ssrc for event in pair.at_operator if isinstance(event, Connected))
+    ssrc = next(
+        event.local_ssrc for event in pair.at_operator if isinstance(event, Connected)
+    )
     for number in range(100):
         pair.robot.send(rtp(pair, number))
         pair.operator.send(bytes(ReceiverReport(ssrc, 1, 0.0, 0, 0, 0.0)))
@@ -114,7 +147,13 @@ def test_the_robot_may_start_first() -> None:
 
 def test_a_robot_tries_each_address_of_its_operator() -> None:
     nowhere = ("2001:db8::1", 6_000)
-    pair = SessionPair(Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=[nowhere, AT_OPERATOR]))
+    pair = SessionPair(
+        Session(
+            ROBOT,
+            Peers({OPERATOR.fingerprint: "operator"}),
+            call=[nowhere, AT_OPERATOR],
+        )
+    )
     while pair.robot.peer is None and pair.now < 2 * HANDSHAKE_TIMEOUT:
         pair.wait(0.05)
     assert pair.operator.peer == "robot"
@@ -186,7 +225,9 @@ def test_hellos_from_forged_addresses_cost_no_memory() -> None:
 
 
 @pytest.mark.parametrize(("trusted", "rate"), [(False, 50), (True, 200)])
-def test_hellos_from_forged_addresses_get_so_many_answers_a_second(trusted: bool, rate: int) -> None:
+def test_hellos_from_forged_addresses_get_so_many_answers_a_second(
+    trusted: bool, rate: int
+) -> None:
     operator, answers = answering(), 0
     robot = calling() if trusted else Session(UNTRUSTED, Peers(), call=AT_OPERATOR)
     robot.poll(0)
@@ -194,7 +235,9 @@ def test_hellos_from_forged_addresses_get_so_many_answers_a_second(trusted: bool
     for number in range(2_000):
         operator.receive(hello, source=("198.51.100.1", number), now=number / 1_000)
         answers += len(operator.outgoing())
-    assert 2 * rate <= answers <= 2.5 * rate + 1  # the rate of two seconds, and half a second's at once
+    assert (
+        2 * rate <= answers <= 2.5 * rate + 1
+    )  # the rate of two seconds, and half a second's at once
 
 
 def test_callers_that_never_finish_are_limited_and_time_out() -> None:
@@ -224,7 +267,10 @@ def test_a_forged_alert_does_not_end_a_handshake() -> None:
 
 
 @given(
-    st.binary(max_size=200), st.sampled_from([b"", b"\x80\x62", b"\x80\xc9", b"\x16\xfe\xfd", b"\x16\xfe\xff", b"\x15"])
+    st.binary(max_size=200),
+    st.sampled_from(
+        [b"", b"\x80\x62", b"\x80\xc9", b"\x16\xfe\xfd", b"\x16\xfe\xff", b"\x15"]
+    ),
 )
 def test_no_bytes_change_a_session(rest: bytes, start: bytes) -> None:
     pair = SHARED
@@ -255,13 +301,27 @@ def test_encrypted_packets_are_accepted_from_any_address_of_the_robot() -> None:
     pair = connected()
     pair.robot.send(rtp(pair))
     (datagram, _), *_ = pair.robot.outgoing()
-    assert len(pair.operator.receive(datagram, source=("203.0.113.7", 1), now=pair.now)) == 1
+    assert (
+        len(pair.operator.receive(datagram, source=("203.0.113.7", 1), now=pair.now))
+        == 1
+    )
 
 
 @pytest.mark.parametrize(
-    ("first", "dtls", "srtp"), [(22, 1, 0), (63, 1, 0), (64, 0, 0), (128, 0, 1), (191, 0, 1), (0, 0, 0), (255, 0, 0)]
+    ("first", "dtls", "srtp"),
+    [
+        (22, 1, 0),
+        (63, 1, 0),
+        (64, 0, 0),
+        (128, 0, 1),
+        (191, 0, 1),
+        (0, 0, 0),
+        (255, 0, 0),
+    ],
 )
-def test_the_first_byte_gives_the_kind_of_a_datagram(first: int, dtls: int, srtp: int) -> None:
+def test_the_first_byte_gives_the_kind_of_a_datagram(
+    first: int, dtls: int, srtp: int
+) -> None:
     assert (is_dtls(bytes([first])), is_srtp(bytes([first]))) == (dtls, srtp)
 
 

@@ -21,13 +21,27 @@ from tactophone.net.link.session import (
     Session,
 )
 
-from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
+from .session_pair import (
+    AT_OPERATOR,
+    AT_ROBOT,
+    OPERATOR,
+    ROBOT,
+    UNTRUSTED,
+    SessionPair,
+    answering,
+    calling,
+)
 
 EVE = ("203.0.113.66", 666)
 
 
 def connected(*, now: float = 0.0, version: str = "") -> SessionPair:
-    caller = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR, version=version)
+    caller = Session(
+        ROBOT,
+        Peers({OPERATOR.fingerprint: "operator"}),
+        call=AT_OPERATOR,
+        version=version,
+    )
     pair = SessionPair(caller, now=now)
     pair.wait(0.1)
     assert pair.operator.peer == "robot"
@@ -40,14 +54,25 @@ def keys(session: Session) -> Connection:
 
 
 def packet(session: Session, sequence: int = 1) -> bytes:
-    return b"\x80\x62" + sequence.to_bytes(2) + bytes(4) + keys(session).agreement.secrets.local_ssrc.to_bytes(4) + b"x"
+    return (
+        b"\x80\x62"
+        + sequence.to_bytes(2)
+        + bytes(4)
+        + keys(session).agreement.secrets.local_ssrc.to_bytes(4)
+        + b"x"
+    )
 
 
 def test_keys_live_as_long_as_the_threat_model_says() -> None:
     assert (RENEW_AFTER, MAX_KEY_AGE) == (11 * 3600, 12 * 3600)
     assert RENEW_PACKETS == 1 << 30
     assert (KEY_OVERLAP, CONFIRM_TIMEOUT) == (2.0, 10.0)
-    assert (RECALL_AFTER, SESSION_TIMEOUT, BUSY_PAUSE, INTRODUCTION_PAUSE) == (1.0, 5.0, 3.0, 0.1)
+    assert (RECALL_AFTER, SESSION_TIMEOUT, BUSY_PAUSE, INTRODUCTION_PAUSE) == (
+        1.0,
+        5.0,
+        3.0,
+        0.1,
+    )
 
 
 def test_keys_need_renewal_once_they_are_older_than_asked() -> None:
@@ -57,7 +82,9 @@ def test_keys_need_renewal_once_they_are_older_than_asked() -> None:
     assert current.needs_renewal(128.0 + 64.5, after=64.0)
 
 
-def test_keys_need_renewal_once_they_were_used_for_more_packets_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_need_renewal_once_they_were_used_for_more_packets_than_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(session_module, "RENEW_PACKETS", 5)
     robot = connected().robot
     for number in range(1, 6):
@@ -68,21 +95,34 @@ def test_keys_need_renewal_once_they_were_used_for_more_packets_than_allowed(mon
     assert current.needs_renewal(current.begun, after=64.0)
 
 
-@pytest.mark.parametrize(("sequence", "renewed"), [(0xBFFF, True), (0xC000, False), (0xFFFF, False), (0, True)])
-def test_keys_are_renewed_only_where_the_sequence_number_is_far_from_its_wrap(sequence: int, renewed: bool) -> None:
+@pytest.mark.parametrize(
+    ("sequence", "renewed"),
+    [(0xBFFF, True), (0xC000, False), (0xFFFF, False), (0, True)],
+)
+def test_keys_are_renewed_only_where_the_sequence_number_is_far_from_its_wrap(
+    sequence: int, renewed: bool
+) -> None:
     robot = connected().robot
     robot.send(packet(robot, sequence))
-    robot.send(bytes(ReceiverReport(keys(robot).agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0)))
+    robot.send(
+        bytes(
+            ReceiverReport(keys(robot).agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0)
+        )
+    )
     assert keys(robot).needs_renewal(1e6, after=64.0) is renewed
 
 
-def test_keys_end_just_after_their_time_and_a_silent_session_just_after_its_own() -> None:
+def test_keys_end_just_after_their_time_and_a_silent_session_just_after_its_own() -> (
+    None
+):
     operator = connected().operator
     current = keys(operator)
     current.last_received = current.until
     assert operator.poll(current.until) == []
     current.last_received = current.until + 1
-    assert operator.poll(current.until + 0.001) == [Disconnected("the keys were not renewed in time")]
+    assert operator.poll(current.until + 0.001) == [
+        Disconnected("the keys were not renewed in time")
+    ]
     operator = connected().operator
     current = keys(operator)
     assert operator.poll(current.last_received + SESSION_TIMEOUT) == []
@@ -91,7 +131,12 @@ def test_keys_end_just_after_their_time_and_a_silent_session_just_after_its_own(
 
 def renewed_pair() -> SessionPair:
     """A pair whose keys were just renewed; the caller has used them."""
-    caller = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR, renew_after=0.5)
+    caller = Session(
+        ROBOT,
+        Peers({OPERATOR.fingerprint: "operator"}),
+        call=AT_OPERATOR,
+        renew_after=0.5,
+    )
     pair = SessionPair(caller)
     pair.wait(0.1)
     first = keys(pair.operator)
@@ -126,7 +171,9 @@ def test_keys_that_the_caller_never_uses_are_dropped_after_their_time() -> None:
     assert list(pair.operator._keys) == [current, other]
 
 
-def test_a_handshakes_last_flight_is_repeated_for_ten_seconds_and_for_its_own_address_only() -> None:
+def test_a_handshakes_last_flight_is_repeated_for_ten_seconds_and_for_its_own_address_only() -> (
+    None
+):
     pair = connected()
     current, heard = keys(pair.operator), []
     current.handshake.receive = lambda datagram, *, now: heard.append(now)  # type: ignore[method-assign]
@@ -200,7 +247,9 @@ def test_a_failed_handshake_is_counted_once_and_a_fault_ends_only_its_senders() 
     assert operator.failure == "the handshake failed (RuntimeError)"
 
 
-def test_the_log_gets_the_first_second_fourth_and_eighth_contained_fault(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_gets_the_first_second_fourth_and_eighth_contained_fault(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     operator = answering()
     for number in range(1, 10):
         operator._contain(RuntimeError(f"number {number}."), EVE)
@@ -237,7 +286,9 @@ def test_an_end_introduces_itself_at_once_and_after_doubling_pauses() -> None:
 
 
 def goodbye(pair: SessionPair, reason: str) -> None:
-    pair.operator.send(bytes(Goodbye(keys(pair.operator).agreement.secrets.local_ssrc, reason)))
+    pair.operator.send(
+        bytes(Goodbye(keys(pair.operator).agreement.secrets.local_ssrc, reason))
+    )
     pair.exchange()
 
 
@@ -263,7 +314,9 @@ def test_a_new_peer_is_not_taken_for_the_version_of_the_one_before() -> None:
     peers = Peers({ROBOT.fingerprint: "robot", second.fingerprint: "second"})
     pair = SessionPair(operator=Session(OPERATOR, peers, version="1.0"))
     pair.wait(0.1)
-    pair.robot.send(bytes(Introduction(keys(pair.robot).agreement.secrets.local_ssrc, "2.0")))
+    pair.robot.send(
+        bytes(Introduction(keys(pair.robot).agreement.secrets.local_ssrc, "2.0"))
+    )
     pair.exchange()
     assert "2.0" in pair.operator.version_conflict
     assert not any(isinstance(event, PacketReceived) for event in pair.at_operator)
@@ -294,9 +347,15 @@ def test_a_silent_peer_is_called_again_after_the_recall_time_and_not_before() ->
     assert robot.outgoing()
 
 
-def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted_with_the_time() -> None:
+def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted_with_the_time() -> (
+    None
+):
     second = Identity.create("second")
-    pair = SessionPair(operator=Session(OPERATOR, Peers({ROBOT.fingerprint: "robot", second.fingerprint: "second"})))
+    pair = SessionPair(
+        operator=Session(
+            OPERATOR, Peers({ROBOT.fingerprint: "robot", second.fingerprint: "second"})
+        )
+    )
     pair.wait(0.1)
     first, pair.robot = pair.robot, calling(second)
     pair.wait(0.1)
@@ -305,7 +364,9 @@ def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted_with_the_ti
     assert (name, 0.1 < when <= pair.now) == ("second", True)
     assert pair.operator.peer == "robot"
     assert first.peer == "operator"
-    assert [event.peer for event in pair.at_operator if isinstance(event, Connected)] == ["robot"]
+    assert [
+        event.peer for event in pair.at_operator if isinstance(event, Connected)
+    ] == ["robot"]
 
 
 def test_a_caller_whose_peer_is_connected_elsewhere_says_so_and_waits() -> None:

@@ -14,7 +14,9 @@ def followed(session: Session, moves: set[Move]) -> Session:
     """Note each change of state that one call of a session makes."""
     for name in ("receive", "poll", "hang_up"):
 
-        def call(*args: object, work: object = getattr(session, name), **names: object) -> object:
+        def call(
+            *args: object, work: object = getattr(session, name), **names: object
+        ) -> object:
             before = session.state
             result = work(*args, **names)  # type: ignore[operator]
             if session.state != before:
@@ -47,4 +49,6 @@ def test_every_row_of_the_table_is_walked_and_no_other() -> None:
     moves: set[Move] = set()
     for seed in range(6):
         walk(seed, moves)
-    assert moves == {(state, after) for state, others in TRANSITIONS.items() for after in others}
+    assert moves == {
+        (state, after) for state, others in TRANSITIONS.items() for after in others
+    }

@@ -13,7 +13,9 @@ RTP = b"\x80\x62\x00\x01" + bytes(4) + (1).to_bytes(4) + b"sound"
 
 
 def pair() -> tuple[SrtpCrypto, SrtpCrypto]:
-    return SrtpCrypto(Secrets(FIRST, SECOND, local_ssrc=1, remote_ssrc=2)), SrtpCrypto(Secrets(SECOND, FIRST, 2, 1))
+    return SrtpCrypto(Secrets(FIRST, SECOND, local_ssrc=1, remote_ssrc=2)), SrtpCrypto(
+        Secrets(SECOND, FIRST, 2, 1)
+    )
 
 
 def test_a_packet_decrypts_once_and_only_at_the_other_end() -> None:

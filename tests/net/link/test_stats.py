@@ -15,17 +15,29 @@ def reception_of(sequences: list[int]) -> Reception:
 
 def test_loss_is_expected_less_received() -> None:
     stats = reception_of([10, 11, 13, 14, 17]).stats
-    assert (stats.packets_expected, stats.packets_received, stats.packets_lost) == (8, 5, 3)
+    assert (stats.packets_expected, stats.packets_received, stats.packets_lost) == (
+        8,
+        5,
+        3,
+    )
 
 
 def test_numbers_wrap() -> None:
     stats = reception_of(list(range(65_530, 65_545))).stats
-    assert (stats.packets_expected, stats.packets_lost, stats.packets_reordered) == (15, 0, 0)
+    assert (stats.packets_expected, stats.packets_lost, stats.packets_reordered) == (
+        15,
+        0,
+        0,
+    )
 
 
 def test_order_and_doubles_are_counted_apart() -> None:
     stats = reception_of([1, 3, 2, 2, 4]).stats
-    assert (stats.packets_reordered, stats.packets_duplicated, stats.packets_received) == (1, 1, 4)
+    assert (
+        stats.packets_reordered,
+        stats.packets_duplicated,
+        stats.packets_received,
+    ) == (1, 1, 4)
 
 
 def test_a_report_contains_the_loss_since_the_last_report() -> None:
@@ -64,10 +76,14 @@ def test_jitter_is_never_negative_and_always_fits_its_report(step: int) -> None:
         bytes(reception.report(ssrc=1, of=2, now=0.005 * number))
 
 
-def test_a_clump_that_ends_at_the_wrap_of_the_timestamp_adds_its_own_jitter_only() -> None:
+def test_a_clump_that_ends_at_the_wrap_of_the_timestamp_adds_its_own_jitter_only() -> (
+    None
+):
     clump, calm = Reception(), Reception()
     for number in range(120):
         held = 0.1 if 40 <= number < 60 else 0.0
-        clump.count(number, (240 * (number - 60)) % 2**32, now=10 + 0.005 * number + held)
+        clump.count(
+            number, (240 * (number - 60)) % 2**32, now=10 + 0.005 * number + held
+        )
         calm.count(number, 240 * number, now=10 + 0.005 * number + held)
     assert clump.stats.jitter == pytest.approx(calm.stats.jitter)

@@ -9,7 +9,14 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
-from tactophone.net.link.udp import CLOSED_READS, FOREIGN_TURNS, MAX_FOREIGN, MAX_PEER_HANDSHAKES, UdpSocket, resolve
+from tactophone.net.link.udp import (
+    CLOSED_READS,
+    FOREIGN_TURNS,
+    MAX_FOREIGN,
+    MAX_PEER_HANDSHAKES,
+    UdpSocket,
+    resolve,
+)
 
 
 @pytest.fixture
@@ -18,7 +25,9 @@ def pair() -> Iterator[tuple[UdpSocket, UdpSocket]]:
         yield first, second
 
 
-def test_datagrams_arrive_whole_with_their_source(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_datagrams_arrive_whole_with_their_source(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     first, second = pair
     assert first.send([(b"one", second.address), (b"two", second.address)]) == 0
     received = second.receive(1.0)
@@ -27,7 +36,9 @@ def test_datagrams_arrive_whole_with_their_source(pair: tuple[UdpSocket, UdpSock
     assert received == [(b"one", first.address), (b"two", first.address)]
 
 
-def test_receive_waits_no_longer_than_its_timeout(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_receive_waits_no_longer_than_its_timeout(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     assert pair[0].receive(0) == []
     assert pair[0].receive(0.01) == []
 
@@ -45,7 +56,10 @@ def test_what_the_system_refuses_is_counted(pair: tuple[UdpSocket, UdpSocket]) -
 
 
 def test_a_taken_port_is_named() -> None:
-    with UdpSocket("127.0.0.1") as first, pytest.raises(DeviceError, match=str(first.address[1])):
+    with (
+        UdpSocket("127.0.0.1") as first,
+        pytest.raises(DeviceError, match=str(first.address[1])),
+    ):
         UdpSocket(*first.address)
 
 
@@ -84,7 +98,10 @@ FOREIGN = [
 
 def has_ipv6() -> bool:
     """Whether the machine has it; asked without the socket that is tested, which may be what lacks it."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+    with (
+        contextlib.suppress(OSError),
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe,
+    ):
         probe.bind(("::1", 0))
         return True
     return False
@@ -124,7 +141,11 @@ def test_strangers_cannot_crowd_out_the_peer_that_is_followed(host: str) -> None
             stranger.send([(HANDSHAKE, target)])
         assert peer.send([(SOUND, target), (REPORT, target), (HANDSHAKE, target)]) == 0
         received = operator.receive(1.0)
-        assert [(SOUND, peer.address), (REPORT, peer.address), (HANDSHAKE, peer.address)] == received[:3]
+        assert [
+            (SOUND, peer.address),
+            (REPORT, peer.address),
+            (HANDSHAKE, peer.address),
+        ] == received[:3]
         later = [len(operator.receive(0.0)) for _ in range(2 * FOREIGN_TURNS)]
         assert len(received) <= 3 + MAX_FOREIGN
         assert 0 < max(later) <= MAX_FOREIGN
@@ -138,15 +159,24 @@ def test_the_kernel_drops_what_belongs_to_no_stream_of_the_peer_whoever_sent_it(
         operator.follow((peer.address, frozenset({5, SSRC})))
         for sender in (peer, stranger):
             sender.send([(datagram, operator.address) for datagram in FOREIGN])
-            sender.send([(datagram, operator.address) for datagram in (SOUND, REPORT, HANDSHAKE)])
+            sender.send(
+                [
+                    (datagram, operator.address)
+                    for datagram in (SOUND, REPORT, HANDSHAKE)
+                ]
+            )
         passed = everything(operator)
         # The robot itself may have a new address: its stream passes from anywhere.
         assert sorted(passed) == sorted(
-            (datagram, sender.address) for sender in (peer, stranger) for datagram in (SOUND, REPORT, HANDSHAKE)
+            (datagram, sender.address)
+            for sender in (peer, stranger)
+            for datagram in (SOUND, REPORT, HANDSHAKE)
         )
 
 
-def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     """Anybody can forge the address: a few handshakes are taken, then none for a while, and then again some."""
     operator, peer = pair
     operator.follow((peer.address, frozenset({SSRC})))
@@ -163,7 +193,9 @@ def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(pai
     assert [datagram for datagram, _ in everything(operator)] == [HANDSHAKE] * 3
 
 
-def test_a_robot_takes_handshakes_again_a_second_after_a_flood_of_them(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_a_robot_takes_handshakes_again_a_second_after_a_flood_of_them(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     """Its reads wait 50 ms, ten times as long as an operator's: 20 of them are a second, 200 would be ten."""
     robot, peer = pair
     robot.follow((peer.address, frozenset({SSRC})))
@@ -176,7 +208,9 @@ def test_a_robot_takes_handshakes_again_a_second_after_a_flood_of_them(pair: tup
     assert [datagram for datagram, _ in everything(robot)] == [HANDSHAKE] * 3
 
 
-def test_without_a_session_everything_passes_again(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_without_a_session_everything_passes_again(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     operator, peer = pair
     operator.follow((peer.address, frozenset({SSRC})))
     peer.send([(SOUND, operator.address)])
@@ -185,7 +219,9 @@ def test_without_a_session_everything_passes_again(pair: tuple[UdpSocket, UdpSoc
     assert everything(operator) == [(SOUND, peer.address), (FOREIGN[0], peer.address)]
 
 
-def test_a_port_that_a_peer_shares_can_be_taken_by_nobody_else(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_a_port_that_a_peer_shares_can_be_taken_by_nobody_else(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     operator, peer = pair
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
         thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -196,7 +232,9 @@ def test_a_port_that_a_peer_shares_can_be_taken_by_nobody_else(pair: tuple[UdpSo
                 thief.bind(operator.address)
 
 
-def test_a_peer_with_a_new_address_is_followed_there(pair: tuple[UdpSocket, UdpSocket]) -> None:
+def test_a_peer_with_a_new_address_is_followed_there(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
     operator, before = pair
     with UdpSocket("127.0.0.1") as after:
         operator.follow((before.address, frozenset({SSRC})))

@@ -10,8 +10,12 @@ from tactophone.signal.haptics.limits import Limits, peak_amplitude
 
 
 @given(st.floats(), st.floats(), st.floats(0, 1))
-def test_no_command_exceeds_the_bounds(amplitude: float, frequency: float, ceiling: float) -> None:
-    bounded = Limits(ceiling=ceiling).bound(HapticCommand(amplitude, frequency, time=0.0))
+def test_no_command_exceeds_the_bounds(
+    amplitude: float, frequency: float, ceiling: float
+) -> None:
+    bounded = Limits(ceiling=ceiling).bound(
+        HapticCommand(amplitude, frequency, time=0.0)
+    )
     assert 0 <= bounded.amplitude <= ceiling
     assert 35 <= bounded.frequency <= 1000
 
@@ -28,7 +32,13 @@ def test_an_allowed_command_is_unchanged() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"ceiling": 1.1}, {"ceiling": math.nan}, {"lowest": 0}, {"lowest": 90.0, "highest": 80.0}]
+    "wrong",
+    [
+        {"ceiling": 1.1},
+        {"ceiling": math.nan},
+        {"lowest": 0},
+        {"lowest": 90.0, "highest": 80.0},
+    ],
 )
 def test_invalid_limits_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="wanted"):
@@ -43,14 +53,20 @@ def test_the_ends_of_each_range_are_allowed() -> None:
 
 @pytest.mark.parametrize("frequency", [35.0, 1000.0])
 @pytest.mark.parametrize("amplitude", [0.0, 0.25, 0.5])
-def test_a_command_on_a_bound_is_passed_on_as_it_is(amplitude: float, frequency: float) -> None:
+def test_a_command_on_a_bound_is_passed_on_as_it_is(
+    amplitude: float, frequency: float
+) -> None:
     command = HapticCommand(amplitude, frequency, time=1.0)
     assert Limits(ceiling=0.5).bound(command) is command
 
 
 def test_what_exceeds_a_bound_is_moved_to_it() -> None:
-    assert Limits(ceiling=0.5).bound(HapticCommand(-0.1, 10.0, 2.0)) == HapticCommand(0.0, 35.0, 2.0)
-    assert Limits(ceiling=0.5).bound(HapticCommand(0.6, 2000.0, 2.0)) == HapticCommand(0.5, 1000.0, 2.0)
+    assert Limits(ceiling=0.5).bound(HapticCommand(-0.1, 10.0, 2.0)) == HapticCommand(
+        0.0, 35.0, 2.0
+    )
+    assert Limits(ceiling=0.5).bound(HapticCommand(0.6, 2000.0, 2.0)) == HapticCommand(
+        0.5, 1000.0, 2.0
+    )
 
 
 def test_the_machines_ceiling_is_the_first_one_unless_it_is_higher() -> None:
@@ -74,14 +90,21 @@ class Ramp:
     rough: float = 0.0
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        smooth, rough = prediction.probabilities[Touch.SMOOTH], prediction.probabilities[Touch.ROUGH]
+        smooth, rough = (
+            prediction.probabilities[Touch.SMOOTH],
+            prediction.probabilities[Touch.ROUGH],
+        )
         assert smooth + rough == pytest.approx(1.0)
         assert 0 <= prediction.roughness <= 1
         assert prediction.probabilities[Touch.NONE] == 0
-        return HapticCommand(smooth * self.smooth + prediction.roughness * self.rough, 60.0, 0.0)
+        return HapticCommand(
+            smooth * self.smooth + prediction.roughness * self.rough, 60.0, 0.0
+        )
 
 
-def test_the_peak_of_a_profile_is_found_at_either_end_and_is_full_drive_at_most() -> None:
+def test_the_peak_of_a_profile_is_found_at_either_end_and_is_full_drive_at_most() -> (
+    None
+):
     assert peak_amplitude(Ramp(rough=0.3)) == pytest.approx(0.3)
     assert peak_amplitude(Ramp(smooth=0.4)) == pytest.approx(0.4)
     assert peak_amplitude(Ramp(smooth=0.2, rough=7.0)) == 1.0

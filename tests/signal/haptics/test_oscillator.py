@@ -24,7 +24,9 @@ def rendered(oscillator: Oscillator, size: int) -> FloatArray:
     return out
 
 
-def held(oscillator: Oscillator, command: HapticCommand, duration: float, *, hop: int = 512) -> FloatArray:
+def held(
+    oscillator: Oscillator, command: HapticCommand, duration: float, *, hop: int = 512
+) -> FloatArray:
     """Give the same command at every hop, as a detector would."""
     waves = []
     for _ in range(round(duration * RATE / hop)):
@@ -43,12 +45,18 @@ def peak(wave: FloatArray) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("touch", "roughness", "frequency", "level_dbfs"),
-    [(Touch.ROUGH, 1.0, 60.0, 0.0), (Touch.SMOOTH, 0.0, 120.0, -25.0), (Touch.ROUGH, 0.5, 84.85, -12.5)],
+    [
+        (Touch.ROUGH, 1.0, 60.0, 0.0),
+        (Touch.SMOOTH, 0.0, 120.0, -25.0),
+        (Touch.ROUGH, 0.5, 84.85, -12.5),
+    ],
 )
 def test_the_papers_stimuli_by_their_spectrum(
     touch: Touch, roughness: float, frequency: float, level_dbfs: float
 ) -> None:
-    command = PaperProfile().command(Prediction((0, 1 - roughness, roughness), touch, roughness, -20.0, 0.0, 0.256))
+    command = PaperProfile().command(
+        Prediction((0, 1 - roughness, roughness), touch, roughness, -20.0, 0.0, 0.256)
+    )
     wave = held(full_drive(), command, 2.2)[RATE // 10 :]
     found, level = peak(wave)
     assert found == pytest.approx(frequency, abs=0.5)
@@ -70,7 +78,10 @@ def test_any_block_size_gives_the_same_bits(size: int) -> None:
         oscillator, wave = full_drive(), []
         for start, end in zip(commands, [*list(commands)[1:], 16_000], strict=True):
             oscillator.submit(commands[start])
-            wave += [rendered(oscillator, min(step, end - at)) for at in range(start, end, step)]
+            wave += [
+                rendered(oscillator, min(step, end - at))
+                for at in range(start, end, step)
+            ]
         return np.concatenate(wave)
 
     np.testing.assert_array_equal(run(size), run(16_000))
@@ -81,7 +92,12 @@ def test_the_waveform_never_jumps() -> None:
     oscillator = full_drive()
     wave = np.concatenate(
         [
-            held(oscillator, HapticCommand(*rng.uniform([-1, 0], [3, 3000]), 0.0), 0.003, hop=int(rng.integers(1, 144)))
+            held(
+                oscillator,
+                HapticCommand(*rng.uniform([-1, 0], [3, 3000]), 0.0),
+                0.003,
+                hop=int(rng.integers(1, 144)),
+            )
             for _ in range(200)
         ]
     )
@@ -100,7 +116,9 @@ def test_a_change_keeps_the_phase() -> None:
 
 @pytest.mark.parametrize("ceiling", [0.0, 0.3, 1.0])
 def test_never_over_the_ceiling(ceiling: float) -> None:
-    wave = held(Oscillator(Limits(ceiling=ceiling)), HapticCommand(50.0, 60.0, 0.0), 0.5)
+    wave = held(
+        Oscillator(Limits(ceiling=ceiling)), HapticCommand(50.0, 60.0, 0.0), 0.5
+    )
     assert np.abs(wave).max() <= np.float32(ceiling)
     assert np.abs(wave).max() == pytest.approx(ceiling, abs=1e-3)
 
@@ -166,14 +184,18 @@ def test_the_first_sample_answers_as_declared() -> None:
     oscillator = full_drive()
     rendered(oscillator, 100)
     oscillator.submit(ROUGH)
-    assert np.flatnonzero(rendered(oscillator, 100))[0] == round(oscillator.latency * RATE)
+    assert np.flatnonzero(rendered(oscillator, 100))[0] == round(
+        oscillator.latency * RATE
+    )
 
 
 def test_reset_equals_new() -> None:
     oscillator = full_drive()
     held(oscillator, SMOOTH, 0.1)
     oscillator.reset()
-    np.testing.assert_array_equal(held(oscillator, ROUGH, 0.1), held(full_drive(), ROUGH, 0.1))
+    np.testing.assert_array_equal(
+        held(oscillator, ROUGH, 0.1), held(full_drive(), ROUGH, 0.1)
+    )
 
 
 def test_a_ceiling_that_changes_does_not_refresh_a_command() -> None:
@@ -211,7 +233,9 @@ def test_from_silence_a_vibration_begins_at_phase_0_and_at_its_own_frequency() -
     held(oscillator, NONE, 0.2)
     oscillator.submit(ROUGH)
     count = np.arange(1, 481)
-    expected = (1 - np.exp(-count / (RAMP * RATE))) * np.sin(2 * np.pi * 60.0 * count / RATE)
+    expected = (1 - np.exp(-count / (RAMP * RATE))) * np.sin(
+        2 * np.pi * 60.0 * count / RATE
+    )
     np.testing.assert_allclose(rendered(oscillator, 480), expected, atol=1e-6)
 
 
@@ -233,5 +257,7 @@ def test_a_command_holds_for_35_ms_to_the_sample() -> None:
         oscillator.submit(ROUGH)
     begun = rendered(followed, 840)
     followed.submit(ROUGH)
-    np.testing.assert_array_equal(rendered(alone, 1680), np.concatenate([begun, rendered(followed, 840)]))
+    np.testing.assert_array_equal(
+        rendered(alone, 1680), np.concatenate([begun, rendered(followed, 840)])
+    )
     assert rendered(alone, 1)[0] != rendered(followed, 1)[0]

@@ -7,7 +7,11 @@ import pytest
 from tactophone.core.types import FloatArray, HapticCommand, Prediction, Touch
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import RAMP
-from tactophone.signal.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
+from tactophone.signal.haptics.passthrough import (
+    PASSTHROUGH,
+    GateProfile,
+    PassthroughRenderer,
+)
 from tests.sounds import tone
 
 RATE = 48_000
@@ -28,13 +32,24 @@ def endless(sound: FloatArray) -> Callable[[int], FloatArray]:
 
 
 def opened(
-    name: str = "direct", *, limits: Limits | None = None, sound: FloatArray | None = None
+    name: str = "direct",
+    *,
+    limits: Limits | None = None,
+    sound: FloatArray | None = None,
 ) -> PassthroughRenderer:
-    return PassthroughRenderer(PASSTHROUGH[name](FULL), endless(tone(200) if sound is None else sound), limits or FULL)
+    return PassthroughRenderer(
+        PASSTHROUGH[name](FULL),
+        endless(tone(200) if sound is None else sound),
+        limits or FULL,
+    )
 
 
 def rendered(
-    renderer: PassthroughRenderer, command: HapticCommand | None, duration: float, *, period: int = 128
+    renderer: PassthroughRenderer,
+    command: HapticCommand | None,
+    duration: float,
+    *,
+    period: int = 128,
 ) -> FloatArray:
     """Render period by period, submitting the command each time; ``None``: no command."""
     out = np.full(round(duration * RATE), np.nan, np.float32)
@@ -57,7 +72,9 @@ def test_what_passes_is_what_the_passthrough_makes() -> None:
     expected = PASSTHROUGH["direct"](FULL).render_whole(sound)
     delay = round((renderer.latency - PASSTHROUGH["direct"](FULL).latency) * RATE)
     wave = rendered(renderer, OPEN, 0.5)
-    np.testing.assert_allclose(wave[9600:24_000], expected[9600 - delay : 24_000 - delay], atol=1e-4)
+    np.testing.assert_allclose(
+        wave[9600:24_000], expected[9600 - delay : 24_000 - delay], atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("periods", [(128, 128), (96, 160), (1, 479)])
@@ -68,7 +85,9 @@ def test_periods_that_vary_lose_no_sound(periods: tuple[int, int]) -> None:
         out = np.empty(periods[number % 2], np.float32)
         renderer.render(out)
         wave.append(out)
-    spectrum = np.abs(np.fft.rfft(np.concatenate(wave)[4800 : 4800 + 9600] * np.hanning(9600)))
+    spectrum = np.abs(
+        np.fft.rfft(np.concatenate(wave)[4800 : 4800 + 9600] * np.hanning(9600))
+    )
     assert spectrum.argmax() * RATE / 9600 == pytest.approx(200)
     # Between the tone and its third harmonic, which the limiter makes: a gap in the sound would lie there.
     assert spectrum[50:110].max() < 0.01 * spectrum.max()
@@ -104,7 +123,9 @@ def test_stop_latches() -> None:
 
 @pytest.mark.parametrize("ceiling", [0.0, 0.3, 1.0])
 def test_never_over_the_ceiling(ceiling: float) -> None:
-    wave = rendered(opened(limits=Limits(ceiling=ceiling)), HapticCommand(50.0, 60.0, 0.0), 0.3)
+    wave = rendered(
+        opened(limits=Limits(ceiling=ceiling)), HapticCommand(50.0, 60.0, 0.0), 0.3
+    )
     assert np.abs(wave).max() <= np.float32(ceiling)
 
 
@@ -127,12 +148,16 @@ def test_a_command_that_is_no_number_silences_and_is_counted(garbage: float) -> 
 def test_it_opens_and_closes_without_a_step() -> None:
     steady = np.abs(np.diff(rendered(opened(), OPEN, 0.5))).max()
     renderer = opened()
-    wave = np.concatenate([rendered(renderer, command, 0.05) for command in (OPEN, CLOSED) * 5])
+    wave = np.concatenate(
+        [rendered(renderer, command, 0.05) for command in (OPEN, CLOSED) * 5]
+    )
     assert np.abs(np.diff(wave)).max() <= steady + 1 / (RAMP * RATE)
 
 
 def test_the_profile_opens_in_contact_alone() -> None:
-    prediction = Prediction((0.0, 1.0, 0.0), Touch.SMOOTH, 0.0, -20.0, start=0.0, end=0.256)
+    prediction = Prediction(
+        (0.0, 1.0, 0.0), Touch.SMOOTH, 0.0, -20.0, start=0.0, end=0.256
+    )
     assert GateProfile("direct").command(prediction).amplitude == 1.0
     lifted = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -90.0, start=0.0, end=0.256)
     assert GateProfile("direct").command(lifted).amplitude == 0.0

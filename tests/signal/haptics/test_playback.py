@@ -5,7 +5,10 @@ from tactophone.core.types import FloatArray, HapticCommand
 from tactophone.signal.haptics.oscillator import Oscillator, Playback
 from tests.sounds import ODD_SIZES
 
-COMMANDS = [HapticCommand(amplitude, 60.0 + 5 * n, 0.0107 * n) for n, amplitude in enumerate([1, 0.3, 0, 0.7] * 10)]
+COMMANDS = [
+    HapticCommand(amplitude, 60.0 + 5 * n, 0.0107 * n)
+    for n, amplitude in enumerate([1, 0.3, 0, 0.7] * 10)
+]
 
 
 def played(size: int) -> FloatArray:

@@ -4,19 +4,32 @@ import pytest
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import Prediction, Touch
-from tactophone.signal.haptics.profiles import ActuatorResponse, PaperProfile, open_profile, parse_levels
+from tactophone.signal.haptics.profiles import (
+    ActuatorResponse,
+    PaperProfile,
+    open_profile,
+    parse_levels,
+)
 
 
-def command(name: str, response: ActuatorResponse | None, roughness: float) -> tuple[float, float]:
+def command(
+    name: str, response: ActuatorResponse | None, roughness: float
+) -> tuple[float, float]:
     touch = Touch.ROUGH if roughness >= 0.5 else Touch.SMOOTH
     # A smooth with no roughness at all is none that was classified.
     least = 0.0 if name == "perceptual" else 1e-9
-    prediction = Prediction((0.0, 1 - roughness, roughness), touch, max(roughness, least), -20.0, 0.0, 0.1)
-    found = (open_profile(name, response) if response else open_profile(name)).command(prediction)
+    prediction = Prediction(
+        (0.0, 1 - roughness, roughness), touch, max(roughness, least), -20.0, 0.0, 0.1
+    )
+    found = (open_profile(name, response) if response else open_profile(name)).command(
+        prediction
+    )
     return found.amplitude, found.frequency
 
 
-@pytest.mark.parametrize("name", ["paper", "perceptual", "erm", "lra", "piezo", "dualsense"])
+@pytest.mark.parametrize(
+    "name", ["paper", "perceptual", "erm", "lra", "piezo", "dualsense"]
+)
 def test_an_actuator_that_was_not_measured_changes_nothing(name: str) -> None:
     shares = (0.0, 0.5, 1.0)
     assert [command(name, ActuatorResponse(), share) for share in shares] == [
@@ -25,7 +38,9 @@ def test_an_actuator_that_was_not_measured_changes_nothing(name: str) -> None:
 
 
 def test_the_paper_s_profile_never_changes() -> None:
-    assert open_profile("paper", ActuatorResponse(lowest=100.0, resonance=150.0)) == open_profile("paper")
+    assert open_profile(
+        "paper", ActuatorResponse(lowest=100.0, resonance=150.0)
+    ) == open_profile("paper")
 
 
 def test_resonance_and_speeds_replace_typical_figures() -> None:
@@ -38,10 +53,16 @@ def test_resonance_and_speeds_replace_typical_figures() -> None:
 
 
 def test_perceptual_stays_in_the_band_and_compensates_the_response() -> None:
-    measured = ActuatorResponse(lowest=80.0, highest=200.0, levels=((80.0, 0.0), (200.0, -6.0)))
+    measured = ActuatorResponse(
+        lowest=80.0, highest=200.0, levels=((80.0, 0.0), (200.0, -6.0))
+    )
     flat = ActuatorResponse(lowest=80.0, highest=200.0)
-    assert [command("perceptual", measured, share)[1] for share in (0.0, 1.0)] == pytest.approx([200.0, 80.0])
-    louder = command("perceptual", measured, 0.0)[0] / command("perceptual", flat, 0.0)[0]
+    assert [
+        command("perceptual", measured, share)[1] for share in (0.0, 1.0)
+    ] == pytest.approx([200.0, 80.0])
+    louder = (
+        command("perceptual", measured, 0.0)[0] / command("perceptual", flat, 0.0)[0]
+    )
     assert 20 * math.log10(louder) == pytest.approx(6.0)
 
 
@@ -52,7 +73,9 @@ def test_dualsense_keeps_an_octave_in_a_narrow_band() -> None:
     assert (profile.smooth.frequency, profile.rough.frequency) == (160.0, 80.0)
 
 
-@pytest.mark.parametrize("text", ["40", "40:x", "80:0,40:-3", "40:nan", "-5:0", "40:1:2"])
+@pytest.mark.parametrize(
+    "text", ["40", "40:x", "80:0,40:-3", "40:nan", "-5:0", "40:1:2"]
+)
 def test_levels_of_another_form_are_refused_with_an_example(text: str) -> None:
     with pytest.raises(ConfigError, match="wanted frequencies in Hz"):
         parse_levels(text)

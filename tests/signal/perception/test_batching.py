@@ -22,13 +22,19 @@ def sounds(count: int) -> list[FloatArray]:
     """Strokes that begin at another time for each detector, the fifth and later without air."""
     contact = strokes()[:, 0]
     rolled = [np.roll(contact, 4800 * n)[: RATE // 2] for n in range(count)]
-    return [np.stack((each, 0.1 * each * (n < 4)), axis=1) for n, each in enumerate(rolled)]
+    return [
+        np.stack((each, 0.1 * each * (n < 4)), axis=1) for n, each in enumerate(rolled)
+    ]
 
 
-def together(detectors: list[WindowDetector], samples: list[FloatArray], size: int) -> list[list[Prediction]]:
+def together(
+    detectors: list[WindowDetector], samples: list[FloatArray], size: int
+) -> list[list[Prediction]]:
     found: list[list[Prediction]] = [[] for _ in detectors]
     for parts in zip(*(blocks(each, size) for each in samples), strict=True):
-        new = process_together([each.process(part) for each, part in zip(detectors, parts, strict=True)])
+        new = process_together(
+            [each.process(part) for each, part in zip(detectors, parts, strict=True)]
+        )
         found = [before + after for before, after in zip(found, new, strict=True)]
     return found
 
@@ -41,16 +47,27 @@ def test_detectors_together_predict_what_each_does_alone(name: str, count: int) 
     found = together([open_model(name) for _ in samples], samples, 240)
     for own, each in zip(found, samples, strict=True):
         alone = open_model(name)
-        expected = [prediction for block in blocks(each, 240) for prediction in alone.push(block)]
+        expected = [
+            prediction
+            for block in blocks(each, 240)
+            for prediction in alone.push(block)
+        ]
         assert [(one.touch, one.level_dbfs, one.end) for one in own] == [
             (one.touch, one.level_dbfs, one.end) for one in expected
         ]
-        probabilities, others = ([one.probabilities for one in predictions] for predictions in (own, expected))
-        assert np.array(probabilities) == pytest.approx(np.array(others), abs=1e-5 if name != "paper" else 0)
+        probabilities, others = (
+            [one.probabilities for one in predictions]
+            for predictions in (own, expected)
+        )
+        assert np.array(probabilities) == pytest.approx(
+            np.array(others), abs=1e-5 if name != "paper" else 0
+        )
         assert own
 
 
-def test_windows_that_fall_due_together_reach_the_network_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_that_fall_due_together_reach_the_network_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     rows: list[int] = []
     run = Engine.run
 
@@ -62,7 +79,9 @@ def test_windows_that_fall_due_together_reach_the_network_together(monkeypatch: 
     found = together([open_model("texture") for _ in range(5)], sounds(5), 240)
     assert rows == [5] * len(found[0])
     rows.clear()
-    together([open_model(name) for name in ("texture", "stylus", "texture")], sounds(3), 240)
+    together(
+        [open_model(name) for name in ("texture", "stylus", "texture")], sounds(3), 240
+    )
     assert set(rows) == {1, 2}
 
 

@@ -38,9 +38,17 @@ def test_one_channel_has_a_reference_too() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[calibration]\nmade = 3\n", "not toml at all", "[calibration]\nthreshold_dbfs = 'loud'\n"]
+    "text",
+    [
+        "",
+        "[calibration]\nmade = 3\n",
+        "not toml at all",
+        "[calibration]\nthreshold_dbfs = 'loud'\n",
+    ],
 )
-def test_an_invalid_file_is_refused_with_the_next_step(tmp_path: Path, text: str) -> None:
+def test_an_invalid_file_is_refused_with_the_next_step(
+    tmp_path: Path, text: str
+) -> None:
     (tmp_path / "bad.toml").write_text(text)
     with pytest.raises(ConfigError, match="tactophone setup --check"):
         Calibration.read(tmp_path / "bad.toml")

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.contact import CLEAR_DB, TOUCH_HOLD, Contact, ContactGate
+from tactophone.signal.perception.contact import (
+    CLEAR_DB,
+    TOUCH_HOLD,
+    Contact,
+    ContactGate,
+)
 from tactophone.signal.perception.levels import SLOW, LoudnessRule
 from tactophone.signal.perception.noise_floor import (
     LOWEST_DBFS,
@@ -44,7 +49,9 @@ def test_any_block_size_gives_the_same_changes(size: int) -> None:
 
 def restless(rate: int) -> np.ndarray:
     """Noise with twenty bursts of any level and length, and samples that are invalid."""
-    samples = noise(level_dbfs=THRESHOLD_DBFS - 8, duration=4 * rate / 48_000, channels=1)
+    samples = noise(
+        level_dbfs=THRESHOLD_DBFS - 8, duration=4 * rate / 48_000, channels=1
+    )
     random = np.random.default_rng(1)
     for start in random.integers(rate, len(samples), 20):
         part = samples[start : start + random.integers(1, rate // 4)]
@@ -64,17 +71,41 @@ def test_any_block_size_gives_the_same_changes_while_the_threshold_follows(
 
     def reports(size: int) -> list[tuple[Contact, float]]:
         floor = NoiseFloor(-30, spread_db=SPREAD_DB[rule])
-        gate = ContactGate(THRESHOLD_DBFS, sample_rate=rate, rule=rule, floor=floor, bands=bands, hold=0.1)
-        found = [each for block in blocks(samples, size, sample_rate=rate) for each in gate.push(block)]
+        gate = ContactGate(
+            THRESHOLD_DBFS,
+            sample_rate=rate,
+            rule=rule,
+            floor=floor,
+            bands=bands,
+            hold=0.1,
+        )
+        found = [
+            each
+            for block in blocks(samples, size, sample_rate=rate)
+            for each in gate.push(block)
+        ]
         return [(contact, contact.threshold_dbfs) for contact in found]
 
     found = reports(57)
     assert found == reports(len(samples)) == reports(701)
-    assert {(contact.touching, contact.held) for contact, _ in found} == {(0, 0), (1, 0), (1, 1)}
+    assert {(contact.touching, contact.held) for contact, _ in found} == {
+        (0, 0),
+        (1, 0),
+        (1, 1),
+    }
 
 
-def following(samples: np.ndarray, *, bands: bool = True, rate: int = 48_000) -> list[Contact]:
-    gate = ContactGate(-38, sample_rate=rate, rule="banded", floor=NoiseFloor(-38), bands=bands, hold=0.1)
+def following(
+    samples: np.ndarray, *, bands: bool = True, rate: int = 48_000
+) -> list[Contact]:
+    gate = ContactGate(
+        -38,
+        sample_rate=rate,
+        rule="banded",
+        floor=NoiseFloor(-38),
+        bands=bands,
+        hold=0.1,
+    )
     return gate.push(AudioBlock(samples.astype(np.float32), rate))
 
 
@@ -82,7 +113,13 @@ def test_motion_that_raises_all_sound_a_little_is_no_touch() -> None:
     samples = noise(level_dbfs=-60, duration=4.0, channels=1)
     samples[2 * 48_000 :] *= 10 ** (3 / 20)
     by_level, by_bands = (
-        np.mean([each.touching for each in following(samples, bands=bands) if each.time > 2.1])
+        np.mean(
+            [
+                each.touching
+                for each in following(samples, bands=bands)
+                if each.time > 2.1
+            ]
+        )
         for bands in (False, True)
     )
     assert by_level > 0.9
@@ -106,7 +143,9 @@ def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> Non
     samples = noise(level_dbfs=-60, duration=3.0, channels=1)
     for start, end in ((1.0, 1.5), (1.59, 2.1)):
         part = slice(int(start * 48_000), int(end * 48_000))
-        samples[part] += noise(level_dbfs=-54, duration=end - start, channels=1, seed=1)[: part.stop - part.start]
+        samples[part] += noise(
+            level_dbfs=-54, duration=end - start, channels=1, seed=1
+        )[: part.stop - part.start]
     found = [each for each in following(samples) if 1.4 < each.time < 2.1]
     assert all(each.touching for each in found)
     held = [each.time for each in found if each.held]
@@ -117,16 +156,38 @@ def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> Non
 def test_an_assigned_threshold_turns_the_bands_off() -> None:
     samples = noise(level_dbfs=-60, duration=2.0, channels=1)
     samples[48_000:] += noise(level_dbfs=-58, duration=1.0, channels=1, seed=1)
-    gate = ContactGate(-38, sample_rate=48_000, rule="banded", floor=NoiseFloor(-38), bands=True, hold=0.1)
+    gate = ContactGate(
+        -38,
+        sample_rate=48_000,
+        rule="banded",
+        floor=NoiseFloor(-38),
+        bands=True,
+        hold=0.1,
+    )
     gate.threshold.dbfs = -70.0
-    assert all(each.touching for each in gate.push(AudioBlock(samples, 48_000)) if each.time > 0.1)
+    assert all(
+        each.touching
+        for each in gate.push(AudioBlock(samples, 48_000))
+        if each.time > 0.1
+    )
 
 
 def test_a_recording_without_a_floor_is_contact_throughout() -> None:
-    gate = ContactGate(-38, sample_rate=48_000, rule="banded", floor=NoiseFloor(-38), bands=True, hold=0.1)
+    gate = ContactGate(
+        -38,
+        sample_rate=48_000,
+        rule="banded",
+        floor=NoiseFloor(-38),
+        bands=True,
+        hold=0.1,
+    )
     gate.begin(RecordingFloor(LOWEST_DBFS, math.nan, -20.0))
     samples = noise(level_dbfs=-40, duration=1.0, channels=1)
-    assert all(each.touching for each in gate.push(AudioBlock(samples, 48_000)) if each.time > 0.05)
+    assert all(
+        each.touching
+        for each in gate.push(AudioBlock(samples, 48_000))
+        if each.time > 0.05
+    )
 
 
 @pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])
@@ -149,7 +210,11 @@ def test_a_faint_touch_is_known_once_it_has_lasted() -> None:
 
 def test_noise_with_hum_and_motors_under_the_threshold_opens_nothing() -> None:
     motor = tone(35, amplitude=10 ** ((THRESHOLD_DBFS - 5) / 20) * 2**0.5, duration=10)
-    assert not touches(changes_in(motor + noise(level_dbfs=THRESHOLD_DBFS - 8, duration=10, channels=1)))
+    assert not touches(
+        changes_in(
+            motor + noise(level_dbfs=THRESHOLD_DBFS - 8, duration=10, channels=1)
+        )
+    )
 
 
 def test_a_click_is_a_touch_long_enough_to_be_perceived() -> None:
@@ -157,22 +222,34 @@ def test_a_click_is_a_touch_long_enough_to_be_perceived() -> None:
     samples[24_000:24_048] = 10 ** ((THRESHOLD_DBFS + CLEAR_DB + 7) / 20)
     changes = [change for change in changes_in(samples, 48) if change.touching]
     assert changes[0].time == 0.501
-    after = next(change for change in changes_in(samples, 48) if not change.touching and change.time > 0.501)
+    after = next(
+        change
+        for change in changes_in(samples, 48)
+        if not change.touching and change.time > 0.501
+    )
     assert 0.029 < after.time - 0.501 < 0.04
 
 
 def test_a_turning_stroke_is_one_touch() -> None:
     samples = stroke(0.3, 0.6)
     samples[round(0.45 * 48_000) : round(0.47 * 48_000)] = 0
-    assert all(change.touching for change in changes_in(samples) if 0.31 < change.time < 0.6)
+    assert all(
+        change.touching for change in changes_in(samples) if 0.31 < change.time < 0.6
+    )
 
 
 def test_the_noise_that_a_threshold_was_measured_in_ends_a_touch() -> None:
     silence = noise(level_dbfs=-43, duration=3.0, channels=1)
-    threshold = measure_floor([AudioBlock(silence, 48_000)], sample_rate=48_000, rule="banded").threshold_dbfs
+    threshold = measure_floor(
+        [AudioBlock(silence, 48_000)], sample_rate=48_000, rule="banded"
+    ).threshold_dbfs
     silence[24_000:48_000] += noise(level_dbfs=-20, duration=0.5, channels=1)
-    found = ContactGate(threshold, sample_rate=48_000, rule="banded", hold=0.1).push(AudioBlock(silence, 48_000))
-    assert [0.9 < change.time < 1.2 for change in found if not change.touching].count(True) > 5
+    found = ContactGate(threshold, sample_rate=48_000, rule="banded", hold=0.1).push(
+        AudioBlock(silence, 48_000)
+    )
+    assert [0.9 < change.time < 1.2 for change in found if not change.touching].count(
+        True
+    ) > 5
     assert not any(change.touching for change in found if change.time > 1.2)
 
 
@@ -180,12 +257,16 @@ def test_the_noise_that_a_threshold_was_measured_in_ends_a_touch() -> None:
 def test_invalid_samples_close_the_gate_at_once(value: float) -> None:
     samples = stroke(0.3, 0.6)
     samples[round(0.31 * 48_000) :] = value
-    assert not any(change.touching for change in changes_in(samples) if change.time > 0.311)
+    assert not any(
+        change.touching for change in changes_in(samples) if change.time > 0.311
+    )
 
 
 @pytest.mark.parametrize(("level_dbfs", "touching"), [(-39.5, True), (-43.5, False)])
 @pytest.mark.parametrize("rule", ["rms", "mean_absolute"])
-def test_the_level_is_of_the_rule_at_hand(rule: LoudnessRule, level_dbfs: float, touching: bool) -> None:
+def test_the_level_is_of_the_rule_at_hand(
+    rule: LoudnessRule, level_dbfs: float, touching: bool
+) -> None:
     gate = ContactGate(THRESHOLD_DBFS, sample_rate=48_000, rule=rule)
     # A square wave is as loud by either rule; of other sound they differ by some decibels.
     square = np.full((4800, 1), 10 ** (level_dbfs / 20), np.float32)

@@ -22,8 +22,14 @@ def detector(tmp_path: Path) -> Detector:
     return open_model(write_tiny_model(tmp_path / "tiny.onnx"))
 
 
-def predict(detector: Detector, samples: np.ndarray, size: int = 480) -> list[Prediction]:
-    predictions = [prediction for block in blocks(samples, size) for prediction in detector.push(block)]
+def predict(
+    detector: Detector, samples: np.ndarray, size: int = 480
+) -> list[Prediction]:
+    predictions = [
+        prediction
+        for block in blocks(samples, size)
+        for prediction in detector.push(block)
+    ]
     return predictions + detector.flush()
 
 
@@ -45,18 +51,28 @@ def test_any_block_size_gives_the_same_bits(detector: Detector, size: int) -> No
 
 
 def test_predictions_follow_the_network(detector: Detector) -> None:
-    assert {prediction.touch for prediction in predict(detector, tone(100))} == {Touch.SMOOTH}
+    assert {prediction.touch for prediction in predict(detector, tone(100))} == {
+        Touch.SMOOTH
+    }
     detector.reset()
-    assert {prediction.touch for prediction in predict(detector, tone(400))} == {Touch.ROUGH}
+    assert {prediction.touch for prediction in predict(detector, tone(400))} == {
+        Touch.ROUGH
+    }
     detector.reset()
-    assert {prediction.touch for prediction in predict(detector, tone(400, amplitude=0.005))} == {Touch.NONE}
+    assert {
+        prediction.touch for prediction in predict(detector, tone(400, amplitude=0.005))
+    } == {Touch.NONE}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
-def test_invalid_samples_are_faulty_while_a_window_holds_it(detector: Detector, value: float) -> None:
+def test_invalid_samples_are_faulty_while_a_window_holds_it(
+    detector: Detector, value: float
+) -> None:
     samples = tone(400, duration=2)
     samples[48_000] = value
-    faulty = [prediction for prediction in predict(detector, samples) if prediction.faulty]
+    faulty = [
+        prediction for prediction in predict(detector, samples) if prediction.faulty
+    ]
     assert all(prediction.touch is Touch.NONE for prediction in faulty)
     assert faulty[0].end <= 1.0 + 2 * detector.hop
     assert faulty[-1].start >= 1.0 - 2 * detector.hop
@@ -67,14 +83,21 @@ def test_invalid_samples_are_faulty_while_a_window_holds_it(detector: Detector, 
 def test_invalid_output_of_the_model_is_faulty(tmp_path: Path, gain: float) -> None:
     detector = open_model(write_tiny_model(tmp_path / "bad.onnx", gain=gain))
     predictions = predict(detector, tone(400))
-    assert all(prediction.faulty and prediction.touch is Touch.NONE for prediction in predictions)
+    assert all(
+        prediction.faulty and prediction.touch is Touch.NONE
+        for prediction in predictions
+    )
     assert detector.faults["model"] == len(predictions)
 
 
-def test_a_window_is_classified_once_its_end_and_the_latency_have_passed(detector: Detector) -> None:
+def test_a_window_is_classified_once_its_end_and_the_latency_have_passed(
+    detector: Detector,
+) -> None:
     for block in blocks(tone(100), 1):
         if predictions := detector.push(block):
-            assert block.end / 48_000 == pytest.approx(predictions[0].end + detector.latency, abs=1e-9)
+            assert block.end / 48_000 == pytest.approx(
+                predictions[0].end + detector.latency, abs=1e-9
+            )
             return
 
 

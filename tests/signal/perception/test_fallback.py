@@ -12,25 +12,44 @@ from tactophone.lab.simulation.motion import single
 from tactophone.lab.simulation.source import SimulatedFinger
 from tactophone.lab.simulation.strokes import take_moves
 from tactophone.lab.simulation.takes import TAKES
-from tactophone.signal.perception.fallback import FallbackDetector, FallbackMode, fallback_mode
-from tactophone.signal.perception.health import FAULTS, FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.signal.perception.fallback import (
+    FallbackDetector,
+    FallbackMode,
+    fallback_mode,
+)
+from tactophone.signal.perception.health import (
+    FAULTS,
+    FaultDetector,
+    FaultKind,
+    Reference,
+    SensorFault,
+)
 from tactophone.signal.perception.models import open_detector
 
 RATE = 48_000
-REFERENCE = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=(-31.0, -77.0), contrast_db=16.0)
+REFERENCE = Reference(
+    threshold_dbfs=-25.0,
+    floor_dbfs=(-28.0, -60.0),
+    hum_dbfs=(-31.0, -77.0),
+    contrast_db=16.0,
+)
 BEGIN, END, SECONDS = 2.0, 4.0, 7.0
 
 
 def open_both() -> FallbackDetector:
     fault_detector = FaultDetector(RATE, REFERENCE)
-    full, spare = (open_detector(name, sample_rate=RATE) for name in ("paper", "paper-mono"))
+    full, spare = (
+        open_detector(name, sample_rate=RATE) for name in ("paper", "paper-mono")
+    )
     return FallbackDetector(full, spare, fault_detector)
 
 
 @functools.cache
 def sound(code: str) -> AudioBlock:
     scene = single(find("lava stone"))
-    moves = take_moves(TAKES[1], scene.placed[0], duration=SECONDS, rng=np.random.default_rng(1))
+    moves = take_moves(
+        TAKES[1], scene.placed[0], duration=SECONDS, rng=np.random.default_rng(1)
+    )
     finger = SimulatedFinger(scene, moves, seed=1, place=scene.placed[0].centre)
     spans = [FaultSpan(code, BEGIN, END)] if code else []
     return FaultySource(finger, spans).apply(finger.render(round(SECONDS * RATE)))
@@ -39,13 +58,18 @@ def sound(code: str) -> AudioBlock:
 @functools.cache
 def predictions(code: str, size: int = 4800) -> Sequence[Prediction]:
     detector, block = open_both(), sound(code)
-    parts = (AudioBlock(block.samples[at : at + size], RATE, at) for at in range(0, block.size, size))
+    parts = (
+        AudioBlock(block.samples[at : at + size], RATE, at)
+        for at in range(0, block.size, size)
+    )
     return [prediction for part in parts for prediction in detector.push(part)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("code", CODES)
-def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(code: str) -> None:
+def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(
+    code: str,
+) -> None:
     during = [p for p in predictions(code) if BEGIN + 1 < p.end < END]
     healed = [p for p in predictions(code) if p.end > SECONDS - 0.5]
     well = [p for p in predictions("") if p.end > SECONDS - 0.5]
@@ -65,11 +89,18 @@ def test_without_the_air_microphone_the_one_channel_model_goes_on() -> None:
         FallbackMode.ONE_CHANNEL,
         open_detector("paper-mono", sample_rate=RATE).name,
     )
-    alone = open_detector("paper-mono", sample_rate=RATE).push(AudioBlock(block.samples, RATE))
+    alone = open_detector("paper-mono", sample_rate=RATE).push(
+        AudioBlock(block.samples, RATE)
+    )
     # The spare one began in the middle, so its windows lie elsewhere; the nearest ones are compared.
     fallen_back = [p for p in predictions("air-dead") if BEGIN + 1.3 < p.end < END]
-    nearest = [min(alone, key=lambda other, end=p.end: abs(other.end - end)) for p in fallen_back]
-    agree = [p.touch is other.touch for p, other in zip(fallen_back, nearest, strict=True)]
+    nearest = [
+        min(alone, key=lambda other, end=p.end: abs(other.end - end))
+        for p in fallen_back
+    ]
+    agree = [
+        p.touch is other.touch for p, other in zip(fallen_back, nearest, strict=True)
+    ]
     assert np.mean(agree) > 0.9
 
 
@@ -83,10 +114,15 @@ def test_blocks_of_any_size_give_the_same_predictions(size: int) -> None:
         detector.push(AudioBlock(sound("air-hum").samples[: RATE * 5 // 2], RATE))
     assert pair[0].sensor_faults
     parts = [
-        AudioBlock(samples[at : at + size], RATE, RATE * 5 // 2 + at) for at in range(0, int(seconds * RATE), size)
+        AudioBlock(samples[at : at + size], RATE, RATE * 5 // 2 + at)
+        for at in range(0, int(seconds * RATE), size)
     ]
-    whole = AudioBlock(np.concatenate([part.samples for part in parts]), RATE, parts[0].start)
-    assert [prediction for part in parts for prediction in pair[0].push(part)] == pair[1].push(whole)
+    whole = AudioBlock(
+        np.concatenate([part.samples for part in parts]), RATE, parts[0].start
+    )
+    assert [prediction for part in parts for prediction in pair[0].push(part)] == pair[
+        1
+    ].push(whole)
 
 
 def test_reset_equals_new() -> None:
@@ -99,12 +135,20 @@ def test_reset_equals_new() -> None:
 
 
 def test_the_worst_fault_decides() -> None:
-    dead, clipped = SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, CONTACT)
+    dead, clipped = (
+        SensorFault(FaultKind.DEAD, AIR),
+        SensorFault(FaultKind.CLIPPED, CONTACT),
+    )
     assert fallback_mode([], spare=True) is FallbackMode.FULL
     assert fallback_mode([dead], spare=True) is FallbackMode.ONE_CHANNEL
     assert fallback_mode([dead], spare=False) is FallbackMode.CONTACT_ONLY
-    assert fallback_mode([dead, clipped, SensorFault(FaultKind.SWAPPED)], spare=True) is FallbackMode.SILENCE
-    assert all(fallback_mode([fault], spare=True) > FallbackMode.FULL for fault in FAULTS)
+    assert (
+        fallback_mode([dead, clipped, SensorFault(FaultKind.SWAPPED)], spare=True)
+        is FallbackMode.SILENCE
+    )
+    assert all(
+        fallback_mode([fault], spare=True) > FallbackMode.FULL for fault in FAULTS
+    )
 
 
 def test_a_threshold_is_set_for_both_models() -> None:
@@ -113,7 +157,10 @@ def test_a_threshold_is_set_for_both_models() -> None:
     assert detector.threshold.dbfs == -30.0
     detector.push(sound("air-dead"))
     own = open_both()
-    assert detector.active.detector.threshold_dbfs == own.active.detector.threshold_dbfs - own.threshold.dbfs - 30.0
+    assert (
+        detector.active.detector.threshold_dbfs
+        == own.active.detector.threshold_dbfs - own.threshold.dbfs - 30.0
+    )
 
 
 def test_lost_sound_resets_the_fault_detector() -> None:

@@ -13,19 +13,32 @@ from tactophone.lab.simulation.takes import TAKES
 from tactophone.signal.perception.health import FAULTS, FaultDetector, Reference
 
 RATE = 48_000
-CALIBRATED = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=(-31.0, -77.0), contrast_db=16.0)
+CALIBRATED = Reference(
+    threshold_dbfs=-25.0,
+    floor_dbfs=(-28.0, -60.0),
+    hum_dbfs=(-31.0, -77.0),
+    contrast_db=16.0,
+)
 
 
 @functools.cache
 def stroked(name: str, seconds: float = 8.0) -> AudioBlock:
     scene = single(find(name))
-    moves = take_moves(TAKES[1], scene.placed[0], duration=seconds, rng=np.random.default_rng(1))
-    return SimulatedFinger(scene, moves, seed=1, place=scene.placed[0].centre).render(int(seconds * RATE))
+    moves = take_moves(
+        TAKES[1], scene.placed[0], duration=seconds, rng=np.random.default_rng(1)
+    )
+    return SimulatedFinger(scene, moves, seed=1, place=scene.placed[0].centre).render(
+        int(seconds * RATE)
+    )
 
 
-def named(code: str, block: AudioBlock, reference: Reference | None) -> list[tuple[float, list[str]]]:
+def named(
+    code: str, block: AudioBlock, reference: Reference | None
+) -> list[tuple[float, list[str]]]:
     """Faults named over time, at each change."""
-    source = FaultySource(SimulatedFinger(single(find("3"))), [FaultSpan(code, 3.0, 5.0)] if code else [])
+    source = FaultySource(
+        SimulatedFinger(single(find("3"))), [FaultSpan(code, 3.0, 5.0)] if code else []
+    )
     detector, changes, before = FaultDetector(RATE, reference), [], ()
     for start in range(0, block.size, 2400):
         samples = block.samples[start : start + 2400]
@@ -37,8 +50,12 @@ def named(code: str, block: AudioBlock, reference: Reference | None) -> list[tup
 
 
 @pytest.mark.parametrize("code", CODES)
-@pytest.mark.parametrize("reference", [None, CALIBRATED], ids=["uncalibrated", "calibrated"])
-def test_each_fault_alone_is_named_within_a_second_and_heals(code: str, reference: Reference | None) -> None:
+@pytest.mark.parametrize(
+    "reference", [None, CALIBRATED], ids=["uncalibrated", "calibrated"]
+)
+def test_each_fault_alone_is_named_within_a_second_and_heals(
+    code: str, reference: Reference | None
+) -> None:
     changes = named(code, stroked("lava stone"), reference)
     (begun, during), (ended, after) = changes
     assert during == [code]
@@ -67,7 +84,13 @@ def test_a_hidden_sign_neither_raises_nor_heals() -> None:
     assert [fault.code for fault in detector.faults] == ["contact-hum"]
     # Noise about the mains' harmonics, three times as strong as what would be called hum.
     steps = np.random.default_rng(1).normal(0, 1, (2, 1440))
-    loud = np.stack([np.interp(np.arange(3 * RATE) / 100, np.arange(1440), curve) for curve in steps], axis=1)
+    loud = np.stack(
+        [
+            np.interp(np.arange(3 * RATE) / 100, np.arange(1440), curve)
+            for curve in steps
+        ],
+        axis=1,
+    )
     detector.push(block(0.3 * loud / loud.std()))
     assert [fault.code for fault in detector.faults] == ["contact-hum"]
     detector.push(block(np.concatenate([quiet, quiet])))

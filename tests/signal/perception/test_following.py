@@ -10,7 +10,12 @@ from tactophone.signal.perception.models import open_detector
 from tests.sounds import blocks, noise
 
 RATE = 48_000
-REFERENCE = Reference(threshold_dbfs=-45.0, floor_dbfs=(-50.0, -60.0), hum_dbfs=(-80.0, -80.0), contrast_db=6.0)
+REFERENCE = Reference(
+    threshold_dbfs=-45.0,
+    floor_dbfs=(-50.0, -60.0),
+    hum_dbfs=(-80.0, -80.0),
+    contrast_db=6.0,
+)
 
 
 def sound(gain_db: float = 0.0, seconds: float = 3.0) -> FloatArray:
@@ -19,13 +24,21 @@ def sound(gain_db: float = 0.0, seconds: float = 3.0) -> FloatArray:
     samples[:, 1] *= 0.3
     time = np.arange(len(samples) - RATE * 3 // 2) / RATE
     swell = 10 ** ((-26 + 5 * np.sin(2 * np.pi * 1.5 * time)) / 20)
-    samples[RATE * 3 // 2 :] += swell[:, None] * noise(level_dbfs=0, duration=len(time) / RATE, seed=1)
+    samples[RATE * 3 // 2 :] += swell[:, None] * noise(
+        level_dbfs=0, duration=len(time) / RATE, seed=1
+    )
     return np.asarray(samples * 10 ** (gain_db / 20), np.float32)
 
 
-def predictions(samples: FloatArray, size: int = 4800, model: str = "texture") -> list[Prediction]:
+def predictions(
+    samples: FloatArray, size: int = 4800, model: str = "texture"
+) -> list[Prediction]:
     detector = open_detector(model, sample_rate=RATE, follow_floor=True)
-    return [prediction for block in blocks(samples, size) for prediction in detector.push(block)]
+    return [
+        prediction
+        for block in blocks(samples, size)
+        for prediction in detector.push(block)
+    ]
 
 
 @pytest.mark.slow
@@ -33,7 +46,9 @@ def predictions(samples: FloatArray, size: int = 4800, model: str = "texture") -
 @pytest.mark.parametrize("model", ["texture", "paper"])
 def test_blocks_of_any_size_give_the_same_predictions(model: str, size: int) -> None:
     samples = sound(seconds=2.0)
-    assert predictions(samples, size, model) == predictions(samples, len(samples), model)
+    assert predictions(samples, size, model) == predictions(
+        samples, len(samples), model
+    )
 
 
 @pytest.mark.parametrize("gain_db", [-30.0, 0.0, 10.0])
@@ -65,11 +80,17 @@ def with_a_loose_microphone() -> FloatArray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [240, 701])
-def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(size: int) -> None:
+def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(
+    size: int,
+) -> None:
     def found(size: int) -> list[Prediction]:
         main = open_detector("texture", sample_rate=RATE, follow_floor=True)
         detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
-        return [p for block in blocks(with_a_loose_microphone(), size) for p in detector.push(block)]
+        return [
+            p
+            for block in blocks(with_a_loose_microphone(), size)
+            for p in detector.push(block)
+        ]
 
     assert found(size) == found(6000)
 

@@ -28,7 +28,9 @@ from tactophone.signal.perception.model_file import (
 from tactophone.signal.perception.models import open_detector
 from tests.models import CARD, write_tiny_model
 
-SHARES = numpy_helper.from_array(np.log(np.array([[0.1, 0.1, 0.8]], np.float32)), "shares")
+SHARES = numpy_helper.from_array(
+    np.log(np.array([[0.1, 0.1, 0.8]], np.float32)), "shares"
+)
 ENTRIES = json.loads(CARD.to_json())
 
 
@@ -58,27 +60,57 @@ def with_nodes(
         ],
         weights,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
     helper.set_model_props(model, {CARD_KEY: CARD.to_json()})
     onnx.save(model, str(path))
     return path
 
 
 HOSTILE_ENTRIES: list[dict[str, Any]] = [
-    *({"hop": hop} for hop in ("1/0", "1e400", "1e99999999", "0", "-1", "1/1000000", "inf", "20001", 0, True, None)),
+    *(
+        {"hop": hop}
+        for hop in (
+            "1/0",
+            "1e400",
+            "1e99999999",
+            "0",
+            "-1",
+            "1/1000000",
+            "inf",
+            "20001",
+            0,
+            True,
+            None,
+        )
+    ),
     {"hop": [1]},
     *({"sample_rate": rate} for rate in (0, 10**12, "2000", -1, 2000.5, True)),
     *({"window_size": size} for size in (0, -5, 10**12, 512.0)),
     *({"channels": count} for count in (0, 9, "2")),
-    *({"gate": gate} for gate in (5, {"threshold_dbfs": float("nan")}, {"threshold_dbfs": "x"}, {})),
-    *({"decision": rule} for rule in ([], {"rough_on": float("nan")}, {"confirm": "many"})),
+    *(
+        {"gate": gate}
+        for gate in (5, {"threshold_dbfs": float("nan")}, {"threshold_dbfs": "x"}, {})
+    ),
+    *(
+        {"decision": rule}
+        for rule in ([], {"rough_on": float("nan")}, {"confirm": "many"})
+    ),
     *({"name": name} for name in (5, "", "x" * 5000)),
-    {"kind": "__class__"}, {"kind": ["paper"]}, {"settings": 5}, {"licence": 5}, {"foo": 1}, {"training": "x"},
-]  # fmt: skip
+    {"kind": "__class__"},
+    {"kind": ["paper"]},
+    {"settings": 5},
+    {"licence": 5},
+    {"foo": 1},
+    {"training": "x"},
+]
 
 
 @pytest.mark.parametrize("changes", HOSTILE_ENTRIES, ids=str)
-def test_every_number_of_a_card_has_bounds(changes: dict[str, Any], tmp_path: Path) -> None:
+def test_every_number_of_a_card_has_bounds(
+    changes: dict[str, Any], tmp_path: Path
+) -> None:
     path = with_card(tmp_path / "hostile.onnx", json.dumps(ENTRIES | changes))
     with pytest.raises(ModelError):
         open_detector(str(path), sample_rate=48_000)
@@ -103,20 +135,28 @@ def test_a_card_of_another_shape_is_refused(card: str, tmp_path: Path) -> None:
 
 
 def test_a_card_of_many_megabytes_is_refused(tmp_path: Path) -> None:
-    path = with_card(tmp_path / "long.onnx", json.dumps({**ENTRIES, "licence": "x" * 2_000_000}))
+    path = with_card(
+        tmp_path / "long.onnx", json.dumps({**ENTRIES, "licence": "x" * 2_000_000})
+    )
     with pytest.raises(ModelError, match="characters"):
         read_model(path)
 
 
 def test_metadata_that_is_not_text_is_refused(tmp_path: Path) -> None:
     path = write_tiny_model(tmp_path / "hostile.onnx")
-    path.write_bytes(path.read_bytes().replace(b'"kind": "paper"', b'"kind": "\xff\xfe\xff\xfe\xff"'))
+    path.write_bytes(
+        path.read_bytes().replace(b'"kind": "paper"', b'"kind": "\xff\xfe\xff\xfe\xff"')
+    )
     with pytest.raises(ModelError):
         read_model(path)
 
 
 def test_names_never_carry_escape_sequences(tmp_path: Path) -> None:
-    entries = ENTRIES | {"name": "\x1b]0;title\x07[red]x", "scores": {"\x1b[2J": ["\x1b[31m"]}, "licence": "a\nb\x00"}
+    entries = ENTRIES | {
+        "name": "\x1b]0;title\x07[red]x",
+        "scores": {"\x1b[2J": ["\x1b[31m"]},
+        "licence": "a\nb\x00",
+    }
     card = read_model(with_card(tmp_path / "hostile.onnx", json.dumps(entries))).card
     texts = (card.name, card.licence, str(card.scores))
     assert not any(char in text for text in texts for char in "\x1b\x07\x00")
@@ -126,9 +166,16 @@ def test_names_never_carry_escape_sequences(tmp_path: Path) -> None:
 def test_control_flow_is_refused_before_it_runs(tmp_path: Path) -> None:
     value = helper.make_tensor_value_info
     body = helper.make_graph(
-        [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Identity", ["v"], ["w"])],
+        [
+            helper.make_node("Identity", ["go"], ["goes"]),
+            helper.make_node("Identity", ["v"], ["w"]),
+        ],
         "body",
-        [value("i", TensorProto.INT64, []), value("go", TensorProto.BOOL, []), value("v", TensorProto.FLOAT, [1, 1])],
+        [
+            value("i", TensorProto.INT64, []),
+            value("go", TensorProto.BOOL, []),
+            value("v", TensorProto.FLOAT, [1, 1]),
+        ],
         [value("goes", TensorProto.BOOL, []), value("w", TensorProto.FLOAT, [1, 1])],
     )
     steps = numpy_helper.from_array(np.array(2**62, np.int64), "steps")
@@ -142,12 +189,20 @@ def test_control_flow_is_refused_before_it_runs(tmp_path: Path) -> None:
         read_model(with_nodes(tmp_path / "loop.onnx", nodes, [steps, true, SHARES]))
 
 
-def test_an_operator_of_any_name_with_a_graph_of_its_own_is_refused(tmp_path: Path) -> None:
+def test_an_operator_of_any_name_with_a_graph_of_its_own_is_refused(
+    tmp_path: Path,
+) -> None:
     """As the runtime's searches for sequences, which run a graph as often as their inputs say."""
     value = helper.make_tensor_value_info
-    body = helper.make_graph([helper.make_node("Identity", ["v"], ["w"])], "body",
-                             [value("v", TensorProto.FLOAT, [1])], [value("w", TensorProto.FLOAT, [1])])  # fmt: skip
-    node = helper.make_node("BeamSearch", [SOUND], [LOG_PROBABILITIES], domain="com.microsoft", decoder=body)
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["v"], ["w"])],
+        "body",
+        [value("v", TensorProto.FLOAT, [1])],
+        [value("w", TensorProto.FLOAT, [1])],
+    )
+    node = helper.make_node(
+        "BeamSearch", [SOUND], [LOG_PROBABILITIES], domain="com.microsoft", decoder=body
+    )
     with pytest.raises(ModelError, match="a graph of its own \\(BeamSearch\\)"):
         read_model(with_nodes(tmp_path / "search.onnx", [node], []))
 
@@ -163,35 +218,51 @@ def test_weights_in_another_file_are_refused(tmp_path: Path) -> None:
             ADD,
             "hostile",
             [helper.make_tensor_value_info(SOUND, TensorProto.FLOAT, (1, 1, 512))],
-            [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3))],
+            [
+                helper.make_tensor_value_info(
+                    LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3)
+                )
+            ],
             [outside],
         )
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        model = helper.make_model(
+            graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+        )
         path = tmp_path / "hostile.onnx"
         path.write_bytes(model.SerializeToString())
         with pytest.raises(ModelError, match="not a whole ONNX model"):
             read_model(path)
 
 
-def test_the_runtimes_own_format_is_refused_though_its_bytes_may_also_be_a_protocol_buffer(tmp_path: Path) -> None:
+def test_the_runtimes_own_format_is_refused_though_its_bytes_may_also_be_a_protocol_buffer(
+    tmp_path: Path,
+) -> None:
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.add_session_config_entry("session.save_model_format", "ORT")
     options.optimized_model_filepath = str(tmp_path / "model.ort")
     options.log_severity_level = 3
-    onnxruntime.InferenceSession(str(write_tiny_model(tmp_path / "model.onnx")), options, ["CPUExecutionProvider"])
+    onnxruntime.InferenceSession(
+        str(write_tiny_model(tmp_path / "model.onnx")),
+        options,
+        ["CPUExecutionProvider"],
+    )
     content = (tmp_path / "model.ort").read_bytes()
     assert content[4:8] == b"ORTM"
     with pytest.raises(ModelError, match="not a whole ONNX model"):
         read_model(tmp_path / "model.ort")
     with pytest.raises(ModelError, match="not a whole ONNX model"):
-        _session(tmp_path / "model.ort", content)  # what passes `check_graph` is refused by the runtime
+        _session(
+            tmp_path / "model.ort", content
+        )  # what passes `check_graph` is refused by the runtime
 
 
 def test_functions_are_refused() -> None:
     with pytest.raises(ValueError, match="functions"):
-        checks.check_graph(bytes([checks._FUNCTION << 3 & 0x7F | 2 | 0x80, checks._FUNCTION >> 4, 0]))
+        checks.check_graph(
+            bytes([checks._FUNCTION << 3 & 0x7F | 2 | 0x80, checks._FUNCTION >> 4, 0])
+        )
 
 
 ADD = [
@@ -202,12 +273,23 @@ ADD = [
 
 @pytest.mark.parametrize(
     "width",
-    [(1, 1, 2**40), (), (1, 512), ("fingers", "channels", "samples"), (2, 1, 512), (1, 1, 100), (1, 2, 512)],
+    [
+        (1, 1, 2**40),
+        (),
+        (1, 512),
+        ("fingers", "channels", "samples"),
+        (2, 1, 512),
+        (1, 1, 100),
+        (1, 2, 512),
+    ],
     ids=str,
 )
 def test_inputs_of_another_shape_are_refused(width: Any, tmp_path: Path) -> None:
     with pytest.raises(ModelError):
-        open_detector(str(with_nodes(tmp_path / "hostile.onnx", ADD, [SHARES], width=width)), sample_rate=48_000)
+        open_detector(
+            str(with_nodes(tmp_path / "hostile.onnx", ADD, [SHARES], width=width)),
+            sample_rate=48_000,
+        )
 
 
 def test_outputs_of_another_shape_or_name_are_refused(tmp_path: Path) -> None:
@@ -216,11 +298,17 @@ def test_outputs_of_another_shape_or_name_are_refused(tmp_path: Path) -> None:
         read_model(with_nodes(tmp_path / "four.onnx", ADD, [four], size=(1, 4)))
     nodes = [helper.make_node("Identity", [SOUND], ["other"])]
     with pytest.raises(ModelError, match="output must be"):
-        read_model(with_nodes(tmp_path / "named.onnx", nodes, [], output="other", size=(1, 1, 512)))
+        read_model(
+            with_nodes(
+                tmp_path / "named.onnx", nodes, [], output="other", size=(1, 1, 512)
+            )
+        )
 
 
 def test_a_network_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
-    shape = numpy_helper.from_array(np.array([200_000, 200_000, 1_000], np.int64), "shape")
+    shape = numpy_helper.from_array(
+        np.array([200_000, 200_000, 1_000], np.int64), "shape"
+    )
     nodes = [
         helper.make_node("ConstantOfShape", ["shape"], ["big"]),
         helper.make_node("ReduceSum", ["big"], ["sum"], keepdims=0),
@@ -230,13 +318,21 @@ def test_a_network_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
         read_model(with_nodes(tmp_path / "bomb.onnx", nodes, [shape, SHARES]))
 
 
-def test_a_state_of_a_billion_numbers_is_refused_before_it_is_made(tmp_path: Path) -> None:
+def test_a_state_of_a_billion_numbers_is_refused_before_it_is_made(
+    tmp_path: Path,
+) -> None:
     state = helper.make_node("Identity", [STATE], [STATE_OUT])
     path = with_nodes(tmp_path / "state.onnx", [*ADD, state], [SHARES])
     model, size = onnx.load(str(path)), (1, 10**9)
-    model.graph.input.append(helper.make_tensor_value_info(CONTACT_INPUT, TensorProto.FLOAT, (1,)))
-    model.graph.input.append(helper.make_tensor_value_info(STATE, TensorProto.DOUBLE, size))
-    model.graph.output.append(helper.make_tensor_value_info(STATE_OUT, TensorProto.DOUBLE, size))
+    model.graph.input.append(
+        helper.make_tensor_value_info(CONTACT_INPUT, TensorProto.FLOAT, (1,))
+    )
+    model.graph.input.append(
+        helper.make_tensor_value_info(STATE, TensorProto.DOUBLE, size)
+    )
+    model.graph.output.append(
+        helper.make_tensor_value_info(STATE_OUT, TensorProto.DOUBLE, size)
+    )
     onnx.save(model, str(path))
     with pytest.raises(ModelError, match="its state has shape"):
         read_model(path)
@@ -250,7 +346,9 @@ def test_an_inference_that_takes_too_long_is_ended(
     monkeypatch.setattr(checks, "MODEL_PROBE_TIMEOUT", 0.05)
     size = 1_500
     nodes = [helper.make_node("Expand", ["one", "shape"], ["x0"])]
-    nodes += [helper.make_node("MatMul", [f"x{k}", "x0"], [f"x{k + 1}"]) for k in range(200)]
+    nodes += [
+        helper.make_node("MatMul", [f"x{k}", "x0"], [f"x{k + 1}"]) for k in range(200)
+    ]
     nodes += [
         helper.make_node("ReduceMax", ["x200"], ["top"], keepdims=0),
         helper.make_node("ReduceMax", [SOUND], ["most"], axes=[1, 2], keepdims=0),
@@ -260,7 +358,9 @@ def test_an_inference_that_takes_too_long_is_ended(
     one = numpy_helper.from_array(np.full((1, 1), 1e-3, np.float32), "one")
     shape = numpy_helper.from_array(np.array([size, size], np.int64), "shape")
     if not optimised:
-        monkeypatch.setattr("tactophone.signal.perception.model_file._options", _unoptimised)
+        monkeypatch.setattr(
+            "tactophone.signal.perception.model_file._options", _unoptimised
+        )
     with pytest.raises(ModelError, match="takes over"):
         read_model(with_nodes(tmp_path / "slow.onnx", nodes, [one, shape, SHARES]))
 
@@ -270,20 +370,26 @@ def _unoptimised() -> Any:
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    options.graph_optimization_level = (
+        onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+    )
     return options
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.data())
-def test_a_changed_file_gives_a_model_error_or_a_model_that_runs(data: st.DataObject) -> None:
+def test_a_changed_file_gives_a_model_error_or_a_model_that_runs(
+    data: st.DataObject,
+) -> None:
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
         path = write_tiny_model(Path(folder) / "changed.onnx")
         content = bytearray(path.read_bytes())
         for _ in range(data.draw(st.integers(1, 4))):
-            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(
+                st.integers(0, 255)
+            )
         path.write_bytes(content)
         try:
             detector = open_detector(str(path), sample_rate=48_000)
@@ -305,21 +411,32 @@ def slow_when_touched(path: Path, cap: float) -> Path:
         helper.make_node("Add", ["shares", "none"], [LOG_PROBABILITIES]),
     ]
     numbers = {"much": 1e9, "zero": 0.0, "cap": cap}
-    weights = [numpy_helper.from_array(np.array(value, np.float32), name) for name, value in numbers.items()]
-    return with_nodes(path, nodes, [*weights, SHARES, numpy_helper.from_array(np.array([0]), "axis")])
+    weights = [
+        numpy_helper.from_array(np.array(value, np.float32), name)
+        for name, value in numbers.items()
+    ]
+    return with_nodes(
+        path, nodes, [*weights, SHARES, numpy_helper.from_array(np.array([0]), "axis")]
+    )
 
 
 @pytest.mark.slow
-def test_a_model_that_is_slow_only_when_touched_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_model_that_is_slow_only_when_touched_is_refused_in_words(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(ModelError, match=r"too slow|over 5 s"):
         read_model(slow_when_touched(tmp_path / "slow.onnx", 3e8))
 
 
-def test_a_model_that_is_slow_in_the_run_ends_it_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_that_is_slow_in_the_run_ends_it_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = read_model(slow_when_touched(tmp_path / "slow.onnx", 1e6))
     monkeypatch.setattr(checks, "SLOWEST", 0.0)
     with pytest.raises(ModelError, match=r"too slow.*--model"):
-        checks.Engine(model.session).run(np.ones((1, 1, 512), np.float32), [True], [np.zeros(0)])
+        checks.Engine(model.session).run(
+            np.ones((1, 1, 512), np.float32), [True], [np.zeros(0)]
+        )
 
 
 def test_shapes_that_depend_on_values_are_refused(tmp_path: Path) -> None:
@@ -328,8 +445,14 @@ def test_shapes_that_depend_on_values_are_refused(tmp_path: Path) -> None:
         helper.make_node("NonZero", ["loud"], ["places"]),
         helper.make_node("Cast", ["places"], ["numbers"], to=TensorProto.FLOAT),
         helper.make_node("Transpose", ["numbers"], ["rows"], perm=[1, 0]),
-        helper.make_node("Concat", ["shares", "rows"], [LOG_PROBABILITIES], axis=0),  # a row in silence
+        helper.make_node(
+            "Concat", ["shares", "rows"], [LOG_PROBABILITIES], axis=0
+        ),  # a row in silence
     ]
-    path = with_nodes(tmp_path / "rows.onnx", nodes, [SHARES, numpy_helper.from_array(np.float32(0.5), "half")])
+    path = with_nodes(
+        tmp_path / "rows.onnx",
+        nodes,
+        [SHARES, numpy_helper.from_array(np.float32(0.5), "half")],
+    )
     with pytest.raises(ModelError, match="depend on the values"):
         read_model(path)

@@ -25,7 +25,9 @@ def test_a_truncated_model_is_refused(tmp_path: Path) -> None:
         read_model(path)
 
 
-@pytest.mark.parametrize("content", [pickle.dumps({"weights": 1}), b"PK\x03\x04 as torch.save writes"])
+@pytest.mark.parametrize(
+    "content", [pickle.dumps({"weights": 1}), b"PK\x03\x04 as torch.save writes"]
+)
 def test_pickles_are_refused_unopened(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "evil.pt").write_bytes(content)
     with pytest.raises(ModelError, match="model import"):
@@ -42,12 +44,18 @@ def test_an_onnx_model_of_others_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", [1, 3])
-def test_another_format_is_refused_and_the_next_step_named(tmp_path: Path, version: int) -> None:
+def test_another_format_is_refused_and_the_next_step_named(
+    tmp_path: Path, version: int
+) -> None:
     path = write_tiny_model(tmp_path / "tiny.onnx")
     model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, {CARD_KEY: CARD.to_json().replace('"format": 2', f'"format": {version}')})
+    onnx.helper.set_model_props(
+        model, {CARD_KEY: CARD.to_json().replace('"format": 2', f'"format": {version}')}
+    )
     onnx.save(model, str(path))
-    with pytest.raises(ModelError, match=rf"format {version}, but .* format 2.*; train the model again"):
+    with pytest.raises(
+        ModelError, match=rf"format {version}, but .* format 2.*; train the model again"
+    ):
         read_model(path)
 
 

@@ -23,23 +23,38 @@ def sound(*loud: tuple[float, float], seconds: float = 4.0) -> FloatArray:
     return samples.astype(np.float32)
 
 
-def contacts(samples: FloatArray, turns: Sequence[float] = (), *, bands: bool = True) -> list[Contact]:
+def contacts(
+    samples: FloatArray, turns: Sequence[float] = (), *, bands: bool = True
+) -> list[Contact]:
     """Return what the gate reports of a robot that starts at the first of these times, stops at the next, and so on."""
-    gate = ContactGate(-38, sample_rate=RATE, rule="banded", floor=NoiseFloor(-38), bands=bands, hold=0.1)
+    gate = ContactGate(
+        -38,
+        sample_rate=RATE,
+        rule="banded",
+        floor=NoiseFloor(-38),
+        bands=bands,
+        hold=0.1,
+    )
     found = []
     for start in range(0, len(samples), PACKET):
         moving = sum(turn * RATE <= start for turn in turns) % 2 == 1
-        found += gate.push(AudioBlock(samples[start : start + PACKET], RATE, start, moving=moving))
+        found += gate.push(
+            AudioBlock(samples[start : start + PACKET], RATE, start, moving=moving)
+        )
     return found
 
 
 def begins(found: Sequence[Contact], after: float = 0.0) -> float:
-    return next((each.time for each in found if each.touching and each.time >= after), np.inf)
+    return next(
+        (each.time for each in found if each.touching and each.time >= after), np.inf
+    )
 
 
 @pytest.mark.parametrize("bands", [False, True])
 @pytest.mark.parametrize("turns", [(2.0,), (1.0, 2.0)])
-def test_the_jerk_of_a_start_or_a_stop_is_no_contact(turns: tuple[float, ...], bands: bool) -> None:
+def test_the_jerk_of_a_start_or_a_stop_is_no_contact(
+    turns: tuple[float, ...], bands: bool
+) -> None:
     jerk = sound((2.01, 2.11))
     assert begins(contacts(jerk, bands=bands)) < 2.02
     assert begins(contacts(jerk, turns, bands=bands)) == np.inf
@@ -52,7 +67,9 @@ def test_a_touch_during_a_start_counts_150_ms_later_and_then_stays(bands: bool) 
     assert all(each.touching for each in found if begins(found) < each.time < 3.0)
 
 
-def test_a_jerk_that_is_heard_before_the_robot_says_that_it_starts_ends_at_once() -> None:
+def test_a_jerk_that_is_heard_before_the_robot_says_that_it_starts_ends_at_once() -> (
+    None
+):
     found = contacts(sound((1.95, 2.05)), (2.0,))
     assert begins(found) < 1.96
     assert begins(found, after=2.002) == np.inf
@@ -74,7 +91,9 @@ def test_a_robot_that_says_nothing_or_moves_steadily_delays_no_contact() -> None
     assert begins(contacts(touch, (2.0,))) == begins(contacts(touch)) < 2.61
 
 
-def test_whoever_claims_starts_and_stops_without_end_delays_contact_by_150_ms_and_no_more() -> None:
+def test_whoever_claims_starts_and_stops_without_end_delays_contact_by_150_ms_and_no_more() -> (
+    None
+):
     found = contacts(sound((2.0, 4.0)), np.arange(1.0, 4.0, 0.02).tolist())
     assert begins(found) - 2.0 < PERSISTENT + 0.02
     assert all(each.touching for each in found if begins(found) < each.time < 4.0)
@@ -86,16 +105,28 @@ def test_packets_that_wait_for_the_next_keep_what_the_robot_says(fingers: int) -
     touch = np.repeat(sound((2.06, 3.0)), 2 * fingers, axis=1)
 
     def commands(start: float) -> list[tuple[int, float, float]]:
-        pipelines = [open_pipeline(sample_rate=RATE, channels=2) for _ in range(fingers)]
+        pipelines = [
+            open_pipeline(sample_rate=RATE, channels=2) for _ in range(fingers)
+        ]
         hand, found = Hand(pipelines), []
         for begin in range(0, len(touch), PACKET):
-            block = AudioBlock(touch[begin : begin + PACKET], RATE, begin, moving=begin >= start * RATE)
-            found += [(step.finger, each.time, each.amplitude) for step in hand.push(block) for each in step.commands]
+            block = AudioBlock(
+                touch[begin : begin + PACKET], RATE, begin, moving=begin >= start * RATE
+            )
+            found += [
+                (step.finger, each.time, each.amplitude)
+                for step in hand.push(block)
+                for each in step.commands
+            ]
         return found
 
     for finger in range(fingers):
         begun = [
-            next(time for place, time, amplitude in commands(start) if place == finger and amplitude)
+            next(
+                time
+                for place, time, amplitude in commands(start)
+                if place == finger and amplitude
+            )
             for start in (9.0, 2.0)
         ]
         assert begun[1] - begun[0] == pytest.approx(PERSISTENT, abs=0.01)

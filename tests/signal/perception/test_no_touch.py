@@ -8,14 +8,22 @@ from tactophone.signal.perception.no_touch import NoTouchCheck
 SMOOTH, ROUGH = (0.0, 0.8, 0.2), (0.0, 0.2, 0.8)
 
 
-def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rough() -> None:
+def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rough() -> (
+    None
+):
     sound = draw_no_touch("voice", 6.0, 500)
     detector = open_detector("stylus", sample_rate=NO_TOUCH_RATE, follow_floor=True)
     noticed, after = np.inf, []
     for start in range(0, len(sound) - 160, 160):
-        found = detector.push(AudioBlock(sound[start : start + 160], NO_TOUCH_RATE, start))
+        found = detector.push(
+            AudioBlock(sound[start : start + 160], NO_TOUCH_RATE, start)
+        )
         after += [each.touch for each in found if start / NO_TOUCH_RATE > noticed]
-        if noticed == np.inf and (misfit := detector.misfit) and misfit.code == "no-touch":
+        if (
+            noticed == np.inf
+            and (misfit := detector.misfit)
+            and misfit.code == "no-touch"
+        ):
             noticed = start / NO_TOUCH_RATE
     assert noticed < 5.0
     assert Touch.SMOOTH in after
@@ -37,4 +45,6 @@ def test_one_window_is_no_notice_and_touch_ends_it() -> None:
 
 def test_a_smooth_touch_is_never_taken_for_speech() -> None:
     check = NoTouchCheck(np.ones(1, np.float32), 0.0)
-    assert not any(check.push(np.array([9.0], np.float32), SMOOTH, loud=True) for _ in range(1000))
+    assert not any(
+        check.push(np.array([9.0], np.float32), SMOOTH, loud=True) for _ in range(1000)
+    )

@@ -1,20 +1,36 @@
 import numpy as np
 import pytest
 
-from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, LOWEST_DBFS, RISE_TOUCHED, NoiseFloor, margin_db
+from tactophone.signal.perception.noise_floor import (
+    HIGHEST_DBFS,
+    LOWEST_DBFS,
+    RISE_TOUCHED,
+    NoiseFloor,
+    margin_db,
+)
 
 SPREAD_DB = 0.4
 NO_BANDS = np.zeros(0, np.float32)
 
 
-def noise(level_dbfs: float, seconds: float, *, slope: float = 0.0, seed: int = 0) -> np.ndarray:
+def noise(
+    level_dbfs: float, seconds: float, *, slope: float = 0.0, seed: int = 0
+) -> np.ndarray:
     count = round(200 * seconds)
-    return level_dbfs + slope * np.arange(count) / 200 + np.random.default_rng(seed).normal(0, SPREAD_DB, count)
+    return (
+        level_dbfs
+        + slope * np.arange(count) / 200
+        + np.random.default_rng(seed).normal(0, SPREAD_DB, count)
+    )
 
 
 def stroke(level_dbfs: float, seconds: float) -> np.ndarray:
     time = np.arange(round(200 * seconds)) / 200
-    return level_dbfs + 6 * np.sin(2 * np.pi * 1.3 * time) + np.random.default_rng(1).normal(0, 2, len(time))
+    return (
+        level_dbfs
+        + 6 * np.sin(2 * np.pi * 1.3 * time)
+        + np.random.default_rng(1).normal(0, 2, len(time))
+    )
 
 
 def follow(floor: NoiseFloor, levels: np.ndarray) -> np.ndarray:
@@ -26,7 +42,9 @@ def follow(floor: NoiseFloor, levels: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("level_dbfs", [-75.0, -55.0, -38.0, -25.0])
-def test_silence_is_silence_and_a_stroke_10_db_over_it_is_a_touch_at_any_gain(level_dbfs: float) -> None:
+def test_silence_is_silence_and_a_stroke_10_db_over_it_is_a_touch_at_any_gain(
+    level_dbfs: float,
+) -> None:
     floor = NoiseFloor(-38.0)
     follow(floor, noise(level_dbfs, 2))
     assert level_dbfs < floor.threshold_dbfs < level_dbfs + 3
@@ -89,7 +107,9 @@ def test_the_threshold_is_bounded() -> None:
     assert (quiet.threshold_dbfs, loud.threshold_dbfs) == (LOWEST_DBFS, HIGHEST_DBFS)
 
 
-def test_the_margin_grows_with_the_spread_of_the_noise_and_the_rarity_of_false_alarms() -> None:
+def test_the_margin_grows_with_the_spread_of_the_noise_and_the_rarity_of_false_alarms() -> (
+    None
+):
     assert margin_db(0.4, 0.01) < margin_db(0.4, 0.001) < margin_db(1.0, 0.001)
 
 

@@ -5,9 +5,14 @@ from tactophone.signal.perception.resample import Resampler, design_kernels
 from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 
-def resample(samples: np.ndarray, size: int, *, input_rate: int = 48_000, output_rate: int = 2000) -> np.ndarray:
+def resample(
+    samples: np.ndarray, size: int, *, input_rate: int = 48_000, output_rate: int = 2000
+) -> np.ndarray:
     resampler = Resampler(input_rate, output_rate, channels=samples.shape[1])
-    pieces = [resampler.push(block.samples) for block in blocks(samples, size, sample_rate=input_rate)]
+    pieces = [
+        resampler.push(block.samples)
+        for block in blocks(samples, size, sample_rate=input_rate)
+    ]
     return np.concatenate([*pieces, resampler.flush()])
 
 
@@ -20,10 +25,18 @@ def test_any_block_size_gives_the_same_bits(input_rate: int, size: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("input_rate", "output_rate"), [(2200, 2000), (44_100, 2000), (48_000, 2000), (44_100, 16_000)]
+    ("input_rate", "output_rate"),
+    [(2200, 2000), (44_100, 2000), (48_000, 2000), (44_100, 16_000)],
 )
-def test_a_tone_in_the_band_keeps_level_and_phase(input_rate: int, output_rate: int) -> None:
-    output = resample(tone(200, sample_rate=input_rate), 480, input_rate=input_rate, output_rate=output_rate)
+def test_a_tone_in_the_band_keeps_level_and_phase(
+    input_rate: int, output_rate: int
+) -> None:
+    output = resample(
+        tone(200, sample_rate=input_rate),
+        480,
+        input_rate=input_rate,
+        output_rate=output_rate,
+    )
     expected = tone(200, sample_rate=output_rate)
     middle = slice(output_rate // 10, -output_rate // 10)
     assert len(output) == output_rate

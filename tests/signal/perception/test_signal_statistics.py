@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.health import FAINTEST_DBFS, ChannelStatistics, SignalStatistics
+from tactophone.signal.perception.health import (
+    FAINTEST_DBFS,
+    ChannelStatistics,
+    SignalStatistics,
+)
 
 RATE = 48_000
 
@@ -15,8 +19,12 @@ def noise(seconds: float = 1.0, level: float = 0.05) -> np.ndarray:
     return np.random.default_rng(0).normal(0, level, (int(seconds * RATE), 2))
 
 
-def tone(frequency: float, amplitude: float, seconds: float = 1.0, rate: int = RATE) -> np.ndarray:
-    wave = amplitude * np.sin(2 * np.pi * frequency * np.arange(int(seconds * rate)) / rate)
+def tone(
+    frequency: float, amplitude: float, seconds: float = 1.0, rate: int = RATE
+) -> np.ndarray:
+    wave = amplitude * np.sin(
+        2 * np.pi * frequency * np.arange(int(seconds * rate)) / rate
+    )
     return np.stack([wave, wave], axis=1)
 
 
@@ -73,7 +81,9 @@ def test_invalid_samples_have_finite_statistics() -> None:
     sound[::7] = np.nan
     sound[::11] = np.inf
     statistics = measure(sound)[-1]
-    assert np.isfinite([*statistics.level_dbfs, *statistics.hum_dbfs, statistics.correlation]).all()
+    assert np.isfinite(
+        [*statistics.level_dbfs, *statistics.hum_dbfs, statistics.correlation]
+    ).all()
 
 
 def test_silence_and_one_channel_have_measures_too() -> None:

@@ -32,23 +32,42 @@ class Scripted:
 
     card, no_touch = SimpleNamespace(decision=DecisionRule(), channels=2), None
 
-    def __init__(self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = 0.5) -> None:
-        self._touches, self._level_dbfs, self._smooth, self._done = touches, level_dbfs, smooth, 0
+    def __init__(
+        self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = 0.5
+    ) -> None:
+        self._touches, self._level_dbfs, self._smooth, self._done = (
+            touches,
+            level_dbfs,
+            smooth,
+            0,
+        )
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(-40.0), 0.0
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         first, self._done = self._done, block.end // HOP
-        return [self._predict(number) for number in range(first, min(self._done, len(self._touches)))]
+        return [
+            self._predict(number)
+            for number in range(first, min(self._done, len(self._touches)))
+        ]
 
-    def process(self, block: AudioBlock) -> Generator[Any, list[Prediction], list[Prediction]]:
+    def process(
+        self, block: AudioBlock
+    ) -> Generator[Any, list[Prediction], list[Prediction]]:
         yield from ()
         return self.push(block)
 
     def _predict(self, number: int) -> Prediction:
         touch, end = self._touches[number], (number + 1) * self.hop
         share = self._smooth if touch is Touch.SMOOTH else 0.5
-        return Prediction((0.0, share, 1 - share), touch, 0.8 * touch / 2, self._level_dbfs, end - 0.032, end)
+        return Prediction(
+            (0.0, share, 1 - share),
+            touch,
+            0.8 * touch / 2,
+            self._level_dbfs,
+            end - 0.032,
+            end,
+        )
 
     def flush(self) -> list[Prediction]:
         return []
@@ -58,14 +77,24 @@ class Scripted:
 
 
 @pytest.mark.parametrize("decided", [Touch.SMOOTH, Touch.ROUGH])
-def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(decided: Touch) -> None:
+def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(
+    decided: Touch,
+) -> None:
     touches = [Touch.NONE] * 10 + [decided] * 10 + [Touch.NONE] * 5 + [Touch.NONE] * 5
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
-    sound[10 * HOP : 25 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((15 * HOP, 1))
-    detector = TouchDetector(Scripted(touches), ContactGate(-40, sample_rate=RATE, rule="banded"), window=0.032)
+    sound[10 * HOP : 25 * HOP] = 0.1 * np.random.default_rng(0).standard_normal(
+        (15 * HOP, 1)
+    )
+    detector = TouchDetector(
+        Scripted(touches),
+        ContactGate(-40, sample_rate=RATE, rule="banded"),
+        window=0.032,
+    )
     found = detector.push(AudioBlock(sound, RATE))
     during = [each for each in found if 0.2 < each.end <= 0.25]
-    assert {(each.touch, each.roughness) for each in during} == {(decided, 0.8 * decided / 2)}
+    assert {(each.touch, each.roughness) for each in during} == {
+        (decided, 0.8 * decided / 2)
+    }
     assert found[-1].touch is Touch.NONE
 
 
@@ -74,27 +103,44 @@ def test_rough_outlasts_the_gates_level_by_a_short_pause() -> None:
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-    found = TouchDetector(Scripted(touches), gate, window=0.032).push(AudioBlock(sound, RATE))
-    silent = next(each.end for each in found if each.touch is Touch.SMOOTH and each.end > 0.2)
+    found = TouchDetector(Scripted(touches), gate, window=0.032).push(
+        AudioBlock(sound, RATE)
+    )
+    silent = next(
+        each.end for each in found if each.touch is Touch.SMOOTH and each.end > 0.2
+    )
     # The gate's longer level falls for up to 32 ms before the hold begins.
-    assert max(each.end for each in found if each.touch is Touch.ROUGH) < 0.2 + 0.032 + PAUSE
-    assert {each.touch for each in found if silent <= each.end < silent + 0.05} == {Touch.SMOOTH}
+    assert (
+        max(each.end for each in found if each.touch is Touch.ROUGH)
+        < 0.2 + 0.032 + PAUSE
+    )
+    assert {each.touch for each in found if silent <= each.end < silent + 0.05} == {
+        Touch.SMOOTH
+    }
 
 
-@pytest.mark.parametrize(("over_db", "pause"), [(FADED_DB + 1, PAUSE), (FADED_DB - 1, FADED_PAUSE)])
-def test_rough_outlasts_sound_that_fades_for_longer_than_sound_that_stops(over_db: float, pause: float) -> None:
+@pytest.mark.parametrize(
+    ("over_db", "pause"), [(FADED_DB + 1, PAUSE), (FADED_DB - 1, FADED_PAUSE)]
+)
+def test_rough_outlasts_sound_that_fades_for_longer_than_sound_that_stops(
+    over_db: float, pause: float
+) -> None:
     touches = [Touch.ROUGH] * 20 + [Touch.NONE] * 20
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
     gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-    found = TouchDetector(Scripted(touches, -40 + over_db), gate, window=0.032).push(AudioBlock(sound, RATE))
+    found = TouchDetector(Scripted(touches, -40 + over_db), gate, window=0.032).push(
+        AudioBlock(sound, RATE)
+    )
     held_from = next(contact.time for contact in _contacts(sound) if contact.held)
     ends = max(each.end for each in found if each.touch is Touch.ROUGH)
     assert held_from + pause - 0.01 <= ends < held_from + pause
 
 
 def _contacts(sound: np.ndarray) -> list[Contact]:
-    return ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1).push(AudioBlock(sound, RATE))
+    return ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1).push(
+        AudioBlock(sound, RATE)
+    )
 
 
 def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:
@@ -102,30 +148,47 @@ def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:
     sound = np.zeros((len(touches) * HOP, 1), np.float32)
     loud = 0.1 * np.random.default_rng(0).standard_normal((10 * HOP, 1))
     sound[: 10 * HOP], sound[20 * HOP :] = loud, loud
-    detector = TouchDetector(Scripted(touches), ContactGate(-40, sample_rate=RATE, rule="banded"), window=0.032)
+    detector = TouchDetector(
+        Scripted(touches),
+        ContactGate(-40, sample_rate=RATE, rule="banded"),
+        window=0.032,
+    )
     found = detector.push(AudioBlock(sound, RATE))
     assert {each.touch for each in found if each.end > 0.21} == {Touch.SMOOTH}
 
 
 @pytest.mark.parametrize(
     ("rough", "smooth", "share", "remains"),
-    [(60, 3, 0.6, True), (60, 3, 0.99, False), (60, 20, 0.6, False), (6, 3, 0.6, False)],
+    [
+        (60, 3, 0.6, True),
+        (60, 3, 0.99, False),
+        (60, 20, 0.6, False),
+        (6, 3, 0.6, False),
+    ],
 )
 def test_rough_stands_until_smooth_is_evident_and_the_sooner_the_shorter_it_was(
     rough: int, smooth: int, share: float, remains: bool
 ) -> None:
     touches = [Touch.ROUGH] * rough + [Touch.SMOOTH] * smooth + [Touch.ROUGH] * 5
-    sound = 0.1 * np.random.default_rng(0).standard_normal((len(touches) * HOP, 1)).astype(np.float32)
+    sound = 0.1 * np.random.default_rng(0).standard_normal(
+        (len(touches) * HOP, 1)
+    ).astype(np.float32)
     gate = ContactGate(-40, sample_rate=RATE, rule="banded")
-    found = TouchDetector(Scripted(touches, smooth=share), gate, window=0.032).push(AudioBlock(sound, RATE))
+    found = TouchDetector(Scripted(touches, smooth=share), gate, window=0.032).push(
+        AudioBlock(sound, RATE)
+    )
     later = {each.touch for each in found if each.end > 0.055}
     assert later == ({Touch.ROUGH} if remains else {Touch.ROUGH, Touch.SMOOTH})
 
 
 def test_a_landing_is_not_rough() -> None:
-    sound = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1)).astype(np.float32)
+    sound = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1)).astype(
+        np.float32
+    )
     gate = ContactGate(-40, sample_rate=RATE, rule="banded")
-    found = TouchDetector(Scripted([Touch.ROUGH] * 20), gate, window=0.032).push(AudioBlock(sound, RATE))
+    found = TouchDetector(Scripted([Touch.ROUGH] * 20), gate, window=0.032).push(
+        AudioBlock(sound, RATE)
+    )
     begin = next(each.end for each in found if each.touch is not Touch.NONE)
     early = {each.touch for each in found if begin <= each.end < begin + LANDED - 0.001}
     assert early == {Touch.SMOOTH}
@@ -135,9 +198,16 @@ def test_a_landing_is_not_rough() -> None:
 def test_the_state_moves_as_the_table_says_and_reaches_every_state() -> None:
     random, seen = np.random.default_rng(3), set[tuple[TouchState, TouchState]]()
     for seed in range(40):
-        touches = [Touch(int(each)) for each in np.repeat(random.integers(0, 3, 40), random.integers(1, 12, 40))]
+        touches = [
+            Touch(int(each))
+            for each in np.repeat(random.integers(0, 3, 40), random.integers(1, 12, 40))
+        ]
         loud = np.repeat(random.random(len(touches) // 2 + 1) < 0.6, 2)[: len(touches)]
-        sound = np.repeat(loud, HOP)[:, None] * 0.1 * np.random.default_rng(seed).standard_normal((len(loud) * HOP, 1))
+        sound = (
+            np.repeat(loud, HOP)[:, None]
+            * 0.1
+            * np.random.default_rng(seed).standard_normal((len(loud) * HOP, 1))
+        )
         scripted = Scripted(touches, level_dbfs=random.choice([-20.0, -45.0]))
         gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
         detector = TouchDetector(scripted, gate, window=0.032)
@@ -147,7 +217,11 @@ def test_the_state_moves_as_the_table_says_and_reaches_every_state() -> None:
     assert {state for state, _ in seen} == set(TouchState)
 
 
-def watch(detector: TouchDetector, seen: set[tuple[TouchState, TouchState]], random: np.random.Generator) -> None:
+def watch(
+    detector: TouchDetector,
+    seen: set[tuple[TouchState, TouchState]],
+    random: np.random.Generator,
+) -> None:
     """Note the state before and after each update, of which some are faulty."""
     revise = detector._revise
 

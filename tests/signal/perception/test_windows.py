@@ -12,7 +12,10 @@ def test_any_block_size_gives_the_same_windows(size: int) -> None:
     windower = Windower(512, Fraction(64, 3), channels=1)
     found = []
     for start in range(0, len(samples), size):
-        found += [(end, window.copy()) for end, window in windower.push(samples[start : start + size])]
+        found += [
+            (end, window.copy())
+            for end, window in windower.push(samples[start : start + size])
+        ]
     assert [end for end, _ in found] == [512 + k * 64 // 3 for k in range(70)]
     assert all(window[-1, 0] == end - 1 and len(window) == 512 for end, window in found)
 

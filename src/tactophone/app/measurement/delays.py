@@ -56,7 +56,9 @@ class DecisionDelays:
     missed_edges: int = 0
 
 
-def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) -> DecisionDelays:
+def measure_decisions(
+    pipeline: Pipeline, *, passes: int = 20, seed: int = 0
+) -> DecisionDelays:
     """Stroke, detect and render, and measure the delays.
 
     The pipeline is for two channels at 48 kHz. Of ``passes`` over the edge, a lift and a new touch follow every fourth.
@@ -65,19 +67,28 @@ def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) ->
     touch = _without_hops(touch)
     delays = DecisionDelays()
     touching = touch != Touch.NONE
-    longest, lasting = int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE), int(CHANGED_FOR * LIVE_SAMPLE_RATE)
+    longest, lasting = (
+        int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE),
+        int(CHANGED_FOR * LIVE_SAMPLE_RATE),
+    )
     for onset in _onsets(touching):
-        loud = np.flatnonzero(np.abs(waveform[onset : onset + longest]) > FIRST_VIBRATION)
+        loud = np.flatnonzero(
+            np.abs(waveform[onset : onset + longest]) > FIRST_VIBRATION
+        )
         if len(loud):
             delays.touch.append(float(loud[0]) / LIVE_SAMPLE_RATE)
         else:
             delays.missed_touches += 1
-    for edge in np.flatnonzero((touch[1:] != touch[:-1]) & touching[1:] & touching[:-1]) + 1:
+    for edge in (
+        np.flatnonzero((touch[1:] != touch[:-1]) & touching[1:] & touching[:-1]) + 1
+    ):
         # The vibration has changed once its frequency is on the new surface's side of `MIDDLE` and stays there.
         after = frequency[edge : edge + longest]
         changed = after < MIDDLE if touch[edge] == Touch.ROUGH else after > MIDDLE
         # The convolution counts the changed samples in each stretch of `lasting`.
-        found = np.flatnonzero(np.convolve(changed, np.ones(lasting), mode="valid") == lasting)
+        found = np.flatnonzero(
+            np.convolve(changed, np.ones(lasting), mode="valid") == lasting
+        )
         if len(found):
             delays.edge.append(float(found[0]) / LIVE_SAMPLE_RATE)
         else:
@@ -91,12 +102,18 @@ def _without_hops(touch: NDArray[np.int8]) -> NDArray[np.int8]:
     starts = np.flatnonzero(np.diff(touch, prepend=np.int8(-1)))
     ends = np.append(starts[1:], len(touch))
     for start, end in zip(starts, ends, strict=True):
-        if start and touch[start] == Touch.NONE and end - start < HOP * LIVE_SAMPLE_RATE:
+        if (
+            start
+            and touch[start] == Touch.NONE
+            and end - start < HOP * LIVE_SAMPLE_RATE
+        ):
             filled[start:end] = filled[start - 1]
     return filled
 
 
-def _render(pipeline: Pipeline, passes: int, seed: int) -> tuple[NDArray[np.int8], FloatArray, NDArray[np.float64]]:
+def _render(
+    pipeline: Pipeline, passes: int, seed: int
+) -> tuple[NDArray[np.int8], FloatArray, NDArray[np.float64]]:
     """Return, sample by sample, the true touch, the waveform, and the frequency of the newest command in Hz.
 
     The frequency is that after each sample's block, and NaN while the command's amplitude is 0.
@@ -118,7 +135,11 @@ def _render(pipeline: Pipeline, passes: int, seed: int) -> tuple[NDArray[np.int8
         if step.command is not None:
             newest = step.command.frequency if step.command.amplitude else np.nan
         frequency.append(newest)
-    return np.concatenate(touch), np.concatenate(waveform[:-1]), np.repeat(np.array(frequency[:-1]), BLOCK)
+    return (
+        np.concatenate(touch),
+        np.concatenate(waveform[:-1]),
+        np.repeat(np.array(frequency[:-1]), BLOCK),
+    )
 
 
 def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
@@ -133,9 +154,15 @@ def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
             script.hover(0.6)
             script.land(force)
         reach = rng.uniform(0.2, 0.35) * STONE_PITCH
-        script.stroke(STONE_PITCH + (reach if number % 2 == 0 else -reach), rng.uniform(0.7, 1.1), force)
+        script.stroke(
+            STONE_PITCH + (reach if number % 2 == 0 else -reach),
+            rng.uniform(0.7, 1.1),
+            force,
+        )
     script.hover(0.5)
-    return SimulatedFinger(scene, script.moves, seed=seed, place=(STONE_PITCH * 0.7, depth)), script.time
+    return SimulatedFinger(
+        scene, script.moves, seed=seed, place=(STONE_PITCH * 0.7, depth)
+    ), script.time
 
 
 def _onsets(touching: NDArray[np.bool_]) -> Iterator[int]:

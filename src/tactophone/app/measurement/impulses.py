@@ -79,11 +79,25 @@ class ImpulsePlayer:
     """Plays impulses and records the vibration; ``process`` is for a JACK client and allocates nothing."""
 
     def __init__(self, impulses: int, *, seed: int = 0) -> None:
-        gaps = np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, impulses) * LIVE_SAMPLE_RATE
-        self.impulses: NDArray[np.int64] = (IMPULSE_WARM_UP * LIVE_SAMPLE_RATE + np.cumsum(gaps)).astype(np.int64)
+        gaps = (
+            np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, impulses)
+            * LIVE_SAMPLE_RATE
+        )
+        self.impulses: NDArray[np.int64] = (
+            IMPULSE_WARM_UP * LIVE_SAMPLE_RATE + np.cumsum(gaps)
+        ).astype(np.int64)
         size = int(self.impulses[-1] + INTERVALS[1] * LIVE_SAMPLE_RATE)
-        self.played, self.vibration = np.zeros(size, np.float32), np.zeros(size, np.float32)
-        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(PROBE_BURST * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE)
+        self.played, self.vibration = (
+            np.zeros(size, np.float32),
+            np.zeros(size, np.float32),
+        )
+        burst = PEAK * np.cos(
+            2
+            * np.pi
+            * TONE
+            * np.arange(int(PROBE_BURST * LIVE_SAMPLE_RATE))
+            / LIVE_SAMPLE_RATE
+        )
         for impulse in self.impulses:
             self.played[impulse : impulse + len(burst)] = burst
         self.position = 0
@@ -119,47 +133,78 @@ class ImpulsePlayer:
         for impulse in self.impulses:
             after = self.vibration[impulse : impulse + int(LONGEST * LIVE_SAMPLE_RATE)]
             found = np.flatnonzero(np.abs(after) > FIRST_ARRIVAL)
-            if len(found) and not np.abs(self.vibration[impulse - 480 : impulse]).max() > FIRST_ARRIVAL:
+            if (
+                len(found)
+                and not np.abs(self.vibration[impulse - 480 : impulse]).max()
+                > FIRST_ARRIVAL
+            ):
                 yield int(impulse), int(impulse + found[0])
 
     def clock(self, sample: int) -> float:
         """Return the system clock (s) at a sample, counted from the start of its period."""
-        start, begun = self.cycles[np.searchsorted(self.cycles[:, 0], sample, side="right") - 1]
+        start, begun = self.cycles[
+            np.searchsorted(self.cycles[:, 0], sample, side="right") - 1
+        ]
         return float(begun + (sample - start) / LIVE_SAMPLE_RATE)
 
 
-def analyse(player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], *, period: int) -> ImpulseLatency:
+def analyse(
+    player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], *, period: int
+) -> ImpulseLatency:
     """Follow the packet of each impulse through the marks."""
     onsets = list(player.onsets())
     found = [_moments(player, marks, impulse, onset) for impulse, onset in onsets]
     complete = [pair for pair, moments in zip(onsets, found, strict=True) if moments]
-    followed = np.array([(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in complete])
+    followed = np.array(
+        [(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in complete]
+    )
     # Rows are impulses; the differences of nine successive moments are the durations of the eight stages.
-    table = np.diff(np.array([moments for moments in found if moments]).reshape(-1, len(STAGES) + 1), axis=1)
+    table = np.diff(
+        np.array([moments for moments in found if moments]).reshape(
+            -1, len(STAGES) + 1
+        ),
+        axis=1,
+    )
     return ImpulseLatency(
         impulses=len(player.impulses),
-        end_to_end=np.array([(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in onsets]),
+        end_to_end=np.array(
+            [(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in onsets]
+        ),
         stages={stage: table[:, index] for index, stage in enumerate(STAGES)},
-        disagreement=float(abs(table.sum(axis=1).mean() - followed.mean())) if len(followed) else float("nan"),
+        disagreement=float(abs(table.sum(axis=1).mean() - followed.mean()))
+        if len(followed)
+        else float("nan"),
         period=period,
     )
 
 
-def _moments(player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], impulse: int, onset: int) -> list[float] | None:
+def _moments(
+    player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], impulse: int, onset: int
+) -> list[float] | None:
     """Return the nine moments that bound the eight stages; ``None`` when a mark is missing."""
-    period_start = player.cycles[np.searchsorted(player.cycles[:, 0], impulse, side="right") - 1, 1]
+    period_start = player.cycles[
+        np.searchsorted(player.cycles[:, 0], impulse, side="right") - 1, 1
+    ]
     captured = int(np.searchsorted(marks["captured"]["time"], period_start))
     # The operator's callback of the same period ran before the player's, so its mark is the last one before it.
-    played = player.cycles[np.searchsorted(player.cycles[:, 0], onset, side="right") - 1, 1]
+    played = player.cycles[
+        np.searchsorted(player.cycles[:, 0], onset, side="right") - 1, 1
+    ]
     rendered = int(np.searchsorted(marks["rendered"]["time"], played)) - 1
     if captured == len(marks["captured"]) or rendered < 0:
         return None
     end = int(marks["rendered"]["position"][rendered])
-    times = [_time_at(marks[name], end) for name in ("sent", "received", "released", "decoded", "detected")]
+    times = [
+        _time_at(marks[name], end)
+        for name in ("sent", "received", "released", "decoded", "detected")
+    ]
     found = [moment for moment in times if moment is not None]
     if len(found) < len(times):
         return None
-    first, last = (float(marks[name]["time"][row]) for name, row in (("captured", captured), ("rendered", rendered)))
+    first, last = (
+        float(marks[name]["time"][row])
+        for name, row in (("captured", captured), ("rendered", rendered))
+    )
     return [player.clock(impulse), first, *found, last, player.clock(onset)]
 
 
@@ -180,7 +225,12 @@ class Graph:
 
 
 def measure(
-    settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0, progress: Callable[[float], None] = ignore
+    settings: Settings,
+    graph: Graph,
+    *,
+    impulses: int = 100,
+    seed: int = 0,
+    progress: Callable[[float], None] = ignore,
 ) -> ImpulseLatency:
     """Run both sides on this machine, play impulses, and measure.
 
@@ -196,17 +246,28 @@ def measure(
         # Of a hand, the last finger: its step is computed after those of all others.
         last = fingers[-1] or "vibration"
         inputs = {"vibration": graph.vibration_port or f"{operator.name}:{last}"}
-        client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
+        client = JackClient(
+            "tactophone-player",
+            player.process,
+            inputs=inputs,
+            outputs=outputs,
+            server=graph.server,
+        )
         with closing(client):
             client.open()
-            marks = _collect(player, Watcher(robot.name), Watcher(operator.name), progress)
+            marks = _collect(
+                player, Watcher(robot.name), Watcher(operator.name), progress
+            )
             period = client.period
         restarts = robot.restarts + operator.restarts
     return replace(analyse(player, marks, period=period), restarts=restarts)
 
 
 def _collect(
-    player: ImpulsePlayer, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
+    player: ImpulsePlayer,
+    robot: Watcher,
+    operator: Watcher,
+    progress: Callable[[float], None],
 ) -> dict[str, NDArray[np.void]]:
     """Wait until the player is done, and collect the marks before they are overwritten."""
     kept: dict[str, list[NDArray[np.void]]] = {name: [] for name in MARKS}
@@ -214,22 +275,36 @@ def _collect(
         time.sleep(COLLECT_EVERY)
         progress(player.position / len(player.played))
         for name, found in kept.items():
-            found.append((robot if name in ("captured", "sent") else operator).marks(name))
+            found.append(
+                (robot if name in ("captured", "sent") else operator).marks(name)
+            )
     # Unique: two reads may return the same marks, and two packets at one moment differ.
     whole = {name: np.unique(np.concatenate(found)) for name, found in kept.items()}
-    return {name: found[np.argsort(found["time"], kind="stable")] for name, found in whole.items()}
+    return {
+        name: found[np.argsort(found["time"], kind="stable")]
+        for name, found in whole.items()
+    }
 
 
 @contextmanager
-def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
+def running_sides(
+    settings: Settings, graph: Graph, *, open_source: OpenSource = open_device
+) -> Iterator[Sides]:
     """Run operator and robot, and yield both once they are connected; the robot captures ``open_source``."""
-    changes = ["detector.check_microphones=false", "capture.source=jack", "output.actuator=jack"]
+    changes = [
+        "detector.check_microphones=false",
+        "capture.source=jack",
+        "output.actuator=jack",
+    ]
     if graph.server:
         changes.append(f"process.jack_server={graph.server}")
     if not graph.impulse_port:  # else the path leads over hardware outside the graph
         free = dict.fromkeys(("capture.contact", "capture.air", "output.port"), "-")
         changes += [f"{name}={port}" for name, port in free.items()]
-        fingers = (Finger(each.name, tuple((dict(each.settings) | free).items())) for each in settings.fingers)
+        fingers = (
+            Finger(each.name, tuple((dict(each.settings) | free).items()))
+            for each in settings.fingers
+        )
         settings = replace(settings, fingers=tuple(fingers))
     settings = change(settings, changes)
     name = f"{settings.process.name or 'latency'}-{secrets.token_hex(3)}"

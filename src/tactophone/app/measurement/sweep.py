@@ -54,7 +54,9 @@ def sweep(amplitude: float, *, duration: float = SWEEP_DURATION) -> FloatArray:
     phase = 2 * np.pi * LOWEST * duration / rate * np.expm1(time_axis * rate / duration)
     edge = np.minimum(1.0, np.minimum(time_axis, duration - time_axis) / 0.05)
     silence = np.zeros(round(_PAUSE * LIVE_SAMPLE_RATE))
-    return np.concatenate([silence, amplitude * edge * np.sin(phase), silence]).astype(np.float32)
+    return np.concatenate([silence, amplitude * edge * np.sin(phase), silence]).astype(
+        np.float32
+    )
 
 
 def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredResponse:
@@ -65,7 +67,9 @@ def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredRe
     """
     noise = recorded[: round(0.8 * _PAUSE * LIVE_SAMPLE_RATE)]
     frequencies = np.geomspace(LOWEST * 1.1, HIGHEST / 1.1, POINTS)
-    amplitudes = np.array([_amplitude(recorded, frequency, duration) for frequency in frequencies])
+    amplitudes = np.array(
+        [_amplitude(recorded, frequency, duration) for frequency in frequencies]
+    )
     floor = max(float(np.sqrt(2) * noise.std()), 1e-9)
     peak = int(np.argmax(amplitudes))
     snr_db = 20 * math.log10(max(float(amplitudes[peak]), 1e-12) / floor)
@@ -78,18 +82,35 @@ def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredRe
     inside = np.flatnonzero(levels >= -BAND_DB)
     resonance = _vertex(np.log(frequencies), levels, peak)
     band = float(frequencies[inside[0]]), float(frequencies[inside[-1]])
-    return MeasuredResponse(tuple(frequencies), tuple(levels), math.exp(resonance), *band, snr_db=snr_db)
+    return MeasuredResponse(
+        tuple(frequencies), tuple(levels), math.exp(resonance), *band, snr_db=snr_db
+    )
 
 
 def _amplitude(recorded: FloatArray, frequency: float, duration: float) -> float:
     """Return the greatest amplitude of a frequency around the moment at which the sweep passes it."""
-    passes = _PAUSE + duration * math.log(frequency / LOWEST) / math.log(HIGHEST / LOWEST)
+    passes = _PAUSE + duration * math.log(frequency / LOWEST) / math.log(
+        HIGHEST / LOWEST
+    )
     width = round(min(0.5, max(0.1, 12 / frequency)) * LIVE_SAMPLE_RATE)
     # Sound cards delay by up to 0.3 s: the loudest of several windows is that at which the sweep passes.
-    starts = round(passes * LIVE_SAMPLE_RATE) - width // 2 + np.arange(0, LIVE_SAMPLE_RATE * 3 // 10, width // 4)
+    starts = (
+        round(passes * LIVE_SAMPLE_RATE)
+        - width // 2
+        + np.arange(0, LIVE_SAMPLE_RATE * 3 // 10, width // 4)
+    )
     window = np.hanning(width)
-    probe = window * np.exp(-2j * np.pi * frequency * np.arange(width) / LIVE_SAMPLE_RATE) * 2 / window.sum()
-    found = [abs(recorded[start : start + width] @ probe) for start in starts if 0 <= start <= len(recorded) - width]
+    probe = (
+        window
+        * np.exp(-2j * np.pi * frequency * np.arange(width) / LIVE_SAMPLE_RATE)
+        * 2
+        / window.sum()
+    )
+    found = [
+        abs(recorded[start : start + width] @ probe)
+        for start in starts
+        if 0 <= start <= len(recorded) - width
+    ]
     return max(found, default=0.0)
 
 
@@ -99,7 +120,11 @@ def _vertex(x: NDArray[np.float64], y: NDArray[np.float64], peak: int) -> float:
         return float(x[peak])
     below, top, above = y[peak - 1 : peak + 2]
     curvature = below - 2 * top + above
-    return float(x[peak] + (0.0 if curvature == 0 else 0.5 * (below - above) / curvature) * (x[peak] - x[peak - 1]))
+    return float(
+        x[peak]
+        + (0.0 if curvature == 0 else 0.5 * (below - above) / curvature)
+        * (x[peak] - x[peak - 1])
+    )
 
 
 class SweepRecorder:
@@ -128,10 +153,21 @@ class SweepRecorder:
         if self._played and not self._ended.is_set():
             self._recorded.append(inputs[0].copy())
 
-    def run(self, open_input: Callable[[Process], Device], open_output: Callable[[], Device]) -> FloatArray:
-        with closing(open_input(self.record)) as microphone, closing(open_output()) as actuator:
+    def run(
+        self, open_input: Callable[[Process], Device], open_output: Callable[[], Device]
+    ) -> FloatArray:
+        with (
+            closing(open_input(self.record)) as microphone,
+            closing(open_output()) as actuator,
+        ):
             microphone.open()
             actuator.open()
             if not self._ended.wait(len(self._waveform) / LIVE_SAMPLE_RATE + 5):
-                raise DeviceError("the sound card stopped during the sweep: see `tactophone devices`")
-        return np.concatenate(self._recorded) if self._recorded else np.zeros(0, np.float32)
+                raise DeviceError(
+                    "the sound card stopped during the sweep: see `tactophone devices`"
+                )
+        return (
+            np.concatenate(self._recorded)
+            if self._recorded
+            else np.zeros(0, np.float32)
+        )

@@ -61,14 +61,23 @@ class FoxgloveBridge:
 
     interval = FOXGLOVE_INTERVAL
 
-    def __init__(self, name: str, address: str = FOXGLOVE_ADDRESS, *, token: str = "") -> None:
+    def __init__(
+        self, name: str, address: str = FOXGLOVE_ADDRESS, *, token: str = ""
+    ) -> None:
         self.name, self.token = name, token
         self._reader = RunReader(name)
         self._sound = SoundMessages(self._reader.names)
-        shown = [topic for topic in topics_of(self._reader.names, sound=True) if topic is not PACKETS]
+        shown = [
+            topic
+            for topic in topics_of(self._reader.names, sound=True)
+            if topic is not PACKETS
+        ]
         self._shown = {topic.name: number for number, topic in enumerate(shown, 1)}
         self._advertised = json.dumps(
-            {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
+            {
+                "op": "advertise",
+                "channels": [*map(_channel, range(1, len(shown) + 1), shown)],
+            }
         )
         self._listening = listen(address, "--bridge foxglove", example=FOXGLOVE_ADDRESS)
         self._acceptor = Acceptor()
@@ -77,7 +86,9 @@ class FoxgloveBridge:
         # A viewer that comes later needs the start of the run and its state too.
         self._latched: dict[str, Message] = {}
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve, name="foxglove", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name="foxglove", daemon=True
+        )
 
     @property
     def port(self) -> int:
@@ -124,7 +135,9 @@ class FoxgloveBridge:
         app.router.add_get("/{token}", self._view)
         runner = web.AppRunner(app, **RUNNER)
         self._loop.run_until_complete(runner.setup())
-        accepting = self._loop.create_task(self._acceptor.serve(runner, self._listening))
+        accepting = self._loop.create_task(
+            self._acceptor.serve(runner, self._listening)
+        )
         self._ready.set()
         self._loop.run_forever()
         accepting.cancel()
@@ -140,15 +153,30 @@ class FoxgloveBridge:
             return web.Response(status=403, text=f"Refused: {refused}.\n")
         self._acceptor.known.add(request.protocol)
         if len(self._viewers) >= FOXGLOVE_VIEWERS:
-            return web.Response(status=503, text=f"{FOXGLOVE_VIEWERS} viewers are connected already: close one.\n")
-        view = web.WebSocketResponse(protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20)
+            return web.Response(
+                status=503,
+                text=f"{FOXGLOVE_VIEWERS} viewers are connected already: close one.\n",
+            )
+        view = web.WebSocketResponse(
+            protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20
+        )
         await view.prepare(request)
         if view.ws_protocol is None:
-            await view.close(code=1002, message=f"wanted one of {', '.join(PROTOCOLS)}".encode())
+            await view.close(
+                code=1002, message=f"wanted one of {', '.join(PROTOCOLS)}".encode()
+            )
             return view
         viewer = _Viewer(view, self._shown, self._latched)
-        info = {"op": "serverInfo", "name": f"tactophone {self.name}", "capabilities": [], "metadata": {}}
-        info |= {"supportedEncodings": ["json", "protobuf"], "sessionId": secrets.token_hex(4)}
+        info = {
+            "op": "serverInfo",
+            "name": f"tactophone {self.name}",
+            "capabilities": [],
+            "metadata": {},
+        }
+        info |= {
+            "supportedEncodings": ["json", "protobuf"],
+            "sessionId": secrets.token_hex(4),
+        }
         await view.send_str(json.dumps(info))
         await view.send_str(self._advertised)
         self._viewers.add(viewer)
@@ -166,20 +194,33 @@ class FoxgloveBridge:
         return view
 
     def _refusal(self, request: "web.Request") -> str:
-        if not secrets.compare_digest(request.match_info["token"].encode(), self.token.encode()):
+        if not secrets.compare_digest(
+            request.match_info["token"].encode(), self.token.encode()
+        ):
             return "the token is wrong"
         origin = request.headers.get("Origin")
         local = re.fullmatch(r"http://(127\.0\.0\.1|localhost):[0-9]+", origin or "")
-        return "" if origin is None or origin in ORIGINS or local else "Origin is another page"
+        return (
+            ""
+            if origin is None or origin in ORIGINS or local
+            else "Origin is another page"
+        )
 
 
 class _Viewer:
     """One viewer: what it subscribed to, and what waits for it."""
 
-    def __init__(self, view: "web.WebSocketResponse", shown: dict[str, int], latched: dict[str, Message]) -> None:
+    def __init__(
+        self,
+        view: "web.WebSocketResponse",
+        shown: dict[str, int],
+        latched: dict[str, Message],
+    ) -> None:
         self.socket = view
         self._shown, self._latched = shown, latched
-        self._subscribed: dict[int, int] = {}  # channel -> the viewer's number of the subscription
+        self._subscribed: dict[
+            int, int
+        ] = {}  # channel -> the viewer's number of the subscription
         self._waiting: deque[Message] = deque(maxlen=CLIENT_BACKLOG)
         self._wake = asyncio.Event()
 
@@ -202,9 +243,18 @@ class _Viewer:
             elif request["op"] == "unsubscribe":
                 ended = {int(number) for number in request["subscriptionIds"]}
                 self._subscribed = {
-                    channel: number for channel, number in self._subscribed.items() if number not in ended
+                    channel: number
+                    for channel, number in self._subscribed.items()
+                    if number not in ended
                 }
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+            RecursionError,
+        ):
             return
 
     async def send(self) -> None:
@@ -230,8 +280,16 @@ class _Viewer:
 def _channel(number: int, topic: Topic) -> dict[str, Any]:
     schema = topic.schema
     # Binary schemas travel as base64.
-    text = base64.b64encode(schema.data).decode() if schema.encoding == "protobuf" else schema.data.decode()
+    text = (
+        base64.b64encode(schema.data).decode()
+        if schema.encoding == "protobuf"
+        else schema.data.decode()
+    )
     return {
-        "id": number, "topic": topic.name, "encoding": schema.message_encoding,
-        "schemaName": schema.name, "schemaEncoding": schema.encoding, "schema": text,
-    }  # fmt: skip
+        "id": number,
+        "topic": topic.name,
+        "encoding": schema.message_encoding,
+        "schemaName": schema.name,
+        "schemaEncoding": schema.encoding,
+        "schema": text,
+    }

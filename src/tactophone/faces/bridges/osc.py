@@ -18,7 +18,11 @@ DATAGRAMS = 32
 
 STOP = "/tactophone/stop"
 
-VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "amplitude": "TactophoneVibration"}
+VRCHAT = {
+    "roughness": "TactophoneRoughness",
+    "contact": "TactophoneContact",
+    "amplitude": "TactophoneVibration",
+}
 """Avatar parameters, floats from 0 to 1, that VRChat and bHapticsOSC map to devices."""
 
 
@@ -38,12 +42,24 @@ class OscBridge:
 
     interval = OSC_INTERVAL
 
-    def __init__(self, name: str, target: str, *, finger: str = "index", listen: int = 0, avatar: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        target: str,
+        *,
+        finger: str = "index",
+        listen: int = 0,
+        avatar: bool = False,
+    ) -> None:
         host, _, port = target.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-            raise ConfigError(f"--bridge osc={target}: wanted HOST:PORT, such as osc=127.0.0.1:9000")
+            raise ConfigError(
+                f"--bridge osc={target}: wanted HOST:PORT, such as osc=127.0.0.1:9000"
+            )
         if not 0 <= listen < 1 << 16:
-            raise ConfigError(f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none")
+            raise ConfigError(
+                f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none"
+            )
         self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
         self._reader = PredictionReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
@@ -59,7 +75,9 @@ class OscBridge:
                 self._inbound.setblocking(False)
                 self._inbound.bind(("127.0.0.1", self._listen))
         except OSError as error:
-            raise ConfigError(f"--bridge osc: {error}; choose another address or port") from error
+            raise ConfigError(
+                f"--bridge osc: {error}; choose another address or port"
+            ) from error
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -92,10 +110,21 @@ class OscBridge:
             (f"{base}/vibration", [command.amplitude, command.frequency]),
         ]
         if self._avatar:
-            values = {"roughness": passed.roughness, "contact": float(passed.contact), "amplitude": command.amplitude}
+            values = {
+                "roughness": passed.roughness,
+                "contact": float(passed.contact),
+                "amplitude": command.amplitude,
+            }
             # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.
-            ending = passed.finger.title().replace("-", "") if len(self._reader.fingers) > 1 else ""
-            messages += [(f"/avatar/parameters/{VRCHAT[name]}{ending}", value) for name, value in values.items()]
+            ending = (
+                passed.finger.title().replace("-", "")
+                if len(self._reader.fingers) > 1
+                else ""
+            )
+            messages += [
+                (f"/avatar/parameters/{VRCHAT[name]}{ending}", value)
+                for name, value in values.items()
+            ]
         return messages
 
     def _receive(self) -> None:

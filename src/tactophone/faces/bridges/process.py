@@ -41,16 +41,22 @@ class BridgeProcess:
     Raises `TactophoneError` when the bridge cannot begin: its file cannot be written, its library is missing.
     """
 
-    def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = ignore) -> None:
+    def __init__(
+        self, build: Callable[[], Bridge], *, report: Callable[[str], None] = ignore
+    ) -> None:
         self._name = getattr(build, "func", build).__name__
         self._report = report
         self._asked_to_end = False
-        self._child = Child(_run, build, name="tactophone-bridge", niceness=BRIDGE_NICENESS)
+        self._child = Child(
+            _run, build, name="tactophone-bridge", niceness=BRIDGE_NICENESS
+        )
         self.pid = self._child.pid
         self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
 
     def __enter__(self) -> Self:
-        kind, text = next(self._child.messages(BRIDGE_START_TIMEOUT), ("", "a bridge did not begin"))
+        kind, text = next(
+            self._child.messages(BRIDGE_START_TIMEOUT), ("", "a bridge did not begin")
+        )
         if kind != "ready":
             self._end()
             raise TactophoneError(text)
@@ -63,7 +69,11 @@ class BridgeProcess:
             self._thread.join()
 
     def _follow(self) -> None:
-        told = [text for kind, text in self._child.messages(None) if kind in ("error", "progress")]
+        told = [
+            text
+            for kind, text in self._child.messages(None)
+            if kind in ("error", "progress")
+        ]
         how = self._child.how_ended()
         if told:
             self._report(told[-1])
@@ -86,6 +96,13 @@ def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
                 bridge.read()
             bridge.read()
             if bridge.missed:
-                parent.tell(("progress", f"{type(bridge).__name__} came too late for {bridge.missed} messages"))
+                parent.tell(
+                    (
+                        "progress",
+                        f"{type(bridge).__name__} came too late for {bridge.missed} messages",
+                    )
+                )
     except ModuleNotFoundError as error:
-        raise TactophoneError(f"{error.name} is not installed: see the extras in docs/guide/bridges.md") from None
+        raise TactophoneError(
+            f"{error.name} is not installed: see the extras in docs/guide/bridges.md"
+        ) from None

@@ -22,7 +22,13 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from tactophone.core.errors import ConfigError
-from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, HapticCommand, PipelineStep
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AlwaysOpen,
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+)
 from tactophone.faces.bridges import ros_topics as messages
 from tactophone.live.log.reader import Passed, PredictionReader
 from tactophone.live.telemetry.layout import Action
@@ -55,7 +61,9 @@ _SAMPLE = np.dtype("<i2")
 
 # ROS 2's default for topics: reliable, volatile, the newest ten.
 QOS = Qos(
-    Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
+    Policy.Reliability.Reliable(duration(milliseconds=100)),
+    Policy.Durability.Volatile,
+    Policy.History.KeepLast(10),
 )
 LATCHED = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
@@ -88,13 +96,21 @@ class DdsTransport:
         try:
             self._participant = DomainParticipant(domain)
         except DDSException as error:
-            raise ConfigError(f"DDS cannot join domain {domain} ({error}): check CYCLONEDDS_URI") from error
+            raise ConfigError(
+                f"DDS cannot join domain {domain} ({error}): check CYCLONEDDS_URI"
+            ) from error
         self._types = messages.open_type_store()
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         # By this hash ROS 2 of Iron and later tells that both ends have the same definition.
-        hashed = f"typehash={self._types.hash_rihs01(messages.type_name(kind))};".encode()
-        return DataWriter(self._participant, self._topic(topic, kind, latched), qos=Qos(Policy.Userdata(hashed)))
+        hashed = (
+            f"typehash={self._types.hash_rihs01(messages.type_name(kind))};".encode()
+        )
+        return DataWriter(
+            self._participant,
+            self._topic(topic, kind, latched),
+            qos=Qos(Policy.Userdata(hashed)),
+        )
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         return DataReader(self._participant, self._topic(topic, kind, latched))
@@ -103,13 +119,17 @@ class DdsTransport:
         """Do nothing: a participant leaves when it is no longer referred to."""
 
     def _topic(self, topic: str, kind: type, latched: bool) -> Any:
-        return Topic(self._participant, f"rt/{topic}", kind, LATCHED if latched else QOS)
+        return Topic(
+            self._participant, f"rt/{topic}", kind, LATCHED if latched else QOS
+        )
 
 
 def default_domain() -> int:
     text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
     if not text.isdecimal() or int(text) > 232:
-        raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")
+        raise ConfigError(
+            f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232"
+        )
     return int(text)
 
 
@@ -134,7 +154,10 @@ class JointMotion:
         if len(self._speeds) > MOST_JOINTS or len(self._places) > MOST_JOINTS:
             self._speeds, self._places = {}, {}
         # A comparison with NaN is false: a joint whose speed is not known does not move.
-        self.moving = any(abs(speed) >= (STILL if self.moving else MOVES) for speed in self._speeds.values())
+        self.moving = any(
+            abs(speed) >= (STILL if self.moving else MOVES)
+            for speed in self._speeds.values()
+        )
 
 
 class RosBridge:
@@ -153,13 +176,23 @@ class RosBridge:
     interval = ROS_INTERVAL
 
     def __init__(
-        self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),
-        domain: int | None = None, over: str = "dds",
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        *,
+        finger: str = "index",
+        publish: bool = True,
+        sinks: Sequence[str] = (),
+        domain: int | None = None,
+        over: str = "dds",
+    ) -> None:
         self._name, self._publishes = name, publish
         self._domain, self._over = default_domain() if domain is None else domain, over
         self._reader = PredictionReader(name, finger=finger)
-        self._sinks = [sink for text in sinks for sink in messages.open_sinks(text, fingers=self._reader.fingers)]
+        self._sinks = [
+            sink
+            for text in sinks
+            for sink in messages.open_sinks(text, fingers=self._reader.fingers)
+        ]
         self._snapshots: dict[str, Snapshot] = {}
         self._beat, self._motion, self._moving = 0, JointMotion(), False
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
@@ -168,7 +201,9 @@ class RosBridge:
     def __enter__(self) -> Self:
         self._transport: Transport
         if self._over == "zenoh":
-            from tactophone.faces.bridges.zenoh import ZenohTransport  # its library is an extra of its own
+            from tactophone.faces.bridges.zenoh import (
+                ZenohTransport,
+            )  # its library is an extra of its own
 
             self._transport = ZenohTransport(self._domain)
         else:
@@ -183,7 +218,9 @@ class RosBridge:
             self._diagnostics = writer("diagnostics", messages.DiagnosticArray)
             # Kept, as a latched message lives as long as its writer.
             self._infos = [
-                writer(f"tactophone/{finger}/audio_info", messages.AudioInfo, latched=True)
+                writer(
+                    f"tactophone/{finger}/audio_info", messages.AudioInfo, latched=True
+                )
                 for finger in self._reader.fingers
             ]
             for info in self._infos:
@@ -191,7 +228,10 @@ class RosBridge:
         self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
         actions: tuple[Action, ...] = ("stop", "mute")
         self._joints = self._transport.reader("joint_states", messages.JointState)
-        self._requests = {action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in actions}
+        self._requests = {
+            action: self._transport.reader(f"tactophone/{action}", messages.Empty)
+            for action in actions
+        }
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -206,22 +246,34 @@ class RosBridge:
         for action, reader in self._requests.items():
             # Whatever a stranger sends in numbers, one read takes some of it and asks once. A writer that leaves sends
             # an invalid sample, which is no message.
-            if any(getattr(message, "sample_info", _VALID).valid_data for message in reader.take(N=10)):
+            if any(
+                getattr(message, "sample_info", _VALID).valid_data
+                for message in reader.take(N=10)
+            ):
                 self._reader.watcher.ask(action)
         for joints in self._joints.take(N=10):
-            if isinstance(joints, messages.JointState):  # neither a writer that leaves nor anything else
+            if isinstance(
+                joints, messages.JointState
+            ):  # neither a writer that leaves nor anything else
                 self._motion.push(joints)
-        if self._motion.moving is not self._moving and self._reader.watcher.state().role == "robot":
+        if (
+            self._motion.moving is not self._moving
+            and self._reader.watcher.state().role == "robot"
+        ):
             self._moving = self._motion.moving
             self._reader.watcher.ask("moving", float(self._moving))
         waiting: defaultdict[str, deque[Passed]] = defaultdict(deque)
         for passed in self._reader.read():
-            for suffix, message in messages.predicted(passed).items() if self._publishes else ():
+            for suffix, message in (
+                messages.predicted(passed).items() if self._publishes else ()
+            ):
                 self._writers[passed.finger, suffix].write(message)
             waiting[passed.finger].append(passed)
         # A device gets the fingers of a hand in one message, one prediction of each at a time.
         while together := [queue.popleft() for queue in waiting.values() if queue]:
-            self._command({passed.finger: passed.command.amplitude for passed in together})
+            self._command(
+                {passed.finger: passed.command.amplitude for passed in together}
+            )
         now = time.time()
         if self._publishes and not 0 <= now - self._sound_at < SOUND_INTERVAL:
             self._sound_at = now
@@ -231,13 +283,18 @@ class RosBridge:
 
     def _command(self, amplitudes: dict[str, float]) -> None:
         self._beat += 1
-        self._amplitudes |= {finger: min(max(amplitude, 0.0), 1.0) for finger, amplitude in amplitudes.items()}
+        self._amplitudes |= {
+            finger: min(max(amplitude, 0.0), 1.0)
+            for finger, amplitude in amplitudes.items()
+        }
         for sink, writer in self._devices:
             writer.write(sink.make(self._amplitudes, self._beat))
 
     def _publish_sound(self, place: int, finger: str, now: float) -> None:
         before = self._snapshots.get(finger)
-        snapshot = self._snapshots[finger] = self._reader.watcher.snapshot(before, finger=place)
+        snapshot = self._snapshots[finger] = self._reader.watcher.snapshot(
+            before, finger=place
+        )
         if before is None or not len(snapshot.sound):
             return
         # The newest sample is about now; the first, as long ago as there are samples.
@@ -250,7 +307,11 @@ class RosBridge:
         self._diagnosed_at = time.monotonic()
         state = self._reader.watcher.state()
         counters, _ = self._reader.watcher.totals()
-        values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
+        values = {
+            "armed": str(state.armed).lower(),
+            "muted_because": state.muted_because,
+            "link": state.link,
+        }
         values |= {name: str(value) for name, value in counters.items() if value}
         values |= {"predictions_missed": str(self.missed)} if self.missed else {}
         status = messages.DiagnosticStatus(
@@ -260,7 +321,9 @@ class RosBridge:
             hardware_id=",".join(self._reader.fingers),
             values=[messages.KeyValue(key, value) for key, value in values.items()],
         )
-        self._diagnostics.write(messages.DiagnosticArray(messages.header(now), [status]))
+        self._diagnostics.write(
+            messages.DiagnosticArray(messages.header(now), [status])
+        )
 
 
 class RosSource(AlwaysOpen):
@@ -274,7 +337,10 @@ class RosSource(AlwaysOpen):
     def __init__(self, topic: str, *, domain: int | None = None) -> None:
         self.faults: Counter[str] = Counter()
         self._topic = topic
-        dds, name = DdsTransport(default_domain() if domain is None else domain), topic.lstrip("/")
+        dds, name = (
+            DdsTransport(default_domain() if domain is None else domain),
+            topic.lstrip("/"),
+        )
         info = dds.reader(f"{name}_info", messages.AudioInfo, latched=True)
         self._reader = dds.reader(name, messages.AudioDataStamped)
         self.sample_rate, self.channels = self._format(info)
@@ -288,7 +354,9 @@ class RosSource(AlwaysOpen):
                 yield AudioBlock(samples, self.sample_rate, start)
                 start += len(samples)
             if not found:
-                yield AudioBlock(np.zeros((0, self.channels), np.float32), self.sample_rate, start)
+                yield AudioBlock(
+                    np.zeros((0, self.channels), np.float32), self.sample_rate, start
+                )
 
     def _samples(self, message: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
         data = bytes(message.audio.data)
@@ -310,8 +378,16 @@ class RosSource(AlwaysOpen):
         )
 
     def _checked(self, info: Any) -> tuple[int, int]:
-        rate, channels, kind = info.sample_rate, info.channels, (info.coding_format, info.sample_format)
-        if kind != ("wave", "S16LE") or channels not in (1, 2) or not LOWEST_RATE <= rate <= HIGHEST_RATE:
+        rate, channels, kind = (
+            info.sample_rate,
+            info.channels,
+            (info.coding_format, info.sample_format),
+        )
+        if (
+            kind != ("wave", "S16LE")
+            or channels not in (1, 2)
+            or not LOWEST_RATE <= rate <= HIGHEST_RATE
+        ):
             raise ConfigError(
                 f"--source ros:{self._topic}: {info.coding_format!r} {info.sample_format!r} of {channels} channels at "
                 f"{rate} Hz, but 'wave' 'S16LE' of 1 or 2 channels at {LOWEST_RATE} Hz or more is needed"
@@ -325,11 +401,15 @@ class RosBag:
     ``epoch`` is in seconds since 1970, at the beginning of the steps' time. Raises `ConfigError` if the folder exists.
     """
 
-    def __init__(self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)) -> None:
+    def __init__(
+        self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)
+    ) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
 
         if folder.exists():
-            raise ConfigError(f"--to-rosbag {folder}: exists already; name a new folder")
+            raise ConfigError(
+                f"--to-rosbag {folder}: exists already; name a new folder"
+            )
         self._store = messages.open_type_store()
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._epoch, self._fingers = epoch, fingers
@@ -339,7 +419,9 @@ class RosBag:
         kinds = messages.PUBLISHED | {"audio_info": messages.AudioInfo}
         self._connections = {
             (finger, suffix): self._writer.add_connection(
-                f"/tactophone/{name}/{suffix}", messages.type_name(kind), typestore=self._store
+                f"/tactophone/{name}/{suffix}",
+                messages.type_name(kind),
+                typestore=self._store,
             )
             for finger, name in enumerate(self._fingers)
             for suffix, kind in kinds.items()
@@ -354,11 +436,22 @@ class RosBag:
     def write(self, step: PipelineStep) -> None:
         time = step.block.time
         if step.block.size:
-            self._write(step.finger, "audio", time, messages.sound(step.block.samples, self._epoch + time))
+            self._write(
+                step.finger,
+                "audio",
+                time,
+                messages.sound(step.block.samples, self._epoch + time),
+            )
         for number, prediction in enumerate(step.predictions):
-            command = step.commands[number] if step.commands else HapticCommand(0.0, 0.0, prediction.end)
+            command = (
+                step.commands[number]
+                if step.commands
+                else HapticCommand(0.0, 0.0, prediction.end)
+            )
             sound, made = self._epoch + prediction.end, self._epoch + command.time
-            passed = Passed(self._fingers[step.finger], prediction, command, sound, made, math.nan)
+            passed = Passed(
+                self._fingers[step.finger], prediction, command, sound, made, math.nan
+            )
             for suffix, message in messages.predicted(passed).items():
                 if suffix != "vibration":
                     self._write(step.finger, suffix, prediction.end, message)
@@ -366,4 +459,8 @@ class RosBag:
                     self._write(step.finger, suffix, command.time, message)
 
     def _write(self, finger: int, suffix: str, time: float, message: Any) -> None:
-        self._writer.write(self._connections[finger, suffix], round((self._epoch + time) * 1e9), message.serialize())
+        self._writer.write(
+            self._connections[finger, suffix],
+            round((self._epoch + time) * 1e9),
+            message.serialize(),
+        )

@@ -21,7 +21,10 @@ from tactophone.core.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.log.reader import Passed
 
 _DEFINITIONS: dict[str, str] = {}
-_TYPES: dict[str, Any] = {name: getattr(types, name) for name in ("uint8", "int32", "uint32", "float32", "float64")}
+_TYPES: dict[str, Any] = {
+    name: getattr(types, name)
+    for name in ("uint8", "int32", "uint32", "float32", "float64")
+}
 _TYPES["string"] = str
 # Every message's definition by its full name, and every type by its name in definitions; `_message` adds to both.
 
@@ -32,37 +35,63 @@ def message_type(name: str, definition: str) -> Any:
     for kind, key in map(str.split, definition.splitlines()):
         base, bracket, length = kind.rstrip("]").partition("[")
         made = _TYPES[base]
-        zero = made if base == "string" or "/" in base else float if "float" in base else int
+        zero = (
+            made
+            if base == "string" or "/" in base
+            else float
+            if "float" in base
+            else int
+        )
         if bracket:
             made = types.array[made, int(length)] if length else types.sequence[made]
             zero = partial(list, [zero()] * int(length or 0))
-        namespace["__annotations__"][key], namespace[key] = made, field(default_factory=zero)
+        namespace["__annotations__"][key], namespace[key] = (
+            made,
+            field(default_factory=zero),
+        )
     package, _, short = name.split("/")
     wire = {"typename": f"{package}::msg::dds_::{short}_"}
     _DEFINITIONS[name] = definition
-    _TYPES[f"{package}/{short}"] = dataclass(new_class(short, (IdlStruct,), wire, lambda own: own.update(namespace)))
+    _TYPES[f"{package}/{short}"] = dataclass(
+        new_class(short, (IdlStruct,), wire, lambda own: own.update(namespace))
+    )
     return _TYPES[f"{package}/{short}"]
 
 
 Time = message_type("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
-Header = message_type("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id")
-Empty = message_type("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")  # in DDS, not in ROS
+Header = message_type(
+    "std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id"
+)
+Empty = message_type(
+    "std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member"
+)  # in DDS, not in ROS
 Float32 = message_type("std_msgs/msg/Float32", "float32 data")
-Dimension = message_type("std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride")
-Layout = message_type("std_msgs/msg/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset")
-Float32MultiArray = message_type("std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data")
-Float64MultiArray = message_type("std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data")
+Dimension = message_type(
+    "std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride"
+)
+Layout = message_type(
+    "std_msgs/msg/MultiArrayLayout",
+    "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+)
+Float32MultiArray = message_type(
+    "std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data"
+)
+Float64MultiArray = message_type(
+    "std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data"
+)
 KeyValue = message_type("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
 DiagnosticStatus = message_type(  # level 0 is OK, 1 a warning, 2 an error
     "diagnostic_msgs/msg/DiagnosticStatus",
     "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values",
 )
 DiagnosticArray = message_type(
-    "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
 )
 AudioData = message_type("audio_common_msgs/msg/AudioData", "uint8[] data")
 AudioDataStamped = message_type(
-    "audio_common_msgs/msg/AudioDataStamped", "std_msgs/Header header\naudio_common_msgs/AudioData audio"
+    "audio_common_msgs/msg/AudioDataStamped",
+    "std_msgs/Header header\naudio_common_msgs/AudioData audio",
 )
 AudioInfo = message_type(
     "audio_common_msgs/msg/AudioInfo",
@@ -72,7 +101,9 @@ JointState = message_type(
     "sensor_msgs/msg/JointState",
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
 )
-JoyFeedback = message_type("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
+JoyFeedback = message_type(
+    "sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity"
+)  # type 1 is rumble
 # A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
 StampedPrediction = message_type(
     "tactophone_msgs/msg/Prediction",
@@ -100,20 +131,31 @@ def predicted(passed: Passed) -> dict[str, Any]:
     roughness, level_dbfs = passed.roughness, max(prediction.level_dbfs, _LOWEST_DBFS)
     return {
         "touch": StampedPrediction(
-            header(passed.sound, passed.finger), time_of(passed.made), time_of(passed.rendered), prediction.touch,
-            list(prediction.probabilities), roughness, level_dbfs, command.amplitude, command.frequency,
+            header(passed.sound, passed.finger),
+            time_of(passed.made),
+            time_of(passed.rendered),
+            prediction.touch,
+            list(prediction.probabilities),
+            roughness,
+            level_dbfs,
+            command.amplitude,
+            command.frequency,
             prediction.events[-1].kind if prediction.events else "",
         ),
         "prediction": Float32MultiArray(data=list(prediction.probabilities)),
         "vibration": Float32MultiArray(data=[command.amplitude, command.frequency]),
         "roughness": Float32(roughness),
         "contact_dbfs": Float32(level_dbfs),
-    }  # fmt: skip
+    }
 
 
 def sound(samples: FloatArray, now: float) -> Any:
     """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
-    every = samples if samples.shape[1] > 1 else np.repeat(samples, len(MICROPHONES), axis=1)
+    every = (
+        samples
+        if samples.shape[1] > 1
+        else np.repeat(samples, len(MICROPHONES), axis=1)
+    )
     data = (np.clip(every, -1, 1) * 32_767).astype("<i2").tobytes()
     return AudioDataStamped(header(now), AudioData(data=list(data)))
 
@@ -136,7 +178,9 @@ def open_type_store() -> Any:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name in _DEFINITIONS.keys() - store.fielddefs.keys():  # those of other packages than ROS's own
+    for name in (
+        _DEFINITIONS.keys() - store.fielddefs.keys()
+    ):  # those of other packages than ROS's own
         store.register(get_types_from_msg(_DEFINITIONS[name], name))
     return store
 
@@ -183,16 +227,27 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     make = _SINKS.get(kind) or plugins.load(plugins.ROS_SINKS, kind)
     if make is None:
         known = ", ".join([*_SINKS, *plugins.registered(plugins.ROS_SINKS)])
-        raise ConfigError(f"bridges.ros_sinks {text}: there are {known}; write KIND or KIND:/topic")
+        raise ConfigError(
+            f"bridges.ros_sinks {text}: there are {known}; write KIND or KIND:/topic"
+        )
     strange = [finger for finger in fingers if finger not in FINGER_NAMES]
     if kind not in ("joy", "float32") and strange:
-        raise ConfigError(f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
-    sinks = [make(own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
+        raise ConfigError(
+            f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}"
+        )
+    sinks = [
+        make(own)
+        for own in (
+            [[finger] for finger in fingers] if kind == "float32" else [fingers]
+        )
+    ]
     if topic and len(sinks) > 1:
         raise ConfigError(
             f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
         )
-    return [Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks]
+    return [
+        Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks
+    ]
 
 
 def _joy(fingers: Sequence[str]) -> Sink:
@@ -200,7 +255,9 @@ def _joy(fingers: Sequence[str]) -> Sink:
         "joy/set_feedback",
         JoyFeedback,
         # One rumble for all: it follows the finger that vibrates most.
-        lambda amplitudes, beat: JoyFeedback(type=_RUMBLE, id=0, intensity=max(amplitudes.values())),
+        lambda amplitudes, beat: JoyFeedback(
+            type=_RUMBLE, id=0, intensity=max(amplitudes.values())
+        ),
     )
 
 
@@ -209,7 +266,11 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
         values = [0.0] * _SENSEGLOVE_VALUES
         for finger, amplitude in amplitudes.items():
             # Below its highest value, so that the heartbeat adds nothing to full drive; silence stays silence.
-            value = max(0.0, 100 * amplitude - TOPIC_HEARTBEAT * (beat % 2)) if amplitude else 0.0
+            value = (
+                max(0.0, 100 * amplitude - TOPIC_HEARTBEAT * (beat % 2))
+                if amplitude
+                else 0.0
+            )
             values[_SENSEGLOVE_TIPS + FINGER_NAMES.index(finger)] = value
         return Float64MultiArray(data=values)
 
@@ -218,7 +279,15 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
 
 def _float32(fingers: Sequence[str]) -> Sink:
     (finger,) = fingers
-    return Sink(f"tactophone/{finger}/amplitude", Float32, lambda amplitudes, beat: Float32(data=amplitudes[finger]))
+    return Sink(
+        f"tactophone/{finger}/amplitude",
+        Float32,
+        lambda amplitudes, beat: Float32(data=amplitudes[finger]),
+    )
 
 
-_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {"joy": _joy, "senseglove": _senseglove, "float32": _float32}
+_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
+    "joy": _joy,
+    "senseglove": _senseglove,
+    "float32": _float32,
+}

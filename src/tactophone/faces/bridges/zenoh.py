@@ -35,28 +35,45 @@ class ZenohTransport:
     """
 
     def __init__(self, domain: int) -> None:
-        self._domain, self._types, self._numbers = domain, open_type_store(), itertools.count(1)
+        self._domain, self._types, self._numbers = (
+            domain,
+            open_type_store(),
+            itertools.count(1),
+        )
         try:
             self._session: Any = zenoh.open(_config())
         except zenoh.ZError as error:
-            raise ConfigError(f"Zenoh cannot open a session ({error}): check ZENOH_SESSION_CONFIG_URI") from error
+            raise ConfigError(
+                f"Zenoh cannot open a session ({error}): check ZENOH_SESSION_CONFIG_URI"
+            ) from error
         # A token lives as long as it is kept.
         self._tokens = [self._token("NN", 0)]
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         key = f"{self._domain}/{topic}/{_wire_name(kind)}/{self._hash(kind)}"
         cache = ext.CacheConfig(max_samples=1) if latched else None
-        publisher = ext.declare_advanced_publisher(self._session, key, cache=cache, publisher_detection=latched)
+        publisher = ext.declare_advanced_publisher(
+            self._session, key, cache=cache, publisher_detection=latched
+        )
         place = f"%{topic.replace('/', '%')}/{_wire_name(kind)}/{self._hash(kind)}"
         self._tokens.append(
-            self._token("MP", next(self._numbers), f"/{place}/{_TRANSIENT_LOCAL if latched else _VOLATILE}")
+            self._token(
+                "MP",
+                next(self._numbers),
+                f"/{place}/{_TRANSIENT_LOCAL if latched else _VOLATILE}",
+            )
         )
         return _Writer(publisher)
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return a subscriber; the hash of the type may be that of any version of ROS."""
         del latched
-        return _Reader(kind, self._session.declare_subscriber(f"{self._domain}/{topic}/{_wire_name(kind)}/*"))
+        return _Reader(
+            kind,
+            self._session.declare_subscriber(
+                f"{self._domain}/{topic}/{_wire_name(kind)}/*"
+            ),
+        )
 
     def close(self) -> None:
         self._session.close()
@@ -64,7 +81,9 @@ class ZenohTransport:
     def _token(self, entity: str, number: int, ending: str = "") -> Any:
         # Session, node and entity; then enclave and name space, which are empty, and the name of the node.
         place = f"{self._session.zid()}/0/{number}/{entity}/%/%/tactophone"
-        return self._session.liveliness().declare_token(f"@ros2_lv/{self._domain}/{place}{ending}")
+        return self._session.liveliness().declare_token(
+            f"@ros2_lv/{self._domain}/{place}{ending}"
+        )
 
     def _hash(self, kind: type) -> str:
         return str(self._types.hash_rihs01(type_name(kind)))
@@ -76,7 +95,9 @@ class _Writer:
 
     def write(self, message: Any) -> None:
         self._count += 1
-        attachment = _ATTACHMENT.pack(self._count, time.time_ns(), len(self._identity), self._identity)
+        attachment = _ATTACHMENT.pack(
+            self._count, time.time_ns(), len(self._identity), self._identity
+        )
         self._publisher.put(message.serialize(), attachment=attachment)
 
 
@@ -86,7 +107,12 @@ class _Reader:
 
     def take(self, N: int = 1) -> list[Any]:
         samples = (self._subscriber.try_recv() for _ in range(N))
-        return [self._read(sample) for sample in itertools.takewhile(lambda sample: sample is not None, samples)]
+        return [
+            self._read(sample)
+            for sample in itertools.takewhile(
+                lambda sample: sample is not None, samples
+            )
+        ]
 
     def _read(self, sample: Any) -> Any:
         """Return the message, or a sample that holds none as it is: whatever comes to the topic of a stop is one."""
@@ -104,8 +130,12 @@ def _config() -> Any:
     """Return the session's configuration: by default as `rmw_zenoh_cpp` has it, a peer that asks the router alone."""
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     config = zenoh.Config.from_file(path) if path else zenoh.Config()
-    own = {"mode": "peer", "connect/endpoints": [ROUTER], "listen/endpoints": ["tcp/localhost:0"],
-           "scouting/multicast/enabled": False}  # fmt: skip
+    own = {
+        "mode": "peer",
+        "connect/endpoints": [ROUTER],
+        "listen/endpoints": ["tcp/localhost:0"],
+        "scouting/multicast/enabled": False,
+    }
     # Latched messages are kept by their time.
     for name, value in {**({} if path else own), "timestamping/enabled": True}.items():
         config.insert_json5(name, json.dumps(value))

@@ -32,12 +32,16 @@ def listen(address: str, what: str, *, example: str) -> socket.socket:
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdecimal():
-        raise ConfigError(f"{what} cannot listen at {address!r}: write HOST:PORT, such as {example}")
+        raise ConfigError(
+            f"{what} cannot listen at {address!r}: write HOST:PORT, such as {example}"
+        )
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, int(port)), family=family, backlog=QUEUE)
     except (OSError, OverflowError) as error:
-        raise ConfigError(f"{what} cannot listen at {address} ({error}): choose another address") from None
+        raise ConfigError(
+            f"{what} cannot listen at {address} ({error}): choose another address"
+        ) from None
 
 
 class Acceptor:
@@ -58,22 +62,32 @@ class Acceptor:
     async def serve(self, runner: "web.AppRunner", listener: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
-        if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux then holds a connection until its first byte
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, round(CONNECTION_TIMEOUT))
+        if hasattr(
+            socket, "TCP_DEFER_ACCEPT"
+        ):  # Linux then holds a connection until its first byte
+            listener.setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, round(CONNECTION_TIMEOUT)
+            )
         while True:
             try:
                 connection, _ = await loop.sock_accept(listener)
-            except OSError:  # no descriptor is left: something else in this process has taken them
+            except (
+                OSError
+            ):  # no descriptor is left: something else in this process has taken them
                 self._drop_oldest()
                 await asyncio.sleep(0.1)
                 continue
             if len(self._open) >= MOST:
                 self._open = [task for task in self._open if _lasts(task)]
-                self.known = {handler for handler in self.known if handler.transport is not None}
+                self.known = {
+                    handler for handler in self.known if handler.transport is not None
+                }
             if len(self._open) >= MOST and not self._drop_oldest():
                 connection.close()
             else:
-                self._open.append(asyncio.create_task(self._connect(runner, connection)))
+                self._open.append(
+                    asyncio.create_task(self._connect(runner, connection))
+                )
             await asyncio.sleep(0)  # the others' turn, also while more are waiting
 
     def _drop_oldest(self) -> bool:
@@ -152,7 +166,10 @@ _LOG = logging.getLogger("tactophone.web")
 _LOG.addFilter(_Counted())
 
 RUNNER: dict[str, Any] = {
-    "access_log": None, "logger": _LOG, "shutdown_timeout": 0.5, "keepalive_timeout": CONNECTION_TIMEOUT,
+    "access_log": None,
+    "logger": _LOG,
+    "shutdown_timeout": 0.5,
+    "keepalive_timeout": CONNECTION_TIMEOUT,
     "lingering_time": 0,
-}  # fmt: skip
+}
 """Options of the web server. Its keep-alive time begins with the connection, before any request."""

@@ -35,7 +35,9 @@ class RecordRequest:
     begin: bool
 
 
-def parse_request(text: str, state: State, *, finger: int = 0, local: bool = True) -> Request | RecordRequest | str:
+def parse_request(
+    text: str, state: State, *, finger: int = 0, local: bool = True
+) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
     - ``state``: settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier
@@ -52,10 +54,18 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
     own = (state.fingers[finger:] or state.fingers)[0]
     try:
         entries = json.loads(text)
-        action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
+        action, value, name = (
+            entries["action"],
+            entries.get("value", 0.0),
+            entries.get("text", ""),
+        )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return "not a request: write JSON with an action"
-    weaker = action == "output_level" and isinstance(value, int | float) and value <= own.output_level
+    weaker = (
+        action == "output_level"
+        and isinstance(value, int | float)
+        and value <= own.output_level
+    )
     if not local and not weaker and action not in ("stop", "mute", "ceiling"):
         name = str(action)[:20]
         return f"only a page on the run's own machine may do that ({name}): this one may stop, mute and weaken"
@@ -66,7 +76,11 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
     if action in ("pause", "seek") and state.role == "replay":
         longest = state.duration if action == "seek" else 1.0
         known = isinstance(value, int | float) and 0 <= value <= longest
-        return Request(action, float(value)) if known else f"{action} must be from 0 to {longest:g}"
+        return (
+            Request(action, float(value))
+            if known
+            else f"{action} must be from 0 to {longest:g}"
+        )
     if action in (*_LEVELS, "threshold_dbfs"):
         return _number(action, value, own)
     if action == "profile":
@@ -78,7 +92,11 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
 
 def _number(action: Any, value: Any, own: FingerState) -> Request | str:
     # An integer of hundreds of digits is no float, so it is bounded before anything converts it.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -1e6 <= value <= 1e6:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not -1e6 <= value <= 1e6
+    ):
         return f"{action} needs a number"
     low, high = (0.0, 1.0) if action in _LEVELS else (-120.0, 0.0)
     if not low <= value <= high:
@@ -88,14 +106,24 @@ def _number(action: Any, value: Any, own: FingerState) -> Request | str:
     return Request(action, float(value))
 
 
-def dashboard(name: str, microphone: Connection | None = None, recorder: Connection | None = None) -> web.Application:
+def dashboard(
+    name: str, microphone: Connection | None = None, recorder: Connection | None = None
+) -> web.Application:
     """Build the operator's page for the run of that name.
 
     ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true begins one, false ends it, and
     each answer names the file of the log, empty while there is none; this process writes no file.
     """
-    app, run, watching = web.Application(), WatchedRun(name), set[web.WebSocketResponse]()
-    logs = views.Answers(recorder, watching, kept={"recording": ""}) if recorder is not None else None
+    app, run, watching = (
+        web.Application(),
+        WatchedRun(name),
+        set[web.WebSocketResponse](),
+    )
+    logs = (
+        views.Answers(recorder, watching, kept={"recording": ""})
+        if recorder is not None
+        else None
+    )
     app.router.add_get("/", views.page(views.STATIC / "index.html"))
     app.router.add_get("/try", views.page(views.STATIC / "try.html"))
     app.router.add_get("/live", partial(_live, run, watching, logs))
@@ -108,7 +136,10 @@ def dashboard(name: str, microphone: Connection | None = None, recorder: Connect
 
 
 async def _live(
-    run: WatchedRun, watching: set[web.WebSocketResponse], logs: views.Answers | None, request: web.Request
+    run: WatchedRun,
+    watching: set[web.WebSocketResponse],
+    logs: views.Answers | None,
+    request: web.Request,
 ) -> web.StreamResponse:
     view = await views.admit(request, watching, views.PAGE_VIEWERS)
     if view is None:
@@ -120,9 +151,15 @@ async def _live(
         if logs is not None:
             await view.send_str(json.dumps(logs.status))
         finger = views.finger_of(request)
-        receiving = _receive(view, run, logs, credit, local=views.is_local(request), finger=finger)
+        receiving = _receive(
+            view, run, logs, credit, local=views.is_local(request), finger=finger
+        )
         await views.exchange(
-            view, Feed(run, finger=finger).message, receiving, credit=credit, interval=DASHBOARD_PERIOD
+            view,
+            Feed(run, finger=finger).message,
+            receiving,
+            credit=credit,
+            interval=DASHBOARD_PERIOD,
         )
     finally:
         watching.discard(view)
@@ -130,9 +167,14 @@ async def _live(
 
 
 async def _receive(
-    view: web.WebSocketResponse, run: WatchedRun, logs: views.Answers | None, credit: asyncio.Semaphore, *, local: bool,
+    view: web.WebSocketResponse,
+    run: WatchedRun,
+    logs: views.Answers | None,
+    credit: asyncio.Semaphore,
+    *,
+    local: bool,
     finger: int,
-) -> None:  # fmt: skip
+) -> None:
     snapshot = None
     async for message in views.messages_of(view):
         if message.type is not WSMsgType.TEXT:
@@ -140,8 +182,15 @@ async def _receive(
         if message.data == "ok":
             credit.release()
             continue
-        snapshot = run.snapshot(snapshot, finger=finger)  # only what is new: a flood of requests must stay cheap
-        request = parse_request(message.data, snapshot.state if snapshot else State(), finger=finger, local=local)
+        snapshot = run.snapshot(
+            snapshot, finger=finger
+        )  # only what is new: a flood of requests must stay cheap
+        request = parse_request(
+            message.data,
+            snapshot.state if snapshot else State(),
+            finger=finger,
+            local=local,
+        )
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
         elif isinstance(request, RecordRequest):

@@ -46,10 +46,18 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
         "ceiling": snapshot.finger.ceiling,
         "command": None,
     }
-    if len(snapshot.steps) and snapshot.alive and (last is None or snapshot.step_end != last.step_end):
+    if (
+        len(snapshot.steps)
+        and snapshot.alive
+        and (last is None or snapshot.step_end != last.step_end)
+    ):
         newest = snapshot.steps[-1]
         amplitude = float(newest["amplitude"]) * snapshot.finger.armed
-        entries["command"] = [amplitude, float(newest["roughness"]), float(newest["frequency"])]
+        entries["command"] = [
+            amplitude,
+            float(newest["roughness"]),
+            float(newest["frequency"]),
+        ]
     return entries
 
 
@@ -68,11 +76,17 @@ class Fingertips:
             return web.Response()
         self._credit[view] = FINGERTIP_CREDIT
         finger = finger_of(request)
-        pages = self._fingers.setdefault(finger, _FingerPages(self._run, finger, self._credit))
+        pages = self._fingers.setdefault(
+            finger, _FingerPages(self._run, finger, self._credit)
+        )
         pages.add(view)
         try:
             async for message in messages_of(view):
-                if message.type is WSMsgType.TEXT and message.data == "ok" and self._credit[view] < FINGERTIP_CREDIT:
+                if (
+                    message.type is WSMsgType.TEXT
+                    and message.data == "ok"
+                    and self._credit[view] < FINGERTIP_CREDIT
+                ):
                     self._credit[view] += 1
         finally:
             pages.views.discard(view)
@@ -83,7 +97,9 @@ class Fingertips:
 class _FingerPages:
     """The pages that render one finger."""
 
-    def __init__(self, run: WatchedRun, finger: int, credit: dict[web.WebSocketResponse, int]) -> None:
+    def __init__(
+        self, run: WatchedRun, finger: int, credit: dict[web.WebSocketResponse, int]
+    ) -> None:
         self.views: set[web.WebSocketResponse] = set()
         self._run, self._finger, self._credit = run, finger, credit
         self._sending: asyncio.Task[None] | None = None
@@ -112,9 +128,17 @@ class _FingerPages:
             return b""
         restarted = self._last is not None and snapshot.restarts != self._last.restarts
         # A page plays only what follows its first message; older vibration is out of date.
-        vibration = np.zeros(0, np.float32) if self._last is None or restarted else snapshot.vibration
+        vibration = (
+            np.zeros(0, np.float32)
+            if self._last is None or restarted
+            else snapshot.vibration
+        )
         entries = command_of(snapshot, None if restarted else self._last)
-        state_changed = self._last is None or self._last.state != snapshot.state or self._last.alive != snapshot.alive
+        state_changed = (
+            self._last is None
+            or self._last.state != snapshot.state
+            or self._last.alive != snapshot.alive
+        )
         self._last = snapshot
         if entries["command"] is None and not len(vibration) and not state_changed:
             return b""
@@ -146,14 +170,19 @@ class PageMicrophone:
         if view is None:
             return web.Response()
         if self._view is not None and not self._view.closed:
-            await view.close(code=TAKEN, message=b"another page is the microphone already: stop it there first")
+            await view.close(
+                code=TAKEN,
+                message=b"another page is the microphone already: stop it there first",
+            )
             return view
         self._view = view
         gate = FloodGate(SOUND_RATE)
         async for message in view:
             data = message.data
             if message.type is not WSMsgType.BINARY or not is_sound(data):
-                await view.close(code=1003, message=b"not a message of sound: reload the page")
+                await view.close(
+                    code=1003, message=b"not a message of sound: reload the page"
+                )
             elif gate.overflows(len(data) // 4 - 1):
                 await end_flood(view)
             # Unless the pipe to the robot's side is full: a page must never make the server wait.

@@ -50,7 +50,9 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
     header = {**header, "series": {name: table.shape for name, table in tables.items()}}
     text = msgspec.json.encode(header, enc_hook=float)  # NaN and infinity become null
     text += b" " * (-len(text) % 4)
-    numbers = (np.ascontiguousarray(table, "<f4").tobytes() for table in tables.values())
+    numbers = (
+        np.ascontiguousarray(table, "<f4").tobytes() for table in tables.values()
+    )
     return b"".join((len(text).to_bytes(4, "little"), text, *numbers))
 
 
@@ -64,15 +66,23 @@ def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
     """
     buckets = sound.reshape(-1, size, sound.shape[1]).astype(np.float64)
     level = 10 * np.log10(np.maximum(np.mean(buckets**2, axis=1), 1e-12))
-    return np.stack([buckets.min(axis=1), buckets.max(axis=1), level], axis=2).reshape(len(buckets), 3 * sound.shape[1])
+    return np.stack([buckets.min(axis=1), buckets.max(axis=1), level], axis=2).reshape(
+        len(buckets), 3 * sound.shape[1]
+    )
 
 
 def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     """Return rows of time and `STEP_COLUMNS`, at most one every `STEP_INTERVAL`; the newest step is always included."""
     slots = np.floor(steps["time"] / STEP_INTERVAL)
-    chosen = steps[np.append(np.flatnonzero(np.diff(slots)), len(steps) - 1)] if len(steps) else steps
+    chosen = (
+        steps[np.append(np.flatnonzero(np.diff(slots)), len(steps) - 1)]
+        if len(steps)
+        else steps
+    )
     columns = {name: chosen[name] for name in STEP_COLUMNS}
-    columns["frequency"] = np.where(chosen["amplitude"] > 0, chosen["frequency"], 0)  # silence has no frequency
+    columns["frequency"] = np.where(
+        chosen["amplitude"] > 0, chosen["frequency"], 0
+    )  # silence has no frequency
     return np.column_stack([chosen["time"] - origin, *columns.values()])
 
 
@@ -89,7 +99,9 @@ class WatchedRun:
         self.name = name
         self._watcher: Watcher | None = None
 
-    def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot | None:
+    def snapshot(
+        self, since: Snapshot | None = None, *, finger: int = 0
+    ) -> Snapshot | None:
         """Read a finger of the run; ``None`` while there is none. Without such a finger, it is the first."""
         watcher = self._watcher = self._watcher or Watcher.find(self.name)
         if watcher is None:
@@ -102,15 +114,22 @@ class WatchedRun:
         watcher = self._watcher
         if watcher is None or watcher.fingers == 1:
             return []
-        steps = [watcher.newest_step(finger=finger) for finger in range(watcher.fingers)]
+        steps = [
+            watcher.newest_step(finger=finger) for finger in range(watcher.fingers)
+        ]
         return [
-            (int(step["touch"][0]), float(step["amplitude"][0])) if step is not None else (0, 0.0) for step in steps
+            (int(step["touch"][0]), float(step["amplitude"][0]))
+            if step is not None
+            else (0, 0.0)
+            for step in steps
         ]
 
     def ask(self, request: Request) -> None:
         if self._watcher is not None:
             finger = request.finger if request.finger < self._watcher.fingers else -1
-            self._watcher.ask(request.action, request.value, text=request.text, finger=finger)
+            self._watcher.ask(
+                request.action, request.value, text=request.text, finger=finger
+            )
 
 
 class Feed:
@@ -137,7 +156,11 @@ class Feed:
         if (now := time.monotonic()) - self._state_sent >= STATE_INTERVAL:
             self._state_sent = now
             state = {**asdict(snapshot.state), **asdict(snapshot.finger)}
-            header |= {"state": state, "counters": snapshot.counters, "gauges": snapshot.gauges}
+            header |= {
+                "state": state,
+                "counters": snapshot.counters,
+                "gauges": snapshot.gauges,
+            }
         header["origin"] = origin = self._origin(snapshot)
         first = snapshot.vibration_end - len(snapshot.vibration)
         tables: Tables = {
@@ -155,8 +178,13 @@ class Feed:
         """Return the time of each bucket's end and its envelope; an unfinished bucket waits for the next message."""
         rate = snapshot.state.sample_rate
         size = max(1, round(BUCKET * rate))
-        missed = self._last is None or snapshot.sound_end - len(snapshot.sound) > self._last.sound_end
-        sound = snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
+        missed = (
+            self._last is None
+            or snapshot.sound_end - len(snapshot.sound) > self._last.sound_end
+        )
+        sound = (
+            snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
+        )
         # Buckets start at multiples of their size since the run began, also after sound was missed.
         sound = sound[-(snapshot.sound_end - len(sound)) % size :]
         count = len(sound) // size

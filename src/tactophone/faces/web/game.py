@@ -25,7 +25,9 @@ def open_finger(inbox: Connection, settings: Settings) -> Source:
     """Open the finger that follows the messages of the page; call it in the process that reads its sound."""
     from tactophone.faces.web.game_finger import StoneBoxSource
 
-    return StoneBoxSource(inbox, block_size=settings.capture.block_size, tip=settings.capture.tip)
+    return StoneBoxSource(
+        inbox, block_size=settings.capture.block_size, tip=settings.capture.tip
+    )
 
 
 def _application(game: GameSettings) -> "web.Application":

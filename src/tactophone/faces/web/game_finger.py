@@ -38,7 +38,9 @@ class StoneBoxSource(AlwaysOpen):
     sample_rate = LIVE_SAMPLE_RATE
     channels = 2
 
-    def __init__(self, inbox: Connection, *, block_size: int = GAME_BLOCK, tip: str = DEFAULT_TIP) -> None:
+    def __init__(
+        self, inbox: Connection, *, block_size: int = GAME_BLOCK, tip: str = DEFAULT_TIP
+    ) -> None:
         self._inbox, self._block_size, self._tip = inbox, block_size, tip
         self._finger = _finger_over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0, tip)
         self._next: SimulatedFinger | None = None
@@ -50,13 +52,17 @@ class StoneBoxSource(AlwaysOpen):
                 action, *arguments = self._inbox.recv()
                 if action == "lay":
                     # This takes longer than a block, so a thread does it; the old stones stay until it is done.
-                    threading.Thread(target=self._lay, args=arguments, daemon=True).start()
+                    threading.Thread(
+                        target=self._lay, args=arguments, daemon=True
+                    ).start()
                 else:
                     self._finger.move(*arguments)
             if self._next is not None:
                 self._finger, self._next = self._next, None
             # Each finger counts its samples from 0; the stream goes on counting.
-            block = msgspec.structs.replace(self._finger.render(self._block_size), start=self._position)
+            block = msgspec.structs.replace(
+                self._finger.render(self._block_size), start=self._position
+            )
             yield block
             self._position += block.size
 
@@ -81,7 +87,9 @@ def _finger_over(order: tuple[Touch, ...], seed: int, tip: str) -> SimulatedFing
     scene = five_stones(order)
     x, y = scene.placed[2].centre
     session = SessionVariation.of_tip(tip, seed)
-    session = dataclasses.replace(session, finger=session.finger._replace(arm_rest=HOVER))
+    session = dataclasses.replace(
+        session, finger=session.finger._replace(arm_rest=HOVER)
+    )
     finger = SimulatedFinger(scene, seed=seed, place=(x, y), session=session)
     finger.move(x, y, LIFT)
     finger.render(FINGER_WARM_UP)

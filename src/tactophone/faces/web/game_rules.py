@@ -61,7 +61,12 @@ class Point:
     def stone(self) -> int:
         """Index of the stone under pressure; -1 for none."""
         index, within = divmod(self.x, PITCH)
-        pressed = self.force > 0 and 0 <= index < 5 and within <= WIDTH and 0 <= self.y <= DEPTH
+        pressed = (
+            self.force > 0
+            and 0 <= index < 5
+            and within <= WIDTH
+            and 0 <= self.y <= DEPTH
+        )
         return int(index) if pressed else -1
 
 
@@ -108,7 +113,9 @@ class Round:
     1
     """
 
-    def __init__(self, order: Sequence[Touch], *, seed: int, trainer: bool = False) -> None:
+    def __init__(
+        self, order: Sequence[Touch], *, seed: int, trainer: bool = False
+    ) -> None:
         self.order, self.seed, self.trainer = tuple(order), seed, trainer
         self.strokes = [0] * len(order)
         self.path: list[Point] = []
@@ -124,32 +131,50 @@ class Round:
         if point.stone < 0 or last.stone != point.stone or step * self._distance < 0:
             self._distance, self._counted = 0.0, False
         self._distance += step if point.stone == last.stone else 0.0
-        if point.stone >= 0 and not self._counted and abs(self._distance) >= SHORTEST_STROKE:
+        if (
+            point.stone >= 0
+            and not self._counted
+            and abs(self._distance) >= SHORTEST_STROKE
+        ):
             self._counted = True
             self.strokes[point.stone] += 1
 
     def truth(self, point: Point) -> Touch:
         return Touch.NONE if point.stone < 0 else self.order[point.stone]
 
-    def finish(self, choices: Sequence[int], now: Point, *, finished: str) -> RoundResult:
+    def finish(
+        self, choices: Sequence[int], now: Point, *, finished: str
+    ) -> RoundResult:
         """Score the player's choice of the two rough stones.
 
         Raises `ValueError` if the choice is not two different stones.
         """
         chosen = tuple(sorted(set(choices)))
-        if len(chosen) != 2 or not all(0 <= stone < len(self.order) for stone in chosen):
-            raise ValueError(f"choices are {list(choices)}, but must be two of the stones 0 to {len(self.order) - 1}")
+        if len(chosen) != 2 or not all(
+            0 <= stone < len(self.order) for stone in chosen
+        ):
+            raise ValueError(
+                f"choices are {list(choices)}, but must be two of the stones 0 to {len(self.order) - 1}"
+            )
         begin = next((point.time for point in self.path if point.stone >= 0), now.time)
         return RoundResult(
-            finished=finished, seed=self.seed, order=tuple(touch.name.lower() for touch in self.order), choices=chosen,
-            correct=sum(self.order[stone] is Touch.ROUGH for stone in chosen), duration=round(now.time - begin, 3),
-            strokes=tuple(self.strokes), trainer=self.trainer,
+            finished=finished,
+            seed=self.seed,
+            order=tuple(touch.name.lower() for touch in self.order),
+            choices=chosen,
+            correct=sum(self.order[stone] is Touch.ROUGH for stone in chosen),
+            duration=round(now.time - begin, 3),
+            strokes=tuple(self.strokes),
+            trainer=self.trainer,
             round_trip=float(np.median(self.round_trips)) if self.round_trips else None,
-        )  # fmt: skip
+        )
 
     def track(self, begin: float) -> NDArray[np.float64]:
         """Return rows of time since ``begin`` (s), x, y (m), force (N) and truth, shape ``(points, 5)``."""
-        rows = [(point.time - begin, point.x, point.y, point.force, self.truth(point)) for point in self.path]
+        rows = [
+            (point.time - begin, point.x, point.y, point.force, self.truth(point))
+            for point in self.path
+        ]
         return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 

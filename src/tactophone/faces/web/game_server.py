@@ -23,8 +23,24 @@ from numpy.typing import NDArray
 from tactophone.core.types import Touch
 from tactophone.faces.web.devices import command_of
 from tactophone.faces.web.feed import STEP_COLUMNS, WatchedRun, pack, step_table
-from tactophone.faces.web.game_rules import GameSettings, Point, Round, read_results, within_reach
-from tactophone.faces.web.views import CREDIT, STATIC, TAKEN, admit, exchange, is_local, messages_of, page, say_command
+from tactophone.faces.web.game_rules import (
+    GameSettings,
+    Point,
+    Round,
+    read_results,
+    within_reach,
+)
+from tactophone.faces.web.views import (
+    CREDIT,
+    STATIC,
+    TAKEN,
+    admit,
+    exchange,
+    is_local,
+    messages_of,
+    page,
+    say_command,
+)
 from tactophone.live.telemetry.layout import Action, Request
 from tactophone.live.telemetry.watcher import Snapshot
 from tactophone.signal.perception.decision import count_bumps, count_dips
@@ -73,9 +89,17 @@ class _PlayerSlot:
                 return view
         self._view = view
         await say_command(view, request)
-        player = _Player(self._game, self._run, view, self._played, local=is_local(request))
+        player = _Player(
+            self._game, self._run, view, self._played, local=is_local(request)
+        )
         try:
-            await exchange(view, player.message, player.receive(), credit=player.credit, interval=GAME_PERIOD)
+            await exchange(
+                view,
+                player.message,
+                player.receive(),
+                credit=player.credit,
+                interval=GAME_PERIOD,
+            )
         finally:
             player.lift()
             self._played = max(self._played, player.played)
@@ -86,7 +110,13 @@ class _Player:
     """A connection: the player's actions go to the finger and the round, the vibration comes back."""
 
     def __init__(
-        self, game: GameSettings, run: WatchedRun, view: web.WebSocketResponse, played: int, *, local: bool
+        self,
+        game: GameSettings,
+        run: WatchedRun,
+        view: web.WebSocketResponse,
+        played: int,
+        *,
+        local: bool,
     ) -> None:
         self._game, self._run, self._view = game, run, view
         self.credit = asyncio.Semaphore(CREDIT)
@@ -104,7 +134,10 @@ class _Player:
             "move": self._move,
             "choose": self._choose,
             "delay": self._delay,
-            **{action: partial(self._request, action) for action in ("stop", "mute", "arm")},
+            **{
+                action: partial(self._request, action)
+                for action in ("stop", "mute", "arm")
+            },
         }
         async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
@@ -115,7 +148,14 @@ class _Player:
             try:
                 arguments = json.loads(message.data)
                 await actions[arguments.pop("action")](**arguments)
-            except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
+            except (
+                ValueError,
+                TypeError,
+                KeyError,
+                AttributeError,
+                OverflowError,
+                RecursionError,
+            ) as error:
                 await self._view.send_str(json.dumps({"refused": str(error)}))
 
     async def _request(self, action: Action) -> None:
@@ -132,7 +172,11 @@ class _Player:
         return message
 
     def lift(self) -> None:
-        last = self._round.path[-1] if self._round and self._round.path else Point(0, 0, 0, 0)
+        last = (
+            self._round.path[-1]
+            if self._round and self._round.path
+            else Point(0, 0, 0, 0)
+        )
         self._command(("move", last.x, last.y, -1.0))
 
     def _message(self, snapshot: Snapshot) -> bytes:
@@ -146,11 +190,20 @@ class _Player:
         if self._round is not None:
             self._keep(snapshot)
             if self._round.trainer and len(snapshot.steps):
-                header["detected"] = Touch(int(snapshot.steps[-1]["touch"])).name.lower()
-                header["truth"] = self._round.truth(self._round.path[-1]).name.lower() if self._round.path else "none"
+                header["detected"] = Touch(
+                    int(snapshot.steps[-1]["touch"])
+                ).name.lower()
+                header["truth"] = (
+                    self._round.truth(self._round.path[-1]).name.lower()
+                    if self._round.path
+                    else "none"
+                )
         # A page plays only what follows its first message; older vibration is out of date.
         vibration = snapshot.vibration if self._last else snapshot.vibration[:0]
-        return pack({**header, "vibration_end": snapshot.vibration_end}, {"vibration": vibration})
+        return pack(
+            {**header, "vibration_end": snapshot.vibration_end},
+            {"vibration": vibration},
+        )
 
     def _keep(self, snapshot: Snapshot) -> None:
         now = time.monotonic()
@@ -167,7 +220,9 @@ class _Player:
         self._round = Round(order, seed=seed, trainer=bool(trainer))
         self._begun, self._steps = time.monotonic(), []
         self._command(("lay", tuple(int(touch) for touch in order), seed))
-        await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))
+        await self._view.send_str(
+            json.dumps({"begun": True, "trainer": self._round.trainer})
+        )
 
     async def _move(self, x: float, y: float, force: float) -> None:
         point = within_reach(float(x), float(y), float(force), now=time.monotonic())
@@ -184,11 +239,19 @@ class _Player:
         if played is None:
             return
         finished = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-        result = played.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
+        result = played.finish(
+            [int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished
+        )
         steps = np.concatenate([np.empty((0, 1 + len(STEP_COLUMNS))), *self._steps])
-        touch, truth = (steps[:, 1 + STEP_COLUMNS.index(name)] for name in ("touch", "truth"))
+        touch, truth = (
+            steps[:, 1 + STEP_COLUMNS.index(name)] for name in ("touch", "truth")
+        )
         bumps = count_bumps(touch == Touch.ROUGH, truth == Touch.SMOOTH)
-        result = replace(result, false_bumps=bumps, dips=count_dips(touch == Touch.ROUGH, truth == Touch.ROUGH))
+        result = replace(
+            result,
+            false_bumps=bumps,
+            dips=count_dips(touch == Touch.ROUGH, truth == Touch.ROUGH),
+        )
         kept = f"Saved in {self._game.results}"
         try:
             if now - self._begun < SHORTEST_ROUND:
@@ -199,8 +262,17 @@ class _Player:
             kept = f"Not saved in {self._game.results}: {error.strerror}"
         self.lift()
         self._round = None
-        header = {"result": asdict(result), "past": _summary(self._game.results), "kept": kept}
-        await self._view.send_bytes(pack(header, {"steps": _thin(steps), "track": _thin(played.track(self._begun))}))
+        header = {
+            "result": asdict(result),
+            "past": _summary(self._game.results),
+            "kept": kept,
+        }
+        await self._view.send_bytes(
+            pack(
+                header,
+                {"steps": _thin(steps), "track": _thin(played.track(self._begun))},
+            )
+        )
 
     def _command(self, message: tuple[object, ...]) -> None:
         """Send to the finger, unless the pipe is full: the page never waits."""
@@ -210,7 +282,11 @@ class _Player:
 
 def starting(seconds: float) -> str:
     """Return what the page says while the simulated finger starts: what is done, and for how long already."""
-    first = " The first start on a machine compiles it, for about a minute." if seconds > EXPECTED_START else ""
+    first = (
+        " The first start on a machine compiles it, for about a minute."
+        if seconds > EXPECTED_START
+        else ""
+    )
     return f"The simulated finger starts: {seconds:.0f} s.{first}"
 
 
@@ -224,5 +300,7 @@ def _summary(path: Path) -> dict[str, Any]:
     return {
         "rounds": len(rounds),
         "right": sum(result.correct == 2 for result in rounds),
-        "median_duration": statistics.median(result.duration for result in rounds) if rounds else None,
+        "median_duration": statistics.median(result.duration for result in rounds)
+        if rounds
+        else None,
     }

@@ -10,7 +10,15 @@ from multiprocessing.connection import Connection
 
 from aiohttp import WSMsgType, web
 
-from tactophone.faces.web.views import PAGE_VIEWERS, STATIC, Answers, admit, is_local, messages_of, page
+from tactophone.faces.web.views import (
+    PAGE_VIEWERS,
+    STATIC,
+    Answers,
+    admit,
+    is_local,
+    messages_of,
+    page,
+)
 
 LONGEST_BUTTON = 16
 """Characters of a button's name."""
@@ -30,7 +38,9 @@ async def _show(command: Answers, request: web.Request) -> web.StreamResponse:
     if view is None:
         return web.Response()
     if not is_local(request):
-        await view.close(code=1008, message=b"open this page on the machine that runs the command")
+        await view.close(
+            code=1008, message=b"open this page on the machine that runs the command"
+        )
         return view
     command.views.add(view)
     try:

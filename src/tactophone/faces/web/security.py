@@ -60,7 +60,14 @@ class AccessControl:
         """Whether only this machine can reach the page."""
         return self.host == "localhost" or ipaddress.ip_address(self.host).is_loopback
 
-    def refusal(self, *, token: str, host: str | None, origin: str | None, websocket: bool = False) -> str:
+    def refusal(
+        self,
+        *,
+        token: str,
+        host: str | None,
+        origin: str | None,
+        websocket: bool = False,
+    ) -> str:
         """Return why a request is refused; empty if it is allowed."""
         if not secrets.compare_digest(token.encode(), self.token.encode()):
             return "the token is wrong"
@@ -73,11 +80,21 @@ class AccessControl:
     def _is_own_host(self, host: str) -> bool:
         try:
             parts = urlsplit(f"//{host}")
-            name, port = parts.hostname or "", parts.port or (443 if self.scheme == "https" else 80)
+            name, port = (
+                parts.hostname or "",
+                parts.port or (443 if self.scheme == "https" else 80),
+            )
         except ValueError:
             return False
-        own = ["localhost", self.host, *self.names, *([socket.gethostname()] if _everywhere(self.host) else [])]
-        return port == self.port and (name in map(str.lower, own) or self._is_own_address(name))
+        own = [
+            "localhost",
+            self.host,
+            *self.names,
+            *([socket.gethostname()] if _everywhere(self.host) else []),
+        ]
+        return port == self.port and (
+            name in map(str.lower, own) or self._is_own_address(name)
+        )
 
     def _is_own_address(self, name: str) -> bool:
         """Return whether the name is a numeric address of this machine; a rebound name never is."""
@@ -85,7 +102,11 @@ class AccessControl:
         if address is None:
             return False
         # The page is served at this machine's loopback address too, which no other machine can be reached by.
-        return _everywhere(self.host) or address == own or (own is not None and address.is_loopback)
+        return (
+            _everywhere(self.host)
+            or address == own
+            or (own is not None and address.is_loopback)
+        )
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

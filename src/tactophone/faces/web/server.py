@@ -39,17 +39,31 @@ class Page(AbstractContextManager["Page", None]):
     """
 
     def __init__(
-        self, build: "Callable[[], web.Application]", address: str | None = None, *,
-        certificate: tuple[Path, Path] | None = None, names: tuple[str, ...] = (),
-    ) -> None:  # fmt: skip
+        self,
+        build: "Callable[[], web.Application]",
+        address: str | None = None,
+        *,
+        certificate: tuple[Path, Path] | None = None,
+        names: tuple[str, ...] = (),
+    ) -> None:
         if importlib.util.find_spec("aiohttp") is None:
-            raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
+            raise TactophoneError(
+                "the page needs a web server: pip install 'tactophone[dashboard]'"
+            )
         listening = _listen_everywhere(PAGE_ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
-        self.access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
+        self.access = AccessControl(
+            host, port, scheme="https" if certificate else "http", names=names
+        )
         self.url = self.access.url  # to open, with the token
         self._child = Child(
-            _serve, build, self.access, listening, certificate, name="tactophone-page", niceness=PAGE_NICENESS
+            _serve,
+            build,
+            self.access,
+            listening,
+            certificate,
+            name="tactophone-page",
+            niceness=PAGE_NICENESS,
         )
         for listener in listening:
             listener.close()
@@ -59,9 +73,13 @@ class Page(AbstractContextManager["Page", None]):
 
 
 def watch(
-    name: str, address: str | None = None, *, microphone: Connection | None = None, recorder: Connection | None = None,
+    name: str,
+    address: str | None = None,
+    *,
+    microphone: Connection | None = None,
+    recorder: Connection | None = None,
     **place: Any,
-) -> Page:  # fmt: skip
+) -> Page:
     """Serve the operator's page for the run of that name; ``place`` as in `Page`.
 
     ``microphone`` takes the sound of a page that listens (`live.audio.sources.browser_source` has the other end),
@@ -85,11 +103,15 @@ def network_address() -> str:
         except OSError:
             address = ""
     if not address or address.startswith("127."):
-        raise TactophoneError("--lan: this machine is in no network: join one, or leave --lan out")
+        raise TactophoneError(
+            "--lan: this machine is in no network: join one, or leave --lan out"
+        )
     return address
 
 
-def _dashboard(name: str, microphone: Connection | None, recorder: Connection | None) -> "web.Application":
+def _dashboard(
+    name: str, microphone: Connection | None, recorder: Connection | None
+) -> "web.Application":
     from tactophone.faces.web.dashboard import dashboard
 
     return dashboard(name, microphone, recorder)
@@ -105,9 +127,17 @@ def _listen_everywhere(address: str) -> list[socket.socket]:
     """Listen at an address, and at 127.0.0.1 too if another machine can reach the address but this one cannot."""
     sockets = [listen(address, "the page", example=PAGE_ADDRESS)]
     host, port = sockets[0].getsockname()[:2]
-    if sockets[0].family == socket.AF_INET and host != "0.0.0.0" and not host.startswith("127."):
-        with suppress(TactophoneError):  # the port may be in use there: the page is then not served at 127.0.0.1
-            sockets.append(listen(f"127.0.0.1:{port}", "the page", example=PAGE_ADDRESS))
+    if (
+        sockets[0].family == socket.AF_INET
+        and host != "0.0.0.0"
+        and not host.startswith("127.")
+    ):
+        with suppress(
+            TactophoneError
+        ):  # the port may be in use there: the page is then not served at 127.0.0.1
+            sockets.append(
+                listen(f"127.0.0.1:{port}", "the page", example=PAGE_ADDRESS)
+            )
     return sockets
 
 
@@ -139,7 +169,9 @@ async def _run(
     acceptor = Acceptor(tls)
     runner = web.AppRunner(protect(build(), access, acceptor), **RUNNER)
     await runner.setup()
-    accepting = [asyncio.create_task(acceptor.serve(runner, listener)) for listener in listening]
+    accepting = [
+        asyncio.create_task(acceptor.serve(runner, listener)) for listener in listening
+    ]
     ended = asyncio.Event()
     asyncio.get_running_loop().add_reader(parent, ended.set)
     await ended.wait()

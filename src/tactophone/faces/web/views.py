@@ -46,11 +46,15 @@ STATIC = files("tactophone.faces.web") / "static"
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -> web.Application:
+def protect(
+    inner: web.Application, access: AccessControl, acceptor: Acceptor
+) -> web.Application:
     """Serve a page, and the files that all pages load, under the token and behind access control."""
 
     @web.middleware
-    async def check_access(request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def check_access(
+        request: web.Request, handler: Handler
+    ) -> web.StreamResponse:
         reason = access.refusal(
             token=request.path.partition("/")[2].partition("/")[0],
             host=request.headers.get("Host"),
@@ -65,9 +69,14 @@ def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
         response.headers.update(HEADERS)
 
-    inner.router.add_get("/static/palette.css", page(files("tactophone.core") / "palette.css", "text/css"))
+    inner.router.add_get(
+        "/static/palette.css",
+        page(files("tactophone.core") / "palette.css", "text/css"),
+    )
     inner.router.add_static("/static", str(STATIC))
-    outer = web.Application(middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES)
+    outer = web.Application(
+        middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES
+    )
     outer.add_subapp(f"/{access.token}", inner)
     outer.on_response_prepare.append(add_headers)
     return outer
@@ -84,7 +93,9 @@ def is_local(request: web.Request) -> bool:
     """Return whether a page is open on this machine: both ends of its connection then have the same address."""
     if request.transport is None:
         return False
-    peer, own = (request.transport.get_extra_info(end) for end in ("peername", "sockname"))
+    peer, own = (
+        request.transport.get_extra_info(end) for end in ("peername", "sockname")
+    )
     return bool(peer and own and peer[0] == own[0])
 
 
@@ -92,20 +103,30 @@ async def say_command(view: web.WebSocketResponse, request: web.Request) -> None
     """Tell a page on this machine the command line of the run, which it shows when the run has ended."""
     if is_local(request):
         with suppress(ConnectionError):
-            await view.send_str(json.dumps({"command": shlex.join(["tactophone", *sys.argv[1:]])}))
+            await view.send_str(
+                json.dumps({"command": shlex.join(["tactophone", *sys.argv[1:]])})
+            )
 
 
-async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketResponse | None:
+async def admit(
+    request: web.Request, views: Sized, most: int
+) -> web.WebSocketResponse | None:
     """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too many, or it is too old."""
-    view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
+    view = web.WebSocketResponse(
+        heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False
+    )
     try:
         await view.prepare(request)
     except ConnectionError:
         return None
     if request.query.get("v", PAGE_VERSION) != PAGE_VERSION:
-        await view.close(code=OTHER_VERSION, message=b"this page is of another version: reload it")
+        await view.close(
+            code=OTHER_VERSION, message=b"this page is of another version: reload it"
+        )
     elif len(views) >= most:
-        await view.close(code=TOO_MANY, message=f"{most} pages are open already: close one".encode())
+        await view.close(
+            code=TOO_MANY, message=f"{most} pages are open already: close one".encode()
+        )
     else:
         return view
     return None
@@ -128,9 +149,13 @@ async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
 
 
 async def exchange(
-    view: web.WebSocketResponse, message: Callable[[], bytes], receiving: Awaitable[None], *,
-    credit: asyncio.Semaphore, interval: float,
-) -> None:  # fmt: skip
+    view: web.WebSocketResponse,
+    message: Callable[[], bytes],
+    receiving: Awaitable[None],
+    *,
+    credit: asyncio.Semaphore,
+    interval: float,
+) -> None:
     """Send a page what ``message`` returns, if anything, every ``interval`` s as its credit allows, while receiving."""
 
     async def send() -> None:
@@ -162,7 +187,11 @@ class Answers:
     """
 
     def __init__(
-        self, orders: Connection, views: set[web.WebSocketResponse], *, kept: dict[str, Any] | None = None
+        self,
+        orders: Connection,
+        views: set[web.WebSocketResponse],
+        *,
+        kept: dict[str, Any] | None = None,
     ) -> None:
         self.views = views
         self.status = kept or {}
@@ -183,7 +212,11 @@ class Answers:
         except (EOFError, OSError):
             asyncio.get_running_loop().remove_reader(self._orders.fileno())
             return
-        self.status |= {kind: entry for kind, entry in answer.items() if self._every or kind in self.status}
+        self.status |= {
+            kind: entry
+            for kind, entry in answer.items()
+            if self._every or kind in self.status
+        }
         for view in self.views:
             task = asyncio.ensure_future(_send(view, answer))
             self._sending.add(task)

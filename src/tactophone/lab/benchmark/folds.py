@@ -28,9 +28,15 @@ from tactophone.lab.dataset.values import Dataset, Recording, fingerprint
 from tactophone.lab.evaluation.predict import Predictor, TakePredictions
 
 TRAINING_CODE = (
-    "signal/perception", "lab/training", "signal/haptics/passthrough.py", "net/link/codec.py", "core/types.py",
-    "core/microphones.py", "lab/dataset/values.py", "lab/benchmark/methods.py",
-)  # fmt: skip
+    "signal/perception",
+    "lab/training",
+    "signal/haptics/passthrough.py",
+    "net/link/codec.py",
+    "core/types.py",
+    "core/microphones.py",
+    "lab/dataset/values.py",
+    "lab/benchmark/methods.py",
+)
 """Folders and files of the package that train detectors or run them."""
 
 MOST_DEATHS = 3
@@ -71,7 +77,12 @@ class Cache:
         try:
             with np.load(self.folder / f"{key}.npz", allow_pickle=False) as file:
                 return [
-                    TakePredictions(recording, file[f"time{n}"], file[f"probabilities{n}"], file[f"contact{n}"])
+                    TakePredictions(
+                        recording,
+                        file[f"time{n}"],
+                        file[f"probabilities{n}"],
+                        file[f"contact{n}"],
+                    )
                     for n, recording in enumerate(fold.test)
                 ]
         except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
@@ -86,20 +97,33 @@ class Cache:
         arrays = {
             f"{name}{n}": array
             for n, take in enumerate(predictions)
-            for name, array in (("time", take.time), ("probabilities", take.probabilities), ("contact", take.contact))
+            for name, array in (
+                ("time", take.time),
+                ("probabilities", take.probabilities),
+                ("contact", take.contact),
+            )
         }
-        with atomic_write(self.folder / f"{key}.npz") as unfinished, unfinished.open("wb") as file:
+        with (
+            atomic_write(self.folder / f"{key}.npz") as unfinished,
+            unfinished.open("wb") as file,
+        ):
             np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def default_cache() -> Cache:
     """Return the user's cache: ``$XDG_CACHE_HOME/tactophone/folds``, by default below ``~/.cache``."""
     home = os.environ.get("XDG_CACHE_HOME")
-    return Cache((Path(home) if home else Path.home() / ".cache") / "tactophone" / "folds")
+    return Cache(
+        (Path(home) if home else Path.home() / ".cache") / "tactophone" / "folds"
+    )
 
 
 def cross_validate(
-    method: Method, folds: Sequence[Fold], *, cache: Cache | None = None, report: Callable[[int, str], None] = ignore
+    method: Method,
+    folds: Sequence[Fold],
+    *,
+    cache: Cache | None = None,
+    report: Callable[[int, str], None] = ignore,
 ) -> list[TakePredictions]:
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
@@ -119,9 +143,13 @@ def cross_validate(
 
 
 def run_folds(
-    folds: Sequence[MethodFold], cache: Cache, *, workers: int = 1, ray: bool = False,
+    folds: Sequence[MethodFold],
+    cache: Cache,
+    *,
+    workers: int = 1,
+    ray: bool = False,
     report: Callable[[int, str], None] = ignore,
-) -> int:  # fmt: skip
+) -> int:
     """Run the folds whose predictions are not cached, each with its method, and cache them; return how many ran.
 
     One worker is this process itself. With ``ray`` they run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of
@@ -131,7 +159,13 @@ def run_folds(
     todo = {fold_key(*fold): fold for fold in folds}
     todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}
     here = ((key, predict_fold(*fold)) for key, fold in todo.items())
-    results = _on_ray(todo, workers) if ray else _in_processes(todo, workers) if workers > 1 else here
+    results = (
+        _on_ray(todo, workers)
+        if ray
+        else _in_processes(todo, workers)
+        if workers > 1
+        else here
+    )
     for done, (key, predictions) in enumerate(results, 1):
         cache.put(key, predictions)
         method, fold = todo[key]
@@ -139,12 +173,16 @@ def run_folds(
     return len(todo)
 
 
-def _in_processes(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
+def _in_processes(
+    todo: dict[str, MethodFold], workers: int
+) -> Iterator[tuple[str, list[TakePredictions]]]:
     left, deaths = dict(todo), 0
     while left:
         try:
             with open_pool(workers, prepare=_use_single_thread) as pool:
-                futures = {pool.submit(predict_fold, *fold): key for key, fold in left.items()}
+                futures = {
+                    pool.submit(predict_fold, *fold): key for key, fold in left.items()
+                }
                 try:
                     for future in as_completed(futures):
                         predictions = future.result()
@@ -167,11 +205,22 @@ def _use_single_thread() -> None:
         torch.set_num_threads(1)
 
 
-def _on_ray(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
+def _on_ray(
+    todo: dict[str, MethodFold], workers: int
+) -> Iterator[tuple[str, list[TakePredictions]]]:
     ray = load_ray(workers)
     # Workers that joined elsewhere have another working directory.
     todo = {key: (method, _absolute(fold)) for key, (method, fold) in todo.items()}
-    _check_seen(ray, sorted({take.path for _, fold in todo.values() for take in (*fold.train, *fold.test)}))
+    _check_seen(
+        ray,
+        sorted(
+            {
+                take.path
+                for _, fold in todo.values()
+                for take in (*fold.train, *fold.test)
+            }
+        ),
+    )
     # Ray runs a task again if its worker or its machine dies.
     remote = ray.remote(num_cpus=1, max_retries=MOST_DEATHS)(predict_fold)
     running = {remote.remote(*fold): key for key, fold in todo.items()}
@@ -181,7 +230,10 @@ def _on_ray(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, li
 
 
 def _absolute(fold: Fold) -> Fold:
-    train, test = (tuple(replace(take, path=take.path.absolute()) for take in side) for side in (fold.train, fold.test))
+    train, test = (
+        tuple(replace(take, path=take.path.absolute()) for take in side)
+        for side in (fold.train, fold.test)
+    )
     return replace(fold, train=train, test=test)
 
 
@@ -193,7 +245,9 @@ def _check_seen(ray: Any, paths: list[Path]) -> None:
         if not node["Alive"]:
             continue
         there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-        absent = ray.get(ray.remote(num_cpus=0, scheduling_strategy=there)(_absent).remote(paths))
+        absent = ray.get(
+            ray.remote(num_cpus=0, scheduling_strategy=there)(_absent).remote(paths)
+        )
         if absent:
             raise ConfigError(
                 f"--ray: {node['NodeManagerHostname']} does not see {absent[0]} ({len(absent)} of {len(paths)} "
@@ -211,11 +265,17 @@ def load_ray(workers: int) -> Any:
     Raises `ConfigError` if Ray is not installed.
     """
     if importlib.util.find_spec("ray") is None:
-        raise ConfigError("Ray is not installed: pip install 'tactophone[ray]', or leave --ray away")
+        raise ConfigError(
+            "Ray is not installed: pip install 'tactophone[ray]', or leave --ray away"
+        )
     import ray
 
     if not ray.is_initialized():
-        local = {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": workers, "include_dashboard": False}
+        local = (
+            {}
+            if os.environ.get("RAY_ADDRESS")
+            else {"num_cpus": workers, "include_dashboard": False}
+        )
         ray.init(log_to_driver=False, logging_level="warning", **local)
     return ray
 
@@ -230,9 +290,19 @@ def permute_labels(dataset: Dataset, *, seed: int) -> Dataset:
     """Permute the labels over the surfaces: what a method scores then, it scores without learning roughness."""
     kept = dataset.labelled()
     labels = {recording.surface: recording.label for recording in kept.recordings}
-    permuted = np.random.default_rng(seed).permutation([int(labels[name] or 0) for name in kept.surfaces])
-    new = {name: Touch(int(label)) for name, label in zip(kept.surfaces, permuted, strict=True)}
-    return replace(kept, recordings=tuple(replace(take, label=new[take.surface]) for take in kept.recordings))
+    permuted = np.random.default_rng(seed).permutation(
+        [int(labels[name] or 0) for name in kept.surfaces]
+    )
+    new = {
+        name: Touch(int(label))
+        for name, label in zip(kept.surfaces, permuted, strict=True)
+    }
+    return replace(
+        kept,
+        recordings=tuple(
+            replace(take, label=new[take.surface]) for take in kept.recordings
+        ),
+    )
 
 
 def fold_key(method: Method, fold: Fold) -> str:
@@ -251,5 +321,7 @@ def code_version() -> str:
     for part in TRAINING_CODE:
         place = root / part
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+            total.update(
+                path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes()
+            )
     return total.hexdigest()[:16]

@@ -27,16 +27,29 @@ from tactophone.core.microphones import AIR
 from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.lab.dataset.values import Dataset, Recording, tip_of
 from tactophone.lab.evaluation.metrics import Floats
-from tactophone.lab.evaluation.predict import Predictor, TakePredictions, model_predictor
+from tactophone.lab.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    model_predictor,
+)
 from tactophone.lab.training.baselines import FeatureRecipe
 from tactophone.lab.training.options import VARIANTS, TrainingOptions
-from tactophone.lab.training.recipes import FEATURE_RECIPES, RECIPES, ConfiguredRecipe, configure
+from tactophone.lab.training.recipes import (
+    FEATURE_RECIPES,
+    RECIPES,
+    ConfiguredRecipe,
+    configure,
+)
 from tactophone.lab.training.sets import TrainingSet, even_weights
 from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import PASSTHROUGH, STEP_SIZE
 from tactophone.signal.perception.decision import DecisionRule
-from tactophone.signal.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
+from tactophone.signal.perception.model_file import (
+    FEATURES,
+    LOG_PROBABILITIES,
+    read_model,
+)
 from tactophone.signal.perception.resample import Resampler
 
 if TYPE_CHECKING:
@@ -69,7 +82,9 @@ BAND_EDGES = np.geomspace(35, 1000, 9)
 FAINTEST_VIBRATION = 1e-8
 """Added to each power, as silence has no logarithm."""
 
-RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
+RENDERERS: Mapping[str, str] = {
+    f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH
+}
 """The renderer of each method: a name that a recipe has too gets ``/felt``."""
 
 
@@ -114,7 +129,11 @@ class FeatureMethod:
 
     @property
     def name(self) -> str:
-        return self.recipe.name if self.dropped is None else f"{self.recipe.name}/no-{('contact', 'air')[self.dropped]}"
+        return (
+            self.recipe.name
+            if self.dropped is None
+            else f"{self.recipe.name}/no-{('contact', 'air')[self.dropped]}"
+        )
 
     @property
     def identity(self) -> str:
@@ -125,7 +144,11 @@ class FeatureMethod:
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train, and predict by the graph that a model file would hold."""
         training_set = self.recipe.training_set(recordings)
-        return graph_predictor(self.recipe.build(training_set).SerializeToString(), training_set, dropped=self.dropped)
+        return graph_predictor(
+            self.recipe.build(training_set).SerializeToString(),
+            training_set,
+            dropped=self.dropped,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,18 +173,34 @@ class RendererMethod:
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        rows = [vibration_features(recording, RENDERERS[self.name])[1] for recording in recordings]
-        sizes, names = [len(windows) for windows in rows], sorted({recording.surface for recording in recordings})
+        rows = [
+            vibration_features(recording, RENDERERS[self.name])[1]
+            for recording in recordings
+        ]
+        sizes, names = (
+            [len(windows) for windows in rows],
+            sorted({recording.surface for recording in recordings}),
+        )
         rough = np.repeat([recording.rough for recording in recordings], sizes)
-        surface = np.repeat([names.index(recording.surface) for recording in recordings], sizes)
-        model = make_pipeline(StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky"))
-        model.fit(np.concatenate(rows), rough, logisticregression__sample_weight=even_weights(rough, surface))
+        surface = np.repeat(
+            [names.index(recording.surface) for recording in recordings], sizes
+        )
+        model = make_pipeline(
+            StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky")
+        )
+        model.fit(
+            np.concatenate(rows),
+            rough,
+            logisticregression__sample_weight=even_weights(rough, surface),
+        )
 
         def predict(recording: Recording) -> TakePredictions:
             time, windows = vibration_features(recording, RENDERERS[self.name])
             share = model.predict_proba(windows)[:, 1].astype(np.float32)
             probabilities = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
-            return TakePredictions(recording, time, probabilities, np.ones(len(time), bool))
+            return TakePredictions(
+                recording, time, probabilities, np.ones(len(time), bool)
+            )
 
         return predict
 
@@ -175,17 +214,30 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
     sound = recording.read(channels=1)
     resampler = Resampler(sound.sample_rate, LIVE_SAMPLE_RATE, channels=1)
     contact = np.concatenate([resampler.push(sound.samples), resampler.flush()])
-    vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(contact)[STEP_SIZE - 1 :: STEP_SIZE]
+    vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(contact)[
+        STEP_SIZE - 1 :: STEP_SIZE
+    ]
     rate = LIVE_SAMPLE_RATE // STEP_SIZE
-    starts = np.floor(np.arange(max(0, int((len(vibration) - WINDOW_SIZE) / HOP) + 1)) * HOP).astype(np.intp)
+    starts = np.floor(
+        np.arange(max(0, int((len(vibration) - WINDOW_SIZE) / HOP) + 1)) * HOP
+    ).astype(np.intp)
     windows = sliding_window_view(vibration, WINDOW_SIZE)[starts].astype(np.float64)
     powers = np.square(np.abs(np.fft.rfft(windows * np.hanning(WINDOW_SIZE))))
     bins = np.fft.rfftfreq(WINDOW_SIZE, 1 / rate)
     pairs = itertools.pairwise(BAND_EDGES)
-    bands = np.stack([powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs], axis=1)
+    bands = np.stack(
+        [powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs],
+        axis=1,
+    )
     power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
     rows = np.log10(
-        np.column_stack([bands / WINDOW_SIZE, power, (peak + FAINTEST_VIBRATION) / (power + FAINTEST_VIBRATION)])
+        np.column_stack(
+            [
+                bands / WINDOW_SIZE,
+                power,
+                (peak + FAINTEST_VIBRATION) / (power + FAINTEST_VIBRATION),
+            ]
+        )
         + FAINTEST_VIBRATION
     )
     return (starts + WINDOW_SIZE) / rate, rows
@@ -195,22 +247,37 @@ BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RendererMethod
 
 
 def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
-    return FeatureMethod(recipe) if isinstance(recipe, FeatureRecipe) else NetworkMethod(recipe)
+    return (
+        FeatureMethod(recipe)
+        if isinstance(recipe, FeatureRecipe)
+        else NetworkMethod(recipe)
+    )
 
 
 def recipe_method(name: str, *, channels: int) -> FeatureMethod:
     """Return the method of a recipe on features, for sound of 1 or 2 channels."""
-    return FeatureMethod(cast(FeatureRecipe, configure(name, TrainingOptions(channels=channels))))
+    return FeatureMethod(
+        cast(FeatureRecipe, configure(name, TrainingOptions(channels=channels)))
+    )
 
 
 def method_names(channels: int) -> tuple[str, ...]:
     """List the names of all methods, the reference first."""
-    networks = [f"paper/{name}" for name in VARIANTS if channels == 2 or name == "one-channel"]
+    networks = [
+        f"paper/{name}" for name in VARIANTS if channels == 2 or name == "one-channel"
+    ]
     baselines = [name for name in FEATURE_RECIPES if name != "texture"]
-    return (*networks, *baselines, *RENDERERS, *((NO_AIR, "texture") if channels == 2 else ("texture",)))
+    return (
+        *networks,
+        *baselines,
+        *RENDERERS,
+        *((NO_AIR, "texture") if channels == 2 else ("texture",)),
+    )
 
 
-def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False) -> tuple[BenchmarkMethod, ...]:
+def methods_for(
+    dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False
+) -> tuple[BenchmarkMethod, ...]:
     """Make the methods for a data set, all by default.
 
     With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises `ConfigError` if a name is unknown.
@@ -220,15 +287,32 @@ def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = Fal
         raise ConfigError(
             f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
         )
-    needs = {name: RECIPES[name].requires for name in allowed if name in RECIPES and RECIPES[name].requires}
-    lacking = {name for name, key in needs.items() if not any(take.known(key) for take in dataset.recordings)}
-    chosen = [name for name in allowed if name in (names or allowed) and name not in lacking]
+    needs = {
+        name: RECIPES[name].requires
+        for name in allowed
+        if name in RECIPES and RECIPES[name].requires
+    }
+    lacking = {
+        name
+        for name, key in needs.items()
+        if not any(take.known(key) for take in dataset.recordings)
+    }
+    chosen = [
+        name for name in allowed if name in (names or allowed) and name not in lacking
+    ]
     return tuple(_make_method(name, dataset, fast=fast) for name in chosen)
 
 
 def channels_of(dataset: Dataset) -> int:
     """2 if every recording has contact and air, otherwise 1."""
-    return 2 if all(set(recording.channels) == {"contact", "air"} for recording in dataset.recordings) else 1
+    return (
+        2
+        if all(
+            set(recording.channels) == {"contact", "air"}
+            for recording in dataset.recordings
+        )
+        else 1
+    )
 
 
 def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
@@ -250,10 +334,14 @@ def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
     recipe = name.partition("/")[0]
     rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
     dropped = AIR if name == NO_AIR else None
-    return replace(recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule)
+    return replace(
+        recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule
+    )
 
 
-def graph_predictor(graph: bytes, training_set: TrainingSet, *, dropped: int | None = None) -> Predictor:
+def graph_predictor(
+    graph: bytes, training_set: TrainingSet, *, dropped: int | None = None
+) -> Predictor:
     """Return a predictor that runs a graph on all windows of a recording at once.
 
     The features are as in training; the channel ``dropped`` carries nothing.
@@ -265,9 +353,17 @@ def graph_predictor(graph: bytes, training_set: TrainingSet, *, dropped: int | N
         if dropped is not None:
             alive = np.arange(training_set.spec.channels) != dropped
             # Constant features of a silent channel never trigger the detection of a change of surface.
-            track = replace(track, present=track.present & alive, description=track.description * alive[:, None])
-        (log_probabilities,) = session.run([LOG_PROBABILITIES], {FEATURES: training_set.features([track])[0]})
+            track = replace(
+                track,
+                present=track.present & alive,
+                description=track.description * alive[:, None],
+            )
+        (log_probabilities,) = session.run(
+            [LOG_PROBABILITIES], {FEATURES: training_set.features([track])[0]}
+        )
         contact = track.level_dbfs >= training_set.threshold_dbfs
-        return TakePredictions(recording, track.end, np.exp(log_probabilities, dtype=np.float32), contact)
+        return TakePredictions(
+            recording, track.end, np.exp(log_probabilities, dtype=np.float32), contact
+        )
 
     return predict

@@ -10,32 +10,67 @@ import numpy as np
 
 from tactophone.core.processes import make_room
 from tactophone.lab.benchmark.results import DatasetResults, MethodResult
-from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot, save_figure
+from tactophone.lab.dataset.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    load_pyplot,
+    save_figure,
+)
 from tactophone.lab.evaluation.events import HALF
-from tactophone.signal.haptics.profiles import PROFILES, discriminable_steps, open_profile
+from tactophone.signal.haptics.profiles import (
+    PROFILES,
+    discriminable_steps,
+    open_profile,
+)
 
 REPORT_COLUMNS = (
-    "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",
-    "AUC", "recall at 1 %", "false positives", "at the reference's recall", "false bumps a minute",
-    "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
+    "method",
+    "balanced accuracy as rendered",
+    "smooth as rough",
+    "time wrong",
+    "gaps",
+    "windows: balanced accuracy",
+    "AUC",
+    "recall at 1 %",
+    "false positives",
+    "at the reference's recall",
+    "false bumps a minute",
+    "contact, ms: p50 / p95 (never)",
+    "edge, ms: p50 / p95 (never)",
+    "calibration error",
     "p (corrected)",
-)  # fmt: skip
+)
 
-COLOURS: Mapping[str, str] = {"texture": VERMILION, "paper/general": BLUE, "logistic": ORANGE, "level": GREEN}
+COLOURS: Mapping[str, str] = {
+    "texture": VERMILION,
+    "paper/general": BLUE,
+    "logistic": ORANGE,
+    "level": GREEN,
+}
 """Of the methods that figures name: what ships, the paper's, a standard classifier, and the least. Others are grey."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""
 
 
-def write_report(folder: Path, datasets: Sequence[DatasetResults], *, notes: Iterable[str]) -> Path:
+def write_report(
+    folder: Path, datasets: Sequence[DatasetResults], *, notes: Iterable[str]
+) -> Path:
     """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the top: what ran, on what."""
     parts = ["# Tactophone benchmark", *notes]
     for of_dataset in datasets:
         parts.append(f"## {of_dataset.dataset}: {of_dataset.origin}")
-        for split, results in groupby(of_dataset.results, key=lambda result: result.split):
+        for split, results in groupby(
+            of_dataset.results, key=lambda result: result.split
+        ):
             parts += _section(folder, list(results), split, of_dataset)
-    steps = [(name, f"{pitch:.1f}", f"{both:.1f}") for name, (pitch, both) in steps_by_profile().items()]
+    steps = [
+        (name, f"{pitch:.1f}", f"{both:.1f}")
+        for name, (pitch, both) in steps_by_profile().items()
+    ]
     parts += [
         "## Rendering profiles",
         "Just-noticeable steps between smooth and rough (18 % of frequency, 1.5 dB).",
@@ -47,14 +82,30 @@ def write_report(folder: Path, datasets: Sequence[DatasetResults], *, notes: Ite
     return path
 
 
-def _section(folder: Path, results: Sequence[MethodResult], split: str, of_dataset: DatasetResults) -> list[str]:
+def _section(
+    folder: Path,
+    results: Sequence[MethodResult],
+    split: str,
+    of_dataset: DatasetResults,
+) -> list[str]:
     figures = {"scores": draw_scores(results), "curves": draw_curves(results)}
-    if any(math.isfinite(result.contact_ms[0]) or math.isfinite(result.edge_ms[0]) for result in results):
+    if any(
+        math.isfinite(result.contact_ms[0]) or math.isfinite(result.edge_ms[0])
+        for result in results
+    ):
         figures["delays"] = draw_delays(results)
     figures["surfaces"] = draw_surfaces(results)
-    rules = [(rule, name) for rule in ("authors", "two-class") for name in ("balanced", "smooth", "rough")]
+    rules = [
+        (rule, name)
+        for rule in ("authors", "two-class")
+        for name in ("balanced", "smooth", "rough")
+    ]
     accuracies = [
-        (result.method, *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules)) for result in results
+        (
+            result.method,
+            *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules),
+        )
+        for result in results
     ]
     return [
         f"### {split}",
@@ -63,7 +114,10 @@ def _section(folder: Path, results: Sequence[MethodResult], split: str, of_datas
         f"The {control_of(of_dataset, split)}.",
         "Accuracy by both rules; by the authors', a prediction none counts as smooth.",
         _table(("method", *(f"{rule}: {name}" for rule, name in rules)), accuracies),
-        *(_save(figure, folder / f"{of_dataset.dataset}-{split}-{name}.svg") for name, figure in figures.items()),
+        *(
+            _save(figure, folder / f"{of_dataset.dataset}-{split}-{name}.svg")
+            for name, figure in figures.items()
+        ),
     ]
 
 
@@ -79,14 +133,25 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
     difference = result.differences.get("balanced_accuracy")
     rendered = result.rendered
     return (
-        result.method, str(rendered.balanced_accuracy),
-        *(_number(share.value, ".3f") for share in (rendered.smooth_as_rough, rendered.wrong, rendered.gaps)),
-        str(scores["balanced_accuracy"]), str(scores["auc"]), str(scores["recall_at_1"]),
-        _number(scores["false_positive_rate"].value, ".3f"), _number(result.false_positives_at_reference, ".3f"),
-        _number(result.bumps_per_minute, ".1f"), format_delay(result.contact_ms), format_delay(result.edge_ms),
+        result.method,
+        str(rendered.balanced_accuracy),
+        *(
+            _number(share.value, ".3f")
+            for share in (rendered.smooth_as_rough, rendered.wrong, rendered.gaps)
+        ),
+        str(scores["balanced_accuracy"]),
+        str(scores["auc"]),
+        str(scores["recall_at_1"]),
+        _number(scores["false_positive_rate"].value, ".3f"),
+        _number(result.false_positives_at_reference, ".3f"),
+        _number(result.bumps_per_minute, ".1f"),
+        format_delay(result.contact_ms),
+        format_delay(result.edge_ms),
         _number(result.calibration_error, ".3f"),
-        f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})" if difference else "-",
-    )  # fmt: skip
+        f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})"
+        if difference
+        else "-",
+    )
 
 
 def format_delay(delay: tuple[float, float, float]) -> str:
@@ -100,7 +165,10 @@ def format_delay(delay: tuple[float, float, float]) -> str:
     p50, p95, missed = delay
     if math.isnan(p50):
         return "-"
-    times = (f"{time_ms:.0f}" if math.isfinite(time_ms) else "never" for time_ms in (p50, p95))
+    times = (
+        f"{time_ms:.0f}" if math.isfinite(time_ms) else "never"
+        for time_ms in (p50, p95)
+    )
     return f"{' / '.join(times)} ({100 * missed:.0f} %)"
 
 
@@ -128,16 +196,31 @@ def _save(figure: Any, path: Path) -> str:
 def draw_scores(results: Sequence[MethodResult]) -> Any:
     """Draw balanced accuracy of every method with its interval, best on top."""
     pyplot = load_pyplot()
-    rows = sorted(results, key=lambda result: result.scores["two-class"]["balanced_accuracy"].value)
-    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained")
+    rows = sorted(
+        results,
+        key=lambda result: result.scores["two-class"]["balanced_accuracy"].value,
+    )
+    figure, axis = pyplot.subplots(
+        figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained"
+    )
     for place, result in enumerate(rows):
         score = result.scores["two-class"]["balanced_accuracy"]
         colour = COLOURS.get(result.method, GREY)
-        axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
+        axis.plot(
+            [score.low, score.high],
+            [place, place],
+            color=colour,
+            linewidth=2.2,
+            alpha=0.55,
+        )
         axis.plot(score.value, place, "o", color=colour, markersize=6)
     axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
     axis.text(0.502, len(rows) - 0.4, "chance", color="#555555", fontsize=8)
-    axis.set(yticks=range(len(rows)), yticklabels=[result.method for result in rows], ylim=(-0.6, len(rows) - 0.1))
+    axis.set(
+        yticks=range(len(rows)),
+        yticklabels=[result.method for result in rows],
+        ylim=(-0.6, len(rows) - 0.1),
+    )
     axis.set_xlabel("balanced accuracy per update (90 % interval over surfaces)")
     return figure
 
@@ -160,33 +243,68 @@ def draw_curves(results: Sequence[MethodResult]) -> Any:
         height = max(recall_here + 0.03, height + 0.065)
         ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
         axis.text(
-            0.93, height, result.method, color=COLOURS[result.method], fontsize=9, ha="right", bbox=ground, zorder=4
+            0.93,
+            height,
+            result.method,
+            color=COLOURS[result.method],
+            fontsize=9,
+            ha="right",
+            bbox=ground,
+            zorder=4,
         )
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
-    axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
+    axis.set(
+        xscale="log",
+        xlim=(0.1, 100),
+        ylim=(0, 1),
+        xticks=(0.1, 1, 10, 100),
+        ylabel="rough updates found",
+    )
     axis.set_xticklabels(("0.1", "1", "10", "100"))
     axis.set_xlabel("smooth updates classified as rough (%)")
-    axis.set_title(f"grey: {len(results) - len(places)} other methods", loc="right", fontsize=9, color="#555555")
+    axis.set_title(
+        f"grey: {len(results) - len(places)} other methods",
+        loc="right",
+        fontsize=9,
+        color="#555555",
+    )
     return figure
 
 
 def draw_delays(results: Sequence[MethodResult]) -> Any:
     """Draw the time to a correct decision after contact and after an edge: p50 to p95."""
     pyplot = load_pyplot()
-    rows = [each for each in reversed(results) if np.isfinite((each.contact_ms[0], each.edge_ms[0])).any()]
-    figure, axes = pyplot.subplots(1, 2, sharey=True, figsize=(8.2, 0.9 + 0.27 * len(rows)), layout="constrained")
+    rows = [
+        each
+        for each in reversed(results)
+        if np.isfinite((each.contact_ms[0], each.edge_ms[0])).any()
+    ]
+    figure, axes = pyplot.subplots(
+        1, 2, sharey=True, figsize=(8.2, 0.9 + 0.27 * len(rows)), layout="constrained"
+    )
     for axis, event in zip(axes, ("contact", "edge"), strict=True):
         for place, result in enumerate(rows):
-            _draw_delay(axis, place, getattr(result, f"{event}_ms"), colour=COLOURS.get(result.method, GREY))
+            _draw_delay(
+                axis,
+                place,
+                getattr(result, f"{event}_ms"),
+                colour=COLOURS.get(result.method, GREY),
+            )
         axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
-        axis.set(xlabel=f"ms from {event} to a correct decision: p50, p95", xlim=(0, None))
+        axis.set(
+            xlabel=f"ms from {event} to a correct decision: p50, p95", xlim=(0, None)
+        )
         axis.margins(x=0.25)
     names = [result.method for result in rows]
-    axes[0].set(yticks=range(len(rows)), yticklabels=names, ylim=(-0.6, len(rows) - 0.4))
+    axes[0].set(
+        yticks=range(len(rows)), yticklabels=names, ylim=(-0.6, len(rows) - 0.4)
+    )
     return figure
 
 
-def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, colour: str) -> None:
+def _draw_delay(
+    axis: Any, place: int, delay: tuple[float, float, float], *, colour: str
+) -> None:
     p50, p95, missed = delay
     if not np.isfinite(p50):
         return
@@ -196,22 +314,53 @@ def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, col
     axis.plot(p50, place, "o", color=colour, markersize=5)
     axis.plot(end, place, marker, color=colour, markersize=9 if marker == "|" else 4)
     axis.annotate(
-        f"never: {missed:.0%}", (end, place), xytext=(6, 0), textcoords="offset points", fontsize=8, va="center",
+        f"never: {missed:.0%}",
+        (end, place),
+        xytext=(6, 0),
+        textcoords="offset points",
+        fontsize=8,
+        va="center",
         color="#555555",
-    )  # fmt: skip
+    )
 
 
 def draw_surfaces(results: Sequence[MethodResult]) -> Any:
     pyplot = load_pyplot()
-    names = sorted(results[0].by_surface, key=lambda name: (results[0].by_surface[name], name))
-    shares = np.array([[100 * result.by_surface.get(name, np.nan) for name in names] for result in results])
-    figure, axis = pyplot.subplots(figsize=(7.2, 1.6 + 0.24 * len(results)), layout="constrained")
+    names = sorted(
+        results[0].by_surface, key=lambda name: (results[0].by_surface[name], name)
+    )
+    shares = np.array(
+        [
+            [100 * result.by_surface.get(name, np.nan) for name in names]
+            for result in results
+        ]
+    )
+    figure, axis = pyplot.subplots(
+        figsize=(7.2, 1.6 + 0.24 * len(results)), layout="constrained"
+    )
     image = axis.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
     for row, column in np.ndindex(shares.shape) if len(names) <= MOST_CELLS else ():
         ink = "white" if shares[row, column] < 60 else "black"
-        axis.text(column, row, f"{shares[row, column]:.0f}", ha="center", va="center", fontsize=8, color=ink)
-    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=8)
-    axis.set_yticks(range(len(results)), [result.method for result in results], fontsize=8)
+        axis.text(
+            column,
+            row,
+            f"{shares[row, column]:.0f}",
+            ha="center",
+            va="center",
+            fontsize=8,
+            color=ink,
+        )
+    axis.set_xticks(
+        range(len(names)),
+        names,
+        rotation=60,
+        ha="right",
+        rotation_mode="anchor",
+        fontsize=8,
+    )
+    axis.set_yticks(
+        range(len(results)), [result.method for result in results], fontsize=8
+    )
     axis.tick_params(length=0)
     figure.colorbar(image, label="updates classified correctly (%)", pad=0.01)
     return figure

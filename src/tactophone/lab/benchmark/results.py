@@ -8,7 +8,13 @@ import numpy as np
 from tactophone.core.errors import DatasetError
 from tactophone.lab.benchmark.methods import BenchmarkMethod
 from tactophone.lab.dataset.values import Dataset
-from tactophone.lab.evaluation.bootstrap import Difference, Estimate, correct_for_number, estimate, paired_difference
+from tactophone.lab.evaluation.bootstrap import (
+    Difference,
+    Estimate,
+    correct_for_number,
+    estimate,
+    paired_difference,
+)
 from tactophone.lab.evaluation.events import (
     Delays,
     calibration_error,
@@ -16,8 +22,16 @@ from tactophone.lab.evaluation.events import (
     edge_delays,
     false_bumps_per_minute,
 )
-from tactophone.lab.evaluation.metrics import SCORING_RULES, Scores, false_positives_at_recall
-from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of
+from tactophone.lab.evaluation.metrics import (
+    SCORING_RULES,
+    Scores,
+    false_positives_at_recall,
+)
+from tactophone.lab.evaluation.predict import (
+    TakePredictions,
+    in_true_contact,
+    scores_of,
+)
 from tactophone.lab.evaluation.report import Rendered, rendered_scores
 
 MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
@@ -65,49 +79,94 @@ class DatasetResults:
 
 
 def compare_methods(
-    dataset: Dataset, methods: Sequence[BenchmarkMethod], split: str, predictions: Mapping[str, list[TakePredictions]]
+    dataset: Dataset,
+    methods: Sequence[BenchmarkMethod],
+    split: str,
+    predictions: Mapping[str, list[TakePredictions]],
 ) -> list[MethodResult]:
     """Score methods on one split of a data set, each also as its difference from the first.
 
     Raises `DatasetError` if there is no update in true contact.
     """
-    scores = {name: scores_of(map(in_true_contact, takes), "two-class") for name, takes in predictions.items()}
+    scores = {
+        name: scores_of(map(in_true_contact, takes), "two-class")
+        for name, takes in predictions.items()
+    }
     reference = scores[methods[0].name]
     results = []
     for method in methods:
         try:
-            results.append(_result(dataset, method, split, predictions[method.name], scores[method.name], reference))
+            results.append(
+                _result(
+                    dataset,
+                    method,
+                    split,
+                    predictions[method.name],
+                    scores[method.name],
+                    reference,
+                )
+            )
         except DatasetError as error:
-            raise DatasetError(f"{dataset.name}, {split}, {method.name}: {error}") from error
+            raise DatasetError(
+                f"{dataset.name}, {split}, {method.name}: {error}"
+            ) from error
     # P-values are corrected for the number of comparisons.
-    compared = {(result.method, name): each for result in results for name, each in result.differences.items()}
+    compared = {
+        (result.method, name): each
+        for result in results
+        for name, each in result.differences.items()
+    }
     corrected = correct_for_number(compared)
     return [
-        replace(result, differences={name: corrected[result.method, name] for name in result.differences})
+        replace(
+            result,
+            differences={
+                name: corrected[result.method, name] for name in result.differences
+            },
+        )
         for result in results
     ]
 
 
 def _result(
-    dataset: Dataset, method: BenchmarkMethod, split: str, predictions: list[TakePredictions], scores: Scores,
+    dataset: Dataset,
+    method: BenchmarkMethod,
+    split: str,
+    predictions: list[TakePredictions],
+    scores: Scores,
     reference: Scores,
-) -> MethodResult:  # fmt: skip
-    labelled = [in_true_contact(take) for take in predictions if take.recording.label is not None]
+) -> MethodResult:
+    labelled = [
+        in_true_contact(take)
+        for take in predictions
+        if take.recording.label is not None
+    ]
     recall = float((reference.score[reference.rough] >= 0.5).mean())
     differences = {} if scores is reference else paired_difference(scores, reference)
     correct = (scores.score >= 0.5) == scores.rough
     estimates = {rule: estimate(scores_of(labelled, rule)) for rule in SCORING_RULES}
     kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
     return MethodResult(
-        method.name, dataset.name, split, rendered_scores(predictions, method.rule),
-        {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
-        false_positives_at_recall(scores, recall), false_bumps_per_minute(predictions, method.rule),
-        calibration_error(labelled), _summary(contact_delays(predictions, method.rule, latency=method.latency)),
+        method.name,
+        dataset.name,
+        split,
+        rendered_scores(predictions, method.rule),
+        {
+            rule: {name: of_rule[name] for name in kept}
+            for rule, of_rule in estimates.items()
+        },
+        false_positives_at_recall(scores, recall),
+        false_bumps_per_minute(predictions, method.rule),
+        calibration_error(labelled),
+        _summary(contact_delays(predictions, method.rule, latency=method.latency)),
         _summary(edge_delays(predictions, method.rule, latency=method.latency)),
         {name: differences[name] for name in MEASURES if name in differences},
-        {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
+        {
+            name: float(correct[scores.surface == number].mean())
+            for number, name in enumerate(scores.names)
+        },
         _curve(scores),
-    )  # fmt: skip
+    )
 
 
 def _summary(delays: Delays) -> tuple[float, float, float]:
@@ -116,6 +175,11 @@ def _summary(delays: Delays) -> tuple[float, float, float]:
 
 def _curve(scores: Scores, points: int = 120) -> tuple[tuple[float, float], ...]:
     smooth, rough = scores.score[~scores.rough], scores.score[scores.rough]
-    shares = np.concatenate((np.geomspace(1e-3, 0.1, points // 2), np.linspace(0.1, 1, points // 2)))
+    shares = np.concatenate(
+        (np.geomspace(1e-3, 0.1, points // 2), np.linspace(0.1, 1, points // 2))
+    )
     limits = np.quantile(smooth, 1 - shares)
-    return tuple((float(share), float((rough > limit).mean())) for share, limit in zip(shares, limits, strict=True))
+    return tuple(
+        (float(share), float((rough > limit).mean()))
+        for share, limit in zip(shares, limits, strict=True)
+    )

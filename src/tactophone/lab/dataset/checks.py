@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import SURFACE_LABELS, ignore
-from tactophone.lab.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
+from tactophone.lab.dataset.values import (
+    READ_SIZE,
+    Dataset,
+    Problem,
+    Recording,
+    channel_order,
+    open_sound,
+)
 from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 MIN_RATE = 2000
@@ -79,11 +86,19 @@ class _Measurements:
     finite: bool
 
 
-def check(dataset: Dataset, *, progress: Callable[[int], None] = ignore) -> tuple[Problem, ...]:
+def check(
+    dataset: Dataset, *, progress: Callable[[int], None] = ignore
+) -> tuple[Problem, ...]:
     """Read every recording to its end and report what is wrong, after what opening found; a bad one stops nothing."""
     problems = [*dataset.problems, *_label_conflicts(dataset)]
     if not dataset.recordings and not problems:
-        problems.append(Problem(dataset.root, "empty", "its manifest names no recording; add a line for each"))
+        problems.append(
+            Problem(
+                dataset.root,
+                "empty",
+                "its manifest names no recording; add a line for each",
+            )
+        )
     for done, recording in enumerate(dataset.recordings, 1):
         problems.extend(check_recording(recording))
         progress(done)
@@ -125,7 +140,10 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
         return dataset, ()
     message = "one microphone, but the others of the set have contact and air; train on one with --channels 1"
     paths = {recording.path for recording in lacking}
-    problems = tuple(Problem(recording.path, "channels", message, fatal=False) for recording in lacking)
+    problems = tuple(
+        Problem(recording.path, "channels", message, fatal=False)
+        for recording in lacking
+    )
     return dataset.where(lambda recording: recording.path not in paths), problems
 
 
@@ -133,7 +151,11 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
     """Report what is wrong with one recording: missing, empty, broken, silent, clipped, or unlike its manifest."""
     path = recording.path
     if not path.is_file():
-        yield Problem(path, "missing", "the manifest names it, but there is no such file; restore it or drop its line")
+        yield Problem(
+            path,
+            "missing",
+            "the manifest names it, but there is no such file; restore it or drop its line",
+        )
         return
     if path.stat().st_size == 0:
         yield Problem(path, "empty", "0 bytes; record it again or drop its line")
@@ -143,13 +165,21 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
     except DatasetError as error:
         yield Problem(path, "broken", str(error).removeprefix(f"{path}: "))
         return
-    for kind, message, fatal in (*_sound_faults(measured), *_manifest_faults(recording, measured)):
+    for kind, message, fatal in (
+        *_sound_faults(measured),
+        *_manifest_faults(recording, measured),
+    ):
         yield Problem(path, kind, message, fatal)
 
 
 def _measure(recording: Recording) -> _Measurements:
     with open_sound(recording.path) as file:
-        peaks, railed, size, finite = np.zeros(file.channels), np.zeros(file.channels, int), 0, True
+        peaks, railed, size, finite = (
+            np.zeros(file.channels),
+            np.zeros(file.channels, int),
+            0,
+            True,
+        )
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
             magnitude = np.abs(samples)
             finite = finite and bool(np.isfinite(magnitude).all())
@@ -157,7 +187,9 @@ def _measure(recording: Recording) -> _Measurements:
             railed += clipped_samples(samples.T).sum(axis=1)
             size += len(samples)
         peak, counts = tuple(peaks.tolist()), tuple(railed.tolist())
-        return _Measurements(file.samplerate, file.channels, size, len(file), peak, counts, finite)
+        return _Measurements(
+            file.samplerate, file.channels, size, len(file), peak, counts, finite
+        )
 
 
 def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
@@ -166,26 +198,54 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         yield "empty", "a header without sound; record it again or drop its line", True
         return
     if measured.size < measured.promised:
-        yield "broken", f"ends after {measured.size} of {measured.promised} samples; restore the whole file", True
+        yield (
+            "broken",
+            f"ends after {measured.size} of {measured.promised} samples; restore the whole file",
+            True,
+        )
     if not measured.finite:
         yield "broken", "holds NaN or infinite samples; export it again", True
         return  # its levels say nothing
     if measured.sample_rate < MIN_RATE:
-        yield "rate", f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again", True
+        yield (
+            "rate",
+            f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again",
+            True,
+        )
     if duration < MIN_DURATION:
-        yield "short", f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it", True
+        yield (
+            "short",
+            f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it",
+            True,
+        )
     threshold = 10 ** (CHECKED_SILENT_DBFS / 20)
-    silent = [str(number) for number, peak in enumerate(measured.peaks, 1) if peak < threshold]
+    silent = [
+        str(number) for number, peak in enumerate(measured.peaks, 1) if peak < threshold
+    ]
     if silent:
         whole = len(silent) == measured.channels
-        where = "every channel" if whole else f"channel {', '.join(silent)} of {measured.channels}"
-        yield "silent", f"{where} stays under {CHECKED_SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
+        where = (
+            "every channel"
+            if whole
+            else f"channel {', '.join(silent)} of {measured.channels}"
+        )
+        yield (
+            "silent",
+            f"{where} stays under {CHECKED_SILENT_DBFS:.0f} dBFS; check the microphone and its gain",
+            whole,
+        )
     if max(measured.clipped) > FAULT_CLIPPED_SHARE * measured.size:
         share = sum(measured.clipped) / (measured.size * measured.channels)
-        yield "clipped", f"{share:.2%} of its samples lie at full scale; record it again with less gain", False
+        yield (
+            "clipped",
+            f"{share:.2%} of its samples lie at full scale; record it again with less gain",
+            False,
+        )
 
 
-def _manifest_faults(recording: Recording, measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
+def _manifest_faults(
+    recording: Recording, measured: _Measurements
+) -> Iterator[tuple[str, str, bool]]:
     if recording.channels and len(recording.channels) != measured.channels:
         found = f"the manifest names {len(recording.channels)} channels, but the file has {measured.channels}"
         yield "channels", f"{found}; correct the column channels", True
@@ -208,12 +268,17 @@ def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
         first = seen.setdefault(recording.surface, recording)
         if first.label is not recording.label:
             labels = f"{recording.known('label')} here, {first.known('label')} in {first.path.name}"
-            message = f"{recording.surface} is {labels}; give each surface a single label"
+            message = (
+                f"{recording.surface} is {labels}; give each surface a single label"
+            )
             yield Problem(recording.path, "label", message, fatal=False)
 
 
 def check_consistency(
-    dataset: Dataset, *, threshold_dbfs: float = DEFAULT_CONTACT_DBFS, progress: Callable[[int], None] = ignore
+    dataset: Dataset,
+    *,
+    threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
+    progress: Callable[[int], None] = ignore,
 ) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 
@@ -228,9 +293,13 @@ def check_consistency(
             digest, contact = measured
             problems += _duplicate(recording, seen.setdefault(digest, recording))
             if recording.labelled and contact < CHECKED_MIN_CONTACT:
-                found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
+                found = (
+                    f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
+                )
                 message = f"{found}; record it again, or label it none"
-                problems.append(Problem(recording.path, "no contact", message, fatal=False))
+                problems.append(
+                    Problem(recording.path, "no contact", message, fatal=False)
+                )
         progress(done)
     return tuple(problems)
 
@@ -247,7 +316,11 @@ def _leaks(dataset: Dataset) -> Iterator[Problem]:
 
 
 def _imbalance(dataset: Dataset) -> Iterator[Problem]:
-    surfaces = {recording.surface: recording.label for recording in dataset.recordings if recording.labelled}
+    surfaces = {
+        recording.surface: recording.label
+        for recording in dataset.recordings
+        if recording.labelled
+    }
     counts = Counter(surfaces.values())
     for label in SURFACE_LABELS:
         if surfaces and counts[label] < MIN_LABEL_SHARE * len(surfaces):
@@ -259,17 +332,26 @@ def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
     if first is recording:
         return
     if first.path == recording.path and first.label is recording.label:
-        yield Problem(recording.path, "duplicate", "the manifest names it twice; drop either line", fatal=False)
+        yield Problem(
+            recording.path,
+            "duplicate",
+            "the manifest names it twice; drop either line",
+            fatal=False,
+        )
         return
     message = f"the same sound as {first.path.name}"
     if first.label is not recording.label:
         message += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
     elif first.known("split") != recording.known("split"):
         message += f", which is in {first.known('split') or '-'} and this in {recording.known('split') or '-'}"
-    yield Problem(recording.path, "duplicate", f"{message}; drop either file", fatal=False)
+    yield Problem(
+        recording.path, "duplicate", f"{message}; drop either file", fatal=False
+    )
 
 
-def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
+def _measure_contact(
+    recording: Recording, threshold_dbfs: float
+) -> tuple[str, float] | None:
     """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
     try:
         sound = recording.read()
@@ -277,13 +359,19 @@ def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, 
         return None
     # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
     samples, rate = sound.samples.round(4), sound.sample_rate
-    channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
+    channel = (
+        recording.channels.index("contact")
+        if "contact" in recording.channels
+        else CONTACT
+    )
     if not samples.size or not np.isfinite(samples).all():
         return None  # reported as a fault of the file
     size = max(1, int(CHECKED_CELL * rate))
     # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
     cells = samples[: len(samples) // size * size, channel].reshape(-1, size)
-    power = np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
+    power = (
+        np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
+    )
     digest = hashlib.sha256(f"{rate}".encode() + samples.tobytes()).hexdigest()
     return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
 
@@ -296,27 +384,48 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
         return f"its pair cannot be read: {error}", True
     name, rate = air.name, one.sample_rate
     if one.channels != 1 or two.channels != 1:
-        return f"it and {name} hold {one.channels} and {two.channels} channels; two mono files make a pair", True
+        return (
+            f"it and {name} hold {one.channels} and {two.channels} channels; two mono files make a pair",
+            True,
+        )
     if rate != two.sample_rate:
-        return f"{rate} Hz, but {name} has {two.sample_rate} Hz; resample one of them first", True
+        return (
+            f"{rate} Hz, but {name} has {two.sample_rate} Hz; resample one of them first",
+            True,
+        )
     difference = abs(one.size - two.size) / rate
     if difference > MOST_DIFFERENCE:
-        return f"{name} differs in length by {difference:.3f} s; cut both to the same touch", True
+        return (
+            f"{name} differs in length by {difference:.3f} s; cut both to the same touch",
+            True,
+        )
     size = min(one.size, two.size)
     try:
         powers = [_cell_powers(path, size, rate) for path in (contact, air)]
     except DatasetError as error:
         return f"its pair cannot be read: {error}", True
     middle = len(powers[0]) // 2
-    lags = [_lag(*(_level_of(power[half]) for power in powers)) for half in (slice(middle), slice(middle, None))]
+    lags = [
+        _lag(*(_level_of(power[half]) for power in powers))
+        for half in (slice(middle), slice(middle, None))
+    ]
     if min(correlation for _, correlation in lags) < LEAST_CORRELATION:
-        return f"whether {name} is in step is unknown: the levels do not correlate", False
+        return (
+            f"whether {name} is in step is unknown: the levels do not correlate",
+            False,
+        )
     begin, end = (1000 * seconds for seconds, _ in lags)
     if max(abs(begin), abs(end)) <= 1000 * MOST_LAG:
         return "", False
     if abs(end - begin) > 1000 * MOST_LAG:
-        return f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock", True
-    return f"{name} is {begin:+.0f} ms out of step; shift it by that and import again", True
+        return (
+            f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock",
+            True,
+        )
+    return (
+        f"{name} is {begin:+.0f} ms out of step; shift it by that and import again",
+        True,
+    )
 
 
 class _Shape(NamedTuple):
@@ -334,11 +443,19 @@ def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
     """Return the power of each cell of a mono file, read in blocks: an hour of silence is a small file."""
     cell, last, parts = max(1, round(LAG_CELL * rate)), None, [np.empty(0)]
     with open_sound(path) as file:
-        for block in file.blocks(cell * max(1, READ_SIZE // cell), dtype="float32", frames=size):
+        for block in file.blocks(
+            cell * max(1, READ_SIZE // cell), dtype="float32", frames=size
+        ):
             # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
-            change = np.diff(block, prepend=block[:1] if last is None else last).astype(np.float64)
+            change = np.diff(block, prepend=block[:1] if last is None else last).astype(
+                np.float64
+            )
             last = block[-1:]
-            parts.append(np.square(change[: len(change) // cell * cell]).reshape(-1, cell).mean(axis=1))
+            parts.append(
+                np.square(change[: len(change) // cell * cell])
+                .reshape(-1, cell)
+                .mean(axis=1)
+            )
     return np.concatenate(parts)
 
 

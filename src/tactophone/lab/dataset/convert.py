@@ -21,9 +21,13 @@ CARD = "README.md"
 
 
 def convert(
-    dataset: Dataset, out: Path, *, air_of: Mapping[Path, Path] = {}, targets: Mapping[Path, Path] = {},
+    dataset: Dataset,
+    out: Path,
+    *,
+    air_of: Mapping[Path, Path] = {},
+    targets: Mapping[Path, Path] = {},
     progress: Callable[[int], None] = ignore,
-) -> Dataset:  # fmt: skip
+) -> Dataset:
     """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.
 
     Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both mappings are by a recording's path:
@@ -39,7 +43,9 @@ def convert(
         air = air_of.get(recording.path)
         for path in filter(None, (recording.path, air)):
             refuse_link(path, dataset.root)
-        inner = targets.get(recording.path) or recording.path.resolve().relative_to(dataset.root.resolve())
+        inner = targets.get(recording.path) or recording.path.resolve().relative_to(
+            dataset.root.resolve()
+        )
         # By hand, as `with_suffix` would take a dot within the name for one.
         stem = inner.name if recording.path in targets else inner.stem
         target = out / inner.parent / f"{stem}.flac"
@@ -56,8 +62,13 @@ def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> P
     Raises `DatasetError` if the data set has no ``metadata.csv`` of its own.
     """
     if not (dataset.root / FILE_NAME).is_file():
-        raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
-    changed = (recording.with_properties(**columns.get(recording.surface, {})) for recording in dataset.recordings)
+        raise DatasetError(
+            f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one"
+        )
+    changed = (
+        recording.with_properties(**columns.get(recording.surface, {}))
+        for recording in dataset.recordings
+    )
     return write_metadata(dataset.root, changed)
 
 
@@ -77,8 +88,12 @@ def copy_as_flac(source: Path, target: Path) -> None:
     with soundfile.SoundFile(source) as file:
         subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
         # As integers, PCM is copied bit by bit.
-        blocks = file.blocks(READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32")
-        _write_flac(target, blocks, file.samplerate, file.channels, subtype, size=len(file))
+        blocks = file.blocks(
+            READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32"
+        )
+        _write_flac(
+            target, blocks, file.samplerate, file.channels, subtype, size=len(file)
+        )
 
 
 def join_as_flac(contact: Path, air: Path, target: Path) -> None:
@@ -86,16 +101,37 @@ def join_as_flac(contact: Path, air: Path, target: Path) -> None:
     with soundfile.SoundFile(contact) as one, soundfile.SoundFile(air) as two:
         size = min(len(one), len(two))
         # As integers, so that PCM stays bit by bit.
-        pairs = zip(*(file.blocks(READ_SIZE, dtype="int32", frames=size) for file in (one, two)), strict=True)
+        pairs = zip(
+            *(
+                file.blocks(READ_SIZE, dtype="int32", frames=size)
+                for file in (one, two)
+            ),
+            strict=True,
+        )
         subtype = "PCM_16" if one.subtype == two.subtype == "PCM_16" else "PCM_24"
-        _write_flac(target, (np.stack(pair, axis=1) for pair in pairs), one.samplerate, 2, subtype, size=size)
+        _write_flac(
+            target,
+            (np.stack(pair, axis=1) for pair in pairs),
+            one.samplerate,
+            2,
+            subtype,
+            size=size,
+        )
 
 
 def _write_flac(
-    target: Path, blocks: Iterable[NDArray[Any]], rate: int, channels: int, subtype: str, *, size: int
+    target: Path,
+    blocks: Iterable[NDArray[Any]],
+    rate: int,
+    channels: int,
+    subtype: str,
+    *,
+    size: int,
 ) -> None:
     with atomic_write(target) as unfinished:
-        with soundfile.SoundFile(unfinished, "w", rate, channels, subtype, format="FLAC") as flac:
+        with soundfile.SoundFile(
+            unfinished, "w", rate, channels, subtype, format="FLAC"
+        ) as flac:
             for samples in blocks:
                 flac.write(samples)
         if soundfile.info(unfinished).frames != size:
@@ -110,41 +146,87 @@ def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
         else:
             copy_as_flac(recording.path, target)
     except (soundfile.LibsndfileError, OSError) as error:
-        step = "free some space" if isinstance(error, OSError) else "`tactophone dataset check`"  # of copy or source
-        raise DatasetError(f"{recording.path}: cannot be converted ({error}); {step}") from None
+        step = (
+            "free some space"
+            if isinstance(error, OSError)
+            else "`tactophone dataset check`"
+        )  # of copy or source
+        raise DatasetError(
+            f"{recording.path}: cannot be converted ({error}); {step}"
+        ) from None
     return dataclasses.replace(recording, path=target)
 
 
 def _card(dataset: Dataset) -> Iterator[str]:
     recordings = dataset.recordings
-    yield from ("---", "pretty_name: " + dataset.name, "task_categories: [audio-classification]")
-    yield from ("tags: [tactile, haptics, texture, contact-microphone]", "---", "", f"# {dataset.name}", "")
+    yield from (
+        "---",
+        "pretty_name: " + dataset.name,
+        "task_categories: [audio-classification]",
+    )
+    yield from (
+        "tags: [tactile, haptics, texture, contact-microphone]",
+        "---",
+        "",
+        f"# {dataset.name}",
+        "",
+    )
     paths = (recording.path for recording in recordings)
-    infos = [soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size]
-    minutes, rates = sum(info.duration for info in infos) / 60, sorted({int(info.samplerate) for info in infos})
+    infos = [
+        soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size
+    ]
+    minutes, rates = (
+        sum(info.duration for info in infos) / 60,
+        sorted({int(info.samplerate) for info in infos}),
+    )
     channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (
         f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {minutes:.1f} minutes, at "
         f"{', '.join(f'{rate} Hz' for rate in rates)}. Channels: {channels}."
     )
-    yield from ("", f"SHA-256 over names, labels and bytes: `{dataset.fingerprint}`.", "")
+    yield from (
+        "",
+        f"SHA-256 over names, labels and bytes: `{dataset.fingerprint}`.",
+        "",
+    )
     yield f"Licence: {_values(recordings, 'licence', '; ')}."
-    yield from ("", "## Surfaces", "", "| surface | label | material | scenarios | takes |", "|---|---|---|---|--:|")
+    yield from (
+        "",
+        "## Surfaces",
+        "",
+        "| surface | label | material | scenarios | takes |",
+        "|---|---|---|---|--:|",
+    )
     for surface in dataset.surfaces:
         own = [recording for recording in recordings if recording.surface == surface]
         cells = (_values(own, key) for key in ("label", "material", "scenario"))
         yield f"| {surface} | {' | '.join(cells)} | {len(own)} |"
-    yield from ("", "## How it was recorded", "", f"Takes: {_values(recordings, 'take')}.", "")
+    yield from (
+        "",
+        "## How it was recorded",
+        "",
+        f"Takes: {_values(recordings, 'take')}.",
+        "",
+    )
     yield f"Sessions: {_values(recordings, 'session')}."
     yield f"Split: {_values(recordings, 'split')}."
-    doubtful = [recording for recording in recordings if recording.known("quality") not in ("", "good")]
+    doubtful = [
+        recording
+        for recording in recordings
+        if recording.known("quality") not in ("", "good")
+    ]
     yield from ("", "## Known faults", "")
-    yield from (f"- `{bad.path.relative_to(dataset.root)}`: {bad.known('quality')}" for bad in doubtful)
+    yield from (
+        f"- `{bad.path.relative_to(dataset.root)}`: {bad.known('quality')}"
+        for bad in doubtful
+    )
     yield from (f"- {problem.kind}: {problem.message}" for problem in dataset.problems)
     if not doubtful and not dataset.problems:
         yield "The recorder reported none; `tactophone dataset check` looks for more."
     counts = Counter(recording.label for recording in recordings)
-    labels = ", ".join(f"{counts[label]} {label.name.lower()}" for label in reversed(SURFACE_LABELS))
+    labels = ", ".join(
+        f"{counts[label]} {label.name.lower()}" for label in reversed(SURFACE_LABELS)
+    )
     yield from ("", "## Limits", "")
     yield (
         f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "

@@ -22,7 +22,14 @@ from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import SURFACE_LABELS, Touch
 from tactophone.lab.dataset.checks import pair_fault
 from tactophone.lab.dataset.metadata import PARTS, inside, parse_label, rows
-from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
+from tactophone.lab.dataset.values import (
+    LABEL_NAMES,
+    Dataset,
+    Problem,
+    Recording,
+    Segment,
+    open_sound,
+)
 
 MANIFEST = "manifest.csv"
 SEGMENTS = "segments.csv"
@@ -34,18 +41,36 @@ TEST_OBJECTS = frozenset({21, 22})
 SPARE_OBJECT = 20
 """Neither trained on nor tested with by default: the fine-tuned model's sample of the competition's stones."""
 
-KIN: Mapping[int, str] = {20: "competition rough", 21: "competition smooth", 22: "competition rough"}
+KIN: Mapping[int, str] = {
+    20: "competition rough",
+    21: "competition smooth",
+    22: "competition rough",
+}
 """Objects that are the competition's stones: kin of its runs, which a split keeps on one side."""
 
 STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
 
-TAKE_PRESSURES: Mapping[str, str] = {"light": "light", "medium": "medium", "loud": "strong"}
+TAKE_PRESSURES: Mapping[str, str] = {
+    "light": "light",
+    "medium": "medium",
+    "loud": "strong",
+}
 """The authors' name of each pressure, and the paper's."""
 
-_OBJECT = re.compile(r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)")
+_OBJECT = re.compile(
+    r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)"
+)
 _FINAL = re.compile(r"day_(?P<day>\d)_(?P<label>smooth|rough)")
-_COLUMNS = ("file", "surface", "label", "tier", "recording", "channels", "channel_meaning")
+_COLUMNS = (
+    "file",
+    "surface",
+    "label",
+    "tier",
+    "recording",
+    "channels",
+    "channel_meaning",
+)
 
 
 def read_manifest(folder: Path) -> Dataset:
@@ -60,18 +85,29 @@ def read_manifest(folder: Path) -> Dataset:
             problems.append(Problem(folder / MANIFEST, "file", message))
             continue
         # A label such as "tap/no_contact (see segments.csv)" lists what the segments hold.
-        label = "" if "segments" in row["label"] else parse_label(row["label"], path=path, problems=problems)
+        label = (
+            ""
+            if "segments" in row["label"]
+            else parse_label(row["label"], path=path, problems=problems)
+        )
         meanings = filter(None, row.get("channel_meaning", "").split(" | "))
         recordings.append(
             Recording(
                 path,
                 row["surface"],
                 LABEL_NAMES[label],
-                tuple("air" if meaning.strip().startswith("air") else "contact" for meaning in meanings),
+                tuple(
+                    "air" if meaning.strip().startswith("air") else "contact"
+                    for meaning in meanings
+                ),
                 take=row.get("recording", ""),
                 tier=row.get("tier", ""),
                 segments=tuple(segments.get(row["file"], ())),
-                properties={key: value for key, value in row.items() if key not in _COLUMNS and value},
+                properties={
+                    key: value
+                    for key, value in row.items()
+                    if key not in _COLUMNS and value
+                },
             )
         )
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
@@ -82,14 +118,26 @@ def read_authors(folder: Path) -> Dataset:
     problems: list[Problem] = []
     recordings = []
     for place, pattern, describe, wanted in (
-        (STEREO, _OBJECT, _object, "layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}"),
-        (FINALS, _FINAL, _final, "competition runs are named day_{1,2}_{smooth,rough}.wav"),
+        (
+            STEREO,
+            _OBJECT,
+            _object,
+            "layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}",
+        ),
+        (
+            FINALS,
+            _FINAL,
+            _final,
+            "competition runs are named day_{1,2}_{smooth,rough}.wav",
+        ),
     ):
         for path in sorted((folder / place).glob("*.wav")):
             if match := pattern.fullmatch(path.stem):
                 recordings.append(describe(path, match))
             else:
-                problems.append(Problem(path, "name", f"the authors' {wanted}; rename it"))
+                problems.append(
+                    Problem(path, "name", f"the authors' {wanted}; rename it")
+                )
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
@@ -117,31 +165,54 @@ def _object(path: Path, match: re.Match[str]) -> Recording:
     properties = {
         "stroke": match["stroke"] or "wiggle",
         "pressure": TAKE_PRESSURES.get(match["pressure"] or "", ""),
-        "split": "test" if number in TEST_OBJECTS else "" if number == SPARE_OBJECT else "train",
+        "split": "test"
+        if number in TEST_OBJECTS
+        else ""
+        if number == SPARE_OBJECT
+        else "train",
         "kin": KIN.get(number, f"object {number:02}"),
         "tip": DEFAULT_TIP,
     }
     label = Touch.ROUGH if number in ROUGH_OBJECTS else Touch.SMOOTH
     known = {key: value for key, value in properties.items() if value}
-    return Recording(path, f"object {number:02}", label, MICROPHONES, take=match["take"], properties=known)
+    return Recording(
+        path,
+        f"object {number:02}",
+        label,
+        MICROPHONES,
+        take=match["take"],
+        properties=known,
+    )
 
 
 def _final(path: Path, match: re.Match[str]) -> Recording:
     surface = f"competition {match['label']}"
     return Recording(
-        path, surface, LABEL_NAMES[match["label"]], MICROPHONES, scenario="competition",
-        session=f"day {match['day']}", properties={"split": "competition", "kin": surface, "tip": DEFAULT_TIP},
-    )  # fmt: skip
+        path,
+        surface,
+        LABEL_NAMES[match["label"]],
+        MICROPHONES,
+        scenario="competition",
+        session=f"day {match['day']}",
+        properties={"split": "competition", "kin": surface, "tip": DEFAULT_TIP},
+    )
 
 
 SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
 
 MICROPHONE_WORDS: Mapping[str, str] = {
-    "contact": "contact", "piezo": "contact", "air": "air", "mems": "air", "mic": "air", "microphone": "air",
-}  # fmt: skip
+    "contact": "contact",
+    "piezo": "contact",
+    "air": "air",
+    "mems": "air",
+    "mic": "air",
+    "microphone": "air",
+}
 """Words for a microphone in the names of folders and files, and the channel that each is."""
 
-_MICROPHONE_AT_END = re.compile(rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE)
+_MICROPHONE_AT_END = re.compile(
+    rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE
+)
 _TAKE_AT_END = re.compile(
     r"(?P<rest>.*?)[ _.-]*(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|(?:take|rep|trial)?[ _.-]*\d+)",
     re.IGNORECASE,
@@ -176,12 +247,21 @@ class _Name:
 
     def recording(self, path: Path, channels: tuple[str, ...]) -> Recording:
         properties = {"split": self.side} if self.side else {}
-        return Recording(path, self.surface, LABEL_NAMES[self.label], channels, take=self.take, properties=properties)
+        return Recording(
+            path,
+            self.surface,
+            LABEL_NAMES[self.label],
+            channels,
+            take=self.take,
+            properties=properties,
+        )
 
 
 def sounds_in(folder: Path) -> list[Path]:
     """Return the sound files at any depth of a folder, in order; none for a file."""
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES)
+    return sorted(
+        path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES
+    )
 
 
 def read_lab_folder(folder: Path) -> LabFolder:
@@ -197,14 +277,23 @@ def read_lab_folder(folder: Path) -> LabFolder:
         name = _parse_name(path.relative_to(folder))
         if name.microphone in groups[name.key]:
             first = groups[name.key][name.microphone][0].relative_to(folder)
-            problems.append(Problem(path, "name", f"reads the same as {first}; rename either file"))
+            problems.append(
+                Problem(path, "name", f"reads the same as {first}; rename either file")
+            )
             continue
         groups[name.key][name.microphone] = path, name
     entries = list(_recordings(groups, problems))
     # A surface under two labels is two surfaces: each gets its label in front.
-    labels = Counter(surface for surface, _ in {(recording.surface, name.label) for recording, name, _ in entries})
+    labels = Counter(
+        surface
+        for surface, _ in {
+            (recording.surface, name.label) for recording, name, _ in entries
+        }
+    )
     recordings = tuple(
-        replace(recording, surface=f"{name.label} {name.surface}") if labels[name.surface] > 1 else recording
+        replace(recording, surface=f"{name.label} {name.surface}")
+        if labels[name.surface] > 1
+        else recording
         for recording, name, _ in entries
     )
     dataset = Dataset(folder.resolve().name, folder, recordings, tuple(problems))
@@ -244,7 +333,12 @@ def _parse_name(path: Path) -> _Name:
     surface, take = ("/".join(others), stem) if others else surface_and_take(stem)
     if not label:
         label = next(
-            (word for word in re.split(r"[ _.\d-]", stem.lower()) if LABEL_NAMES.get(word) in SURFACE_LABELS), ""
+            (
+                word
+                for word in re.split(r"[ _.\d-]", stem.lower())
+                if LABEL_NAMES.get(word) in SURFACE_LABELS
+            ),
+            "",
         )
     key = Path(*filter(None, (side, label)), *others, stem)
     return _Name(key, label, microphone, side, surface, take, guessed=not others)
@@ -257,9 +351,13 @@ def _recordings(
     for files in groups.values():
         path, name = files.get("contact") or next(iter(files.values()))
         if not name.label:
-            folders = "/, ".join(label.name.lower() for label in reversed(SURFACE_LABELS))
+            folders = "/, ".join(
+                label.name.lower() for label in reversed(SURFACE_LABELS)
+            )
             message = f"neither its name nor its folders hold a label; put it under {folders}/ or none/"
-            problems.extend(Problem(each, "label", message) for each, _ in files.values())
+            problems.extend(
+                Problem(each, "label", message) for each, _ in files.values()
+            )
             continue
         if "contact" in files and "air" in files:
             air = files["air"][0]
@@ -270,7 +368,11 @@ def _recordings(
                 yield name.recording(path, MICROPHONES), name, air
             continue
         for each, its_name in files.values():
-            yield its_name.recording(each, _channels_named(each, its_name.microphone)), its_name, None
+            yield (
+                its_name.recording(each, _channels_named(each, its_name.microphone)),
+                its_name,
+                None,
+            )
 
 
 def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:

@@ -13,18 +13,37 @@ from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
-from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
+from tactophone.lab.dataset.values import (
+    LABEL_NAMES,
+    Dataset,
+    Problem,
+    Recording,
+    Segment,
+)
 
 FILE_NAME = "metadata.csv"
 LABELS_FILE = "labels.toml"
 PARTS = ("train", "validation", "test")
 """Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it; kept as property ``split``."""
 
-_COLUMNS = ("file_name", "surface", "label", "channels", "take", "scenario", "session", "tier", "segments")
+_COLUMNS = (
+    "file_name",
+    "surface",
+    "label",
+    "channels",
+    "take",
+    "scenario",
+    "session",
+    "tier",
+    "segments",
+)
 
 
 def read_metadata(
-    folder: Path, *, surface_of: Callable[[Path], str] | None = None, labels: Mapping[str, str] | None = None
+    folder: Path,
+    *,
+    surface_of: Callable[[Path], str] | None = None,
+    labels: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
 
@@ -35,7 +54,10 @@ def read_metadata(
     problems: list[Problem] = []
     names = label_names(folder) if labels is None else labels
     for manifest in manifests_in(folder):
-        for line, cells in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
+        for line, cells in rows(
+            manifest,
+            required=("file_name",) if surface_of else ("file_name", "surface"),
+        ):
             row = dict(cells)
             if surface_of and not row.get("surface"):
                 row["surface"] = surface_of(Path(row["file_name"]))
@@ -52,13 +74,24 @@ def label_names(folder: Path) -> Mapping[str, str]:
     """
     if (own := folder / LABELS_FILE).is_file():
         try:
-            return {key: str(name) for key, name in tomllib.loads(own.read_text("utf-8")).items()}
+            return {
+                key: str(name)
+                for key, name in tomllib.loads(own.read_text("utf-8")).items()
+            }
         except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise DatasetError(f'{own}: {error}; write a line such as 0 = "smooth" for each label') from error
+            raise DatasetError(
+                f'{own}: {error}; write a line such as 0 = "smooth" for each label'
+            ) from error
     card = folder / "README.md"
     text = card.read_text("utf-8", errors="replace") if card.is_file() else ""
-    match = re.search(r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text)
-    return dict(re.findall(r"['\"]?(\d+)['\"]?: *['\"]?([\w -]+)", match[1])) if match else {}
+    match = re.search(
+        r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text
+    )
+    return (
+        dict(re.findall(r"['\"]?(\d+)['\"]?: *['\"]?([\w -]+)", match[1]))
+        if match
+        else {}
+    )
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
@@ -69,14 +102,21 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
     lines = [_line(folder, recording) for recording in recordings]
     extra = sorted({name for line in lines for name in line} - set(_COLUMNS))
     target = folder / FILE_NAME
-    with atomic_write(target) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [*_COLUMNS, *extra], restval="", lineterminator="\n")
+    with (
+        atomic_write(target) as unfinished,
+        unfinished.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.DictWriter(
+            file, [*_COLUMNS, *extra], restval="", lineterminator="\n"
+        )
         writer.writeheader()
         writer.writerows(lines)
     return target
 
 
-def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapping[str, str]]]:
+def rows(
+    manifest: Path, *, required: Iterable[str]
+) -> Iterable[tuple[int, Mapping[str, str]]]:
     """Yield each line of a CSV file with its number, cells stripped; commas, semicolons or tabs part the cells.
 
     Raises `DatasetError` if a required column is missing, or the file is not text.
@@ -93,12 +133,21 @@ def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapp
                 raise DatasetError(
                     f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
                     f"{', '.join(reader.fieldnames or ('none',))}. Add what is missing"
-                    + ("; `tactophone dataset import` takes surfaces from file names" if missing == {"surface"} else "")
+                    + (
+                        "; `tactophone dataset import` takes surfaces from file names"
+                        if missing == {"surface"}
+                        else ""
+                    )
                 )
             for row in reader:
-                yield reader.line_num, {name: (cell or "").strip() for name, cell in row.items() if name}
+                yield (
+                    reader.line_num,
+                    {name: (cell or "").strip() for name, cell in row.items() if name},
+                )
     except (UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such") from error
+        raise DatasetError(
+            f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such"
+        ) from error
 
 
 def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
@@ -107,7 +156,11 @@ def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
     if name in LABEL_NAMES:
         return name
     names = ", ".join(filter(None, LABEL_NAMES))
-    problems.append(Problem(path, "label", f"{text!r} is not a label; write one of {names}, or nothing"))
+    problems.append(
+        Problem(
+            path, "label", f"{text!r} is not a label; write one of {names}, or nothing"
+        )
+    )
     return ""
 
 
@@ -123,7 +176,9 @@ def inside(folder: Path, name: str) -> Path | None:
 def refuse_link(path: Path, folder: Path) -> None:
     """Raise `DatasetError` if a path below a folder leads out of it over a link, to be read or overwritten."""
     if not path.resolve().is_relative_to(folder.resolve()):
-        raise DatasetError(f"{path}: a link that leaves {folder}; put the file itself there, or name another folder")
+        raise DatasetError(
+            f"{path}: a link that leaves {folder}; put the file itself there, or name another folder"
+        )
 
 
 def manifests_in(folder: Path) -> list[Path]:
@@ -131,10 +186,16 @@ def manifests_in(folder: Path) -> list[Path]:
     whole = folder / FILE_NAME
     if whole.is_file():
         return [whole]
-    return [folder / part / FILE_NAME for part in PARTS if (folder / part / FILE_NAME).is_file()]
+    return [
+        folder / part / FILE_NAME
+        for part in PARTS
+        if (folder / part / FILE_NAME).is_file()
+    ]
 
 
-def _parse(row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]) -> Recording | None:
+def _parse(
+    row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]
+) -> Recording | None:
     name, folder = row["file_name"], manifest.parent
     path = inside(folder, name)
     if path is None:
@@ -165,7 +226,9 @@ def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segmen
             message = f"{entry!r} is not a segment; write start-end=label in seconds, such as 0.30-5.17=rough"
             problems.append(Problem(path, "segments", message, fatal=False))
             continue
-        segments.append(Segment(start, end, parse_label(label, path=path, problems=problems)))
+        segments.append(
+            Segment(start, end, parse_label(label, path=path, problems=problems))
+        )
     return tuple(segments)
 
 
@@ -178,5 +241,8 @@ def _line(folder: Path, recording: Recording) -> dict[str, str]:
             f"{segment.start:.4f}-{segment.end:.4f}={segment.label_name or 'ambiguous'}"
             for segment in recording.segments
         ),
-        **{key: recording.known(key) for key in ("surface", "label", "take", "scenario", "session", "tier")},
+        **{
+            key: recording.known(key)
+            for key in ("surface", "label", "take", "scenario", "session", "tier")
+        },
     }

@@ -15,14 +15,21 @@ from tactophone.lab.dataset.layouts import (
     read_manifest,
     surface_and_take,
 )
-from tactophone.lab.dataset.metadata import FILE_NAME, PARTS, manifests_in, read_metadata
+from tactophone.lab.dataset.metadata import (
+    FILE_NAME,
+    PARTS,
+    manifests_in,
+    read_metadata,
+)
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 
 _SEARCH_DEPTH = 3
 """Folders above a file that are searched for its manifest: the authors' ``opus/stereo/`` lies two deep."""
 
 
-def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -> Dataset:
+def open_dataset(
+    path: Path | str, *, labels: Mapping[str, str] | None = None
+) -> Dataset:
     """Read a data set in any layout, by its folder or the CSV file in it.
 
     A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names what numbers in the column
@@ -34,13 +41,17 @@ def open_dataset(path: Path | str, *, labels: Mapping[str, str] | None = None) -
     path = Path(path)
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
     if not folder.is_dir():
-        raise DatasetError(f"{path}: no such folder; name one with rough/ and smooth/, or with {FILE_NAME}")
+        raise DatasetError(
+            f"{path}: no such folder; name one with rough/ and smooth/, or with {FILE_NAME}"
+        )
     if manifests_in(folder):
         return read_metadata(folder, surface_of=_surface_of, labels=labels)
     if read := _reader(folder):
         return read(folder)
     if inner := _inner(folder):
-        raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
+        raise DatasetError(
+            f"{folder}: holds several data sets; name one: {', '.join(inner)}"
+        )
     found = read_lab_folder(folder)
     if found.air_of:
         raise DatasetError(
@@ -70,13 +81,17 @@ def find_importable(path: Path | str) -> LabFolder:
             guessed.append(name)
             return _surface_of(name)
 
-        return LabFolder(read_metadata(folder, surface_of=surface_of), guessed=bool(guessed))
+        return LabFolder(
+            read_metadata(folder, surface_of=surface_of), guessed=bool(guessed)
+        )
     if folder.is_dir() and not _reader(folder) and not _inner(folder):
         found = read_lab_folder(folder)
         if found.dataset.recordings:
             return found
         if problems := found.dataset.problems:
-            raise DatasetError(f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}")
+            raise DatasetError(
+                f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}"
+            )
     return LabFolder(open_dataset(path))
 
 
@@ -108,13 +123,18 @@ def ground_truth(path: Path | str, *, duration: float) -> tuple[Segment, ...]:
 @functools.lru_cache(maxsize=4)
 def _by_path(folder: Path) -> dict[Path, Recording]:
     try:
-        return {recording.path.resolve(): recording for recording in open_dataset(folder).recordings}
+        return {
+            recording.path.resolve(): recording
+            for recording in open_dataset(folder).recordings
+        }
     except DatasetError:
         return {}  # a metadata.csv of some other program: the file simply has no label
 
 
 def _inner(folder: Path) -> list[str]:
-    return sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and _reader(entry))
+    return sorted(
+        entry.name for entry in folder.iterdir() if entry.is_dir() and _reader(entry)
+    )
 
 
 def _reader(folder: Path) -> Callable[[Path], Dataset] | None:
@@ -123,4 +143,8 @@ def _reader(folder: Path) -> Callable[[Path], Dataset] | None:
         return read_metadata
     if (folder / MANIFEST).is_file():
         return read_manifest
-    return read_authors if (folder / STEREO).is_dir() or (folder / FINALS).is_dir() else None
+    return (
+        read_authors
+        if (folder / STEREO).is_dir() or (folder / FINALS).is_dir()
+        else None
+    )

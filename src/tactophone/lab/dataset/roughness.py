@@ -29,14 +29,26 @@ ALPHA = math.sqrt(math.log(2) / math.pi)
 LEAST_ELEMENT = 0.1
 """Of Rz: the height discrimination of profile elements (ISO 4287, 3.1.6)."""
 
-STANDARD_CUTOFFS = ((20e-9, 0.08e-3), (100e-9, 0.25e-3), (2e-6, 0.8e-3), (10e-6, 2.5e-3), (80e-6, 8e-3))
+STANDARD_CUTOFFS = (
+    (20e-9, 0.08e-3),
+    (100e-9, 0.25e-3),
+    (2e-6, 0.8e-3),
+    (10e-6, 2.5e-3),
+    (80e-6, 8e-3),
+)
 """Greatest Ra and its cut-off, in m, of ISO 4288 and ISO 21920-3."""
 
 SLOPE_WEIGHTS = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0])
 """Weights of seven neighbours, newest first, in sixtieths of a step."""
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-SHORT_CUTOFFS = {0.08e-3: 2.5e-6, 0.25e-3: 2.5e-6, 0.8e-3: 2.5e-6, 2.5e-3: 8e-6, 8e-3: 25e-6}
+SHORT_CUTOFFS = {
+    0.08e-3: 2.5e-6,
+    0.25e-3: 2.5e-6,
+    0.8e-3: 2.5e-6,
+    2.5e-3: 8e-6,
+    8e-3: 25e-6,
+}
 """Cut-off of the filter against noise for each cut-off of roughness, in m (ISO 3274, ISO 21920-3)."""
 
 ROWS = 64
@@ -62,7 +74,9 @@ class Roughness:
     rdq: float
 
 
-def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:
+def measure_profile(
+    heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False
+) -> Roughness:
     """Compute the roughness parameters of a profile: heights in m, ``step`` m apart, at a filter's cut-off in m.
 
     A periodic profile has no ends to leave out. Raises `ValueError` if another one is shorter than two cut-offs.
@@ -76,27 +90,48 @@ def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, pe
     rough = rough - rough.mean()
     size = max(1, round(cutoff / step))
     count = max(1, min(5, len(rough) // size))
-    rz = float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
+    rz = float(
+        np.mean(
+            [
+                part.max() - part.min()
+                for part in np.array_split(rough[: count * size], count)
+            ]
+        )
+    )
     rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
     # The slope is that of seven heights, as ISO 21920-2 and ISO 4287 name it.
     padded = np.pad(rough, 3, mode="wrap") if periodic else rough
-    slopes = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step) if len(padded) >= 7 else np.array([np.nan])
+    slopes = (
+        np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
+        if len(padded) >= 7
+        else np.array([np.nan])
+    )
     rq, rdq = (float(np.sqrt(np.square(values).mean())) for values in (rough, slopes))
     return Roughness(float(np.abs(rough).mean()), rq, rz, rsm, rdq)
 
 
-def roughness_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Heights:
+def roughness_profile(
+    heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False
+) -> Heights:
     """Return heights less the Gaussian mean line, half a cut-off shorter at either end unless periodic."""
     if periodic:
         wavenumber = np.fft.rfftfreq(heights.size, step)
         roughness_share = 1 - np.exp(-math.pi * np.square(ALPHA * cutoff * wavenumber))
-        return np.asarray(np.fft.irfft(np.fft.rfft(heights) * roughness_share, heights.size))
+        return np.asarray(
+            np.fft.irfft(np.fft.rfft(heights) * roughness_share, heights.size)
+        )
     half = round(cutoff / 2 / step)
     if len(heights) < 4 * half or half < 2:
         words = f"a profile of {len(heights)} heights {step:g} m apart is too short for a cut-off of {cutoff:g} m"
-        raise ValueError(f"{words}: measure two cut-offs or more, with five heights in each")
+        raise ValueError(
+            f"{words}: measure two cut-offs or more, with five heights in each"
+        )
     middle = heights - heights.mean()
-    return np.asarray((middle - gaussian_line(middle, step=step, cutoff=cutoff))[half : len(middle) - half])
+    return np.asarray(
+        (middle - gaussian_line(middle, step=step, cutoff=cutoff))[
+            half : len(middle) - half
+        ]
+    )
 
 
 def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
@@ -107,19 +142,33 @@ def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
     # By FFT: a cut-off may hold a thousand heights.
     size = heights.shape[-1] + len(weights) - 1
     spectrum = np.fft.rfft(heights, size) * np.fft.rfft(weights / weights.sum(), size)
-    return np.asarray(np.fft.irfft(spectrum, size)[..., 2 * half : 2 * half + heights.shape[-1]])
+    return np.asarray(
+        np.fft.irfft(spectrum, size)[..., 2 * half : 2 * half + heights.shape[-1]]
+    )
 
 
 def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
     """Choose a profile's cut-off in m by its own Ra; also whether it was long enough for the one that ISO names."""
-    fitting = [cutoff for _, cutoff in STANDARD_CUTOFFS if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step]
+    fitting = [
+        cutoff
+        for _, cutoff in STANDARD_CUTOFFS
+        if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step
+    ]
     if not fitting:
         least = 2 * STANDARD_CUTOFFS[0][1]
-        raise ValueError(f"{len(heights)} heights {step:g} m apart are under {least:g} m long; measure a longer line")
+        raise ValueError(
+            f"{len(heights)} heights {step:g} m apart are under {least:g} m long; measure a longer line"
+        )
     # From the shortest: Ra grows with the cut-off, and the first that agrees with its own Ra is the standard's.
     for cutoff in fitting:
         ra = measure_profile(heights, step=step, cutoff=cutoff).ra
-        if next((named for most, named in STANDARD_CUTOFFS if ra <= most), STANDARD_CUTOFFS[-1][1]) <= cutoff:
+        if (
+            next(
+                (named for most, named in STANDARD_CUTOFFS if ra <= most),
+                STANDARD_CUTOFFS[-1][1],
+            )
+            <= cutoff
+        ):
             return cutoff, True
     return fitting[-1], False
 
@@ -151,7 +200,11 @@ class HeightReport:
 
 
 def measure_heights(
-    heights: Heights, *, step: float, cutoff: float | None = None, resolution: float = 0.0
+    heights: Heights,
+    *,
+    step: float,
+    cutoff: float | None = None,
+    resolution: float = 0.0,
 ) -> HeightReport:
     """Measure a profile or a height map, shape ``(heights,)`` or ``(rows, columns)``, ``step`` apart; all in m.
 
@@ -159,29 +212,46 @@ def measure_heights(
     sensor shows nothing but noise. Raises `ValueError` if there are too few heights for the cut-off.
     """
     rows = np.atleast_2d(levelled(heights))
-    cutoff, long_enough = (cutoff, True) if cutoff else choose_cutoff(rows[len(rows) // 2], step=step)
-    drawn = rows[np.unique(np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int))]
+    cutoff, long_enough = (
+        (cutoff, True) if cutoff else choose_cutoff(rows[len(rows) // 2], step=step)
+    )
+    drawn = rows[
+        np.unique(
+            np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int)
+        )
+    ]
     short = SHORT_CUTOFFS.get(cutoff, cutoff / 300)
     if fine_enough := 2 * step <= short:
         means = drawn.mean(axis=1, keepdims=True)
         drawn = gaussian_line(drawn - means, step=step, cutoff=short) + means
-    columns = np.array([list(asdict(measure_profile(row, step=step, cutoff=cutoff)).values()) for row in drawn]).T
+    columns = np.array(
+        [
+            list(asdict(measure_profile(row, step=step, cutoff=cutoff)).values())
+            for row in drawn
+        ]
+    ).T
     known = [column[np.isfinite(column)] for column in columns]
-    profile = Roughness(*(float(values.mean()) if len(values) else math.nan for values in known))
+    profile = Roughness(
+        *(float(values.mean()) if len(values) else math.nan for values in known)
+    )
     notes = _doubts(np.atleast_2d(heights), profile, step=step, resolution=resolution)
     if not fine_enough:
-        words = (
-            f"heights {1e6 * step:.3g} um apart are too coarse for the standard's noise filter ({1e6 * short:.3g} um)"
+        words = f"heights {1e6 * step:.3g} um apart are too coarse for the standard's noise filter ({1e6 * short:.3g} um)"
+        notes.append(
+            f"{words}: none was used, and figures of other instruments may differ"
         )
-        notes.append(f"{words}: none was used, and figures of other instruments may differ")
     if not long_enough:
-        notes.append(f"too short for the standard's cut-off at this Ra; evaluated with {1000 * cutoff:g} mm")
+        notes.append(
+            f"too short for the standard's cut-off at this Ra; evaluated with {1000 * cutoff:g} mm"
+        )
     return HeightReport(profile, step, cutoff, (len(rows), rows.shape[1]), tuple(notes))
 
 
 def levelled(heights: Heights) -> Heights:
     """Return heights less their least-squares line or plane: the form that ISO takes off before filtering."""
-    axes = np.meshgrid(*(np.linspace(-1, 1, size) for size in heights.shape), indexing="ij")
+    axes = np.meshgrid(
+        *(np.linspace(-1, 1, size) for size in heights.shape), indexing="ij"
+    )
     terms = np.stack([np.ones(heights.size), *(axis.ravel() for axis in axes)], axis=1)
     parts, *_ = np.linalg.lstsq(terms, heights.ravel(), rcond=None)
     return np.asarray(heights - (terms @ parts).reshape(heights.shape))
@@ -201,9 +271,13 @@ def read_heights(path: Path, *, unit: str = "m") -> tuple[Heights, float | None]
     except Exception as error:  # a library for images raises nearly anything
         raise DatasetError(f"{path}: cannot be read as heights ({error})") from None
     if heights.ndim not in (1, 2) or heights.size == 0:
-        raise DatasetError(f"{path}: heights of shape {heights.shape}; a profile has one axis, a map two")
+        raise DatasetError(
+            f"{path}: heights of shape {heights.shape}; a profile has one axis, a map two"
+        )
     if not np.isfinite(heights).all():
-        raise DatasetError(f"{path}: {np.mean(~np.isfinite(heights)):.2%} of its heights are no numbers; fill the gaps")
+        raise DatasetError(
+            f"{path}: {np.mean(~np.isfinite(heights)):.2%} of its heights are no numbers; fill the gaps"
+        )
     return heights, step
 
 
@@ -217,33 +291,49 @@ def _read(path: Path) -> tuple[object, float | None]:
         with ZipFile(path) as archive:
             _check_size(sum(part.file_size for part in archive.infolist()))
         with np.load(path, allow_pickle=False) as arrays:
-            return arrays["heights"], float(arrays["step"]) if "step" in arrays else None
+            return arrays["heights"], float(
+                arrays["step"]
+            ) if "step" in arrays else None
     if kind != ".png":
-        raise ValueError("only .npy, .npz and .png are read; save other heights with numpy.save")
+        raise ValueError(
+            "only .npy, .npz and .png are read; save other heights with numpy.save"
+        )
     from PIL import Image
 
     with Image.open(path, formats=("PNG",)) as image:
         _check_size(8 * image.width * image.height)
         if image.mode not in ("L", "I", "I;16", "I;16B"):
-            raise ValueError(f"its colours are {image.mode}; heights are shades of grey, best of 16 bits")
+            raise ValueError(
+                f"its colours are {image.mode}; heights are shades of grey, best of 16 bits"
+            )
         return np.array(image), None
 
 
 def _check_size(size: int) -> None:
     if size > 8 * MOST_HEIGHTS:
-        raise ValueError(f"{size / 1e9:.1f} GB of numbers, but at most {8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it")
+        raise ValueError(
+            f"{size / 1e9:.1f} GB of numbers, but at most {8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it"
+        )
 
 
-def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float) -> list[str]:
+def _doubts(
+    rows: Heights, profile: Roughness, *, step: float, resolution: float
+) -> list[str]:
     doubts = []
     if profile.rdq > STEEPEST:
-        doubts.append(f"slopes of {profile.rdq:.3g} on average are no surface's: state the heights' unit with --unit")
+        doubts.append(
+            f"slopes of {profile.rdq:.3g} on average are no surface's: state the heights' unit with --unit"
+        )
     if resolution and profile.ra < resolution:
         ra = f"Ra {1e6 * profile.ra:.3g} um"
-        doubts.append(f"{ra} is below the sensor's resolution of {1e6 * resolution:g} um: it may be noise")
+        doubts.append(
+            f"{ra} is below the sensor's resolution of {1e6 * resolution:g} um: it may be noise"
+        )
     levels = np.unique(rows[len(rows) // 2])
     if 1 < len(levels) < 256 and profile.ra < 2 * (quantum := np.diff(levels).min()):
-        doubts.append(f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse for this Ra")
+        doubts.append(
+            f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse for this Ra"
+        )
     if profile.rsm < 5 * step:
         words = f"the surface's elements (RSm {1e3 * profile.rsm:.3g} mm) are under five steps of {1e6 * step:.3g} um"
         doubts.append(f"{words}: finer ones were not seen, and Ra is too low")

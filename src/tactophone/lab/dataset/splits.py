@@ -18,7 +18,14 @@ from tactophone.lab.dataset.values import Dataset, Recording
 KIN_SPLIT = "leave-one-kin-out"
 """The default: all surfaces of one kin are held out together."""
 
-SPLITS = (KIN_SPLIT, "leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "predefined")
+SPLITS = (
+    KIN_SPLIT,
+    "leave-one-surface-out",
+    "leave-one-KEY-out",
+    "K-fold",
+    "K-fold-by-KEY",
+    "predefined",
+)
 """What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
 
 ``K-fold`` assigns surfaces to folds, kin together; ``K-fold-by-KEY`` assigns the values of that key, for keys with too
@@ -53,7 +60,9 @@ def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
         return _leave_one_out(labelled, match["key"])
     if match := _FOLDS.fullmatch(name):
         return _k_fold(labelled, int(match["count"]), match["key"] or "kin")
-    raise DatasetError(f"{name!r} is not a split; take one of {', '.join(SPLITS)}{did_you_mean(name, SPLITS)}")
+    raise DatasetError(
+        f"{name!r} is not a split; take one of {', '.join(SPLITS)}{did_you_mean(name, SPLITS)}"
+    )
 
 
 def _predefined(dataset: Dataset) -> tuple[Fold, ...]:
@@ -63,7 +72,9 @@ def _predefined(dataset: Dataset) -> tuple[Fold, ...]:
         sides[side] = (*sides.get(side, ()), recording)
     train, names = sides.get("train", ()), sorted(sides.keys() - {"train", ""})
     if not train or not names:
-        raise DatasetError(f"{dataset.root}: has no split of its own; take {KIN_SPLIT}, or fill in the column split")
+        raise DatasetError(
+            f"{dataset.root}: has no split of its own; take {KIN_SPLIT}, or fill in the column split"
+        )
     train_surfaces = {recording.surface for recording in train}
     for name in names:
         if leaked := train_surfaces & {recording.surface for recording in sides[name]}:
@@ -80,22 +91,36 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
             f"{dataset.root}: every recording has {key} {values[0]!r}; leaving one out needs two or more. "
             f"Choose another key, or fill in the column {key}"
         )
-    return _make_folds(dataset, {f"{key} {value}": value for value in values}, lambda recording: _value(recording, key))
+    return _make_folds(
+        dataset,
+        {f"{key} {value}": value for value in values},
+        lambda recording: _value(recording, key),
+    )
 
 
 def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
     def rank(recording: Recording) -> tuple[int, str]:
         # Rough values first, so that labels are spread evenly. Within a label the order is that of the values' hashes:
         # it looks shuffled, needs no seed, and one surface more or less hardly moves the others.
-        return -int(recording.label or 0), hashlib.sha256(_value(recording, key).encode()).hexdigest()
+        return -int(recording.label or 0), hashlib.sha256(
+            _value(recording, key).encode()
+        ).hexdigest()
 
-    values = list(dict.fromkeys(_value(recording, key) for recording in sorted(dataset.recordings, key=rank)))
+    values = list(
+        dict.fromkeys(
+            _value(recording, key) for recording in sorted(dataset.recordings, key=rank)
+        )
+    )
     if not 2 <= count <= len(values):
         noun = "surfaces, kin counted once" if key == "kin" else f"{key}s"
-        raise DatasetError(f"{dataset.root}: {count} folds of {len(values)} {noun}; take from 2 to {len(values)}")
+        raise DatasetError(
+            f"{dataset.root}: {count} folds of {len(values)} {noun}; take from 2 to {len(values)}"
+        )
     fold_of = {value: place % count for place, value in enumerate(values)}
     names = {f"fold {number + 1}": number for number in range(count)}
-    return _make_folds(dataset, names, lambda recording: fold_of[_value(recording, key)])
+    return _make_folds(
+        dataset, names, lambda recording: fold_of[_value(recording, key)]
+    )
 
 
 def _value(recording: Recording, key: str) -> str:
@@ -103,14 +128,24 @@ def _value(recording: Recording, key: str) -> str:
 
 
 def _make_folds(
-    dataset: Dataset, folds: Mapping[str, str | int], fold_of: Callable[[Recording], str | int]
+    dataset: Dataset,
+    folds: Mapping[str, str | int],
+    fold_of: Callable[[Recording], str | int],
 ) -> tuple[Fold, ...]:
     """Make a fold of each name: test the recordings that belong to it, train on all others."""
     return tuple(
         Fold(
             name,
-            tuple(recording for recording in dataset.recordings if fold_of(recording) != held_out),
-            tuple(recording for recording in dataset.recordings if fold_of(recording) == held_out),
+            tuple(
+                recording
+                for recording in dataset.recordings
+                if fold_of(recording) != held_out
+            ),
+            tuple(
+                recording
+                for recording in dataset.recordings
+                if fold_of(recording) == held_out
+            ),
         )
         for name, held_out in folds.items()
     )
@@ -122,7 +157,11 @@ def kin_of(recording: Recording) -> str:
     >>> kin_of(Recording(Path("a.wav"), "StoneTileVersion2")), kin_of(Recording(Path("b.wav"), "stone 3"))
     ('StoneTile', 'stone 3')
     """
-    return recording.properties.get("kin") or _VERSION.sub("", recording.surface) or recording.surface
+    return (
+        recording.properties.get("kin")
+        or _VERSION.sub("", recording.surface)
+        or recording.surface
+    )
 
 
 def with_kin(dataset: Dataset, file: Path) -> Dataset:
@@ -131,13 +170,22 @@ def with_kin(dataset: Dataset, file: Path) -> Dataset:
     Raises `DatasetError` if the file cannot be read, or names none of the surfaces.
     """
     try:
-        kin = {row["surface"]: row["kin"] for _, row in rows(file, required=("surface", "kin"))}
+        kin = {
+            row["surface"]: row["kin"]
+            for _, row in rows(file, required=("surface", "kin"))
+        }
     except OSError as error:
-        raise DatasetError(f"{file}: cannot be read ({error.strerror}); give a CSV file of surface,kin") from None
+        raise DatasetError(
+            f"{file}: cannot be read ({error.strerror}); give a CSV file of surface,kin"
+        ) from None
     if not kin.keys() & set(dataset.surfaces):
-        raise DatasetError(f"{file}: names none of the surfaces of {dataset.root}, such as {dataset.surfaces[0]}")
+        raise DatasetError(
+            f"{file}: names none of the surfaces of {dataset.root}, such as {dataset.surfaces[0]}"
+        )
     recordings = (
-        recording.with_properties(kin=found) if (found := kin.get(recording.surface)) else recording
+        recording.with_properties(kin=found)
+        if (found := kin.get(recording.surface))
+        else recording
         for recording in dataset.recordings
     )
     return replace(dataset, recordings=tuple(recordings))

@@ -25,8 +25,12 @@ CROSSING = 0.1
 
 LABEL_NAMES: Mapping[str, Touch | None] = {
     **{touch.name.lower(): touch for touch in Touch},
-    "no_contact": Touch.NONE, "ambiguous": None, "mixed": None, "contact": None, "": None,
-}  # fmt: skip
+    "no_contact": Touch.NONE,
+    "ambiguous": None,
+    "mixed": None,
+    "contact": None,
+    "": None,
+}
 """What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
 
 
@@ -60,7 +64,9 @@ def touch_at(time: float, segments: Iterable[Segment]) -> int:
     >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
     (2, -1)
     """
-    labels = (segment.label for segment in segments if segment.start <= time < segment.end)
+    labels = (
+        segment.label for segment in segments if segment.start <= time < segment.end
+    )
     return int(next((label for label in labels if label is not None), -1))
 
 
@@ -107,11 +113,19 @@ class Recording:
         >>> Recording(Path("a.wav"), "slate", Touch.ROUGH, properties={"pressure": "light"}).known("pressure")
         'light'
         """
-        value = self.properties[name] if name in self.properties else getattr(self, name, "")
+        value = (
+            self.properties[name]
+            if name in self.properties
+            else getattr(self, name, "")
+        )
         return value.name.lower() if isinstance(value, Touch) else str(value or "")
 
     def blocks(
-        self, *, channels: int | None = None, single: str = "contact", size: int = READ_SIZE
+        self,
+        *,
+        channels: int | None = None,
+        single: str = "contact",
+        size: int = READ_SIZE,
     ) -> Iterator[AudioBlock]:
         """Read the sound in blocks of ``size`` samples, so that memory does not grow with its length.
 
@@ -126,17 +140,28 @@ class Recording:
                 start += len(samples)
 
     def read(
-        self, *, channels: int | None = None, single: str = "contact", start: float = 0.0, duration: float | None = None
+        self,
+        *,
+        channels: int | None = None,
+        single: str = "contact",
+        start: float = 0.0,
+        duration: float | None = None,
     ) -> AudioBlock:
         """Read the whole sound, or ``duration`` s from ``start`` s on, as one block; else as :meth:`blocks`."""
         with open_sound(self.path) as file:
             order = self._order(file, channels, single)
             rate = int(file.samplerate)
             first = file.seek(round(start * rate))
-            samples = file.read(-1 if duration is None else round(duration * rate), dtype="float32", always_2d=True)
+            samples = file.read(
+                -1 if duration is None else round(duration * rate),
+                dtype="float32",
+                always_2d=True,
+            )
             return AudioBlock(_pick(samples, order), rate, first)
 
-    def _order(self, file: soundfile.SoundFile, channels: int | None, single: str) -> tuple[int, ...] | None:
+    def _order(
+        self, file: soundfile.SoundFile, channels: int | None, single: str
+    ) -> tuple[int, ...] | None:
         if channels is None:
             return None
         order = channel_order(self, count=channels, single=single)
@@ -152,7 +177,9 @@ def _pick(samples: FloatArray, order: tuple[int, ...] | None) -> FloatArray:
     return samples if order is None else np.ascontiguousarray(samples[:, order])
 
 
-def channel_order(recording: Recording, *, count: int, single: str = "contact") -> tuple[int, ...]:
+def channel_order(
+    recording: Recording, *, count: int, single: str = "contact"
+) -> tuple[int, ...]:
     """Return which of a file's channels to read, in the order contact, air; unknown ones are taken as these.
 
     If ``count`` is 1, it is the channel of the microphone ``single``, or the first where there is no such microphone.
@@ -224,7 +251,9 @@ class Dataset:
         return tuple(sorted({recording.surface for recording in self.recordings}))
 
     def where(self, keep: Callable[[Recording], bool]) -> "Dataset":
-        return Dataset(self.name, self.root, tuple(filter(keep, self.recordings)), self.problems)
+        return Dataset(
+            self.name, self.root, tuple(filter(keep, self.recordings)), self.problems
+        )
 
     def labelled(self, *, segments: bool = False) -> "Dataset":
         """Return the data set with only the recordings labelled smooth or rough; with ``segments`` also those of which
@@ -234,11 +263,16 @@ class Dataset:
         """
 
         def holds(recording: Recording) -> bool:
-            return recording.labelled or (segments and any(part.label in SURFACE_LABELS for part in recording.segments))
+            return recording.labelled or (
+                segments
+                and any(part.label in SURFACE_LABELS for part in recording.segments)
+            )
 
         kept = self.where(holds)
         if not self.recordings:
-            raise DatasetError(f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`")
+            raise DatasetError(
+                f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`"
+            )
         if not kept.recordings:
             raise DatasetError(
                 f"{self.root}: none of its {len(self.recordings)} recordings is labelled smooth or rough; "
@@ -261,8 +295,12 @@ def tip_of(recordings: Iterable[Recording]) -> str:
 def fingerprint(recordings: Iterable[Recording]) -> str:
     """Hash recordings by content, independent of their order and folder; missing files count as empty."""
     total = hashlib.sha256()
-    for recording in sorted(recordings, key=lambda recording: (recording.path.name, recording.surface)):
-        total.update(f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode())
+    for recording in sorted(
+        recordings, key=lambda recording: (recording.path.name, recording.surface)
+    ):
+        total.update(
+            f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode()
+        )
         if recording.path.is_file():
             stat = recording.path.stat()
             total.update(_digest(recording.path, stat.st_mtime_ns, stat.st_size))
@@ -321,20 +359,33 @@ def first_slide(recording: Recording, start: float, end: float) -> float | None:
     intervals = read_slides(recording)
     if intervals is None:
         return start
-    return min((max(begin, start) for begin, last in intervals if last > start and begin < end), default=None)
+    return min(
+        (
+            max(begin, start)
+            for begin, last in intervals
+            if last > start and begin < end
+        ),
+        default=None,
+    )
 
 
 def slides_over(recording: Recording, edge: float) -> bool:
     """Return whether the finger crosses an edge, at ``edge`` s, without stopping on it."""
     intervals = read_slides(recording)
-    return intervals is None or any(start <= edge and end >= edge + CROSSING for start, end in intervals)
+    return intervals is None or any(
+        start <= edge and end >= edge + CROSSING for start, end in intervals
+    )
 
 
-def cut_slides(recording: Recording, start: float, end: float, *, place: float) -> Intervals | None:
+def cut_slides(
+    recording: Recording, start: float, end: float, *, place: float
+) -> Intervals | None:
     """Return the slides of the piece from ``start`` to ``end`` after it was moved to ``place``, all in s."""
     intervals = read_slides(recording)
     if intervals is None:
         return None
     shift = place - start
-    moved = ((max(begin, start) + shift, min(last, end) + shift) for begin, last in intervals)
+    moved = (
+        (max(begin, start) + shift, min(last, end) + shift) for begin, last in intervals
+    )
     return tuple(pair for pair in moved if pair[1] > pair[0])

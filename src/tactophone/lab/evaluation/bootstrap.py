@@ -65,15 +65,23 @@ class Estimate:
         """Write it by the formats of its value and its interval's ends; without an interval, no brackets."""
         if math.isnan(self.value):
             return "-"
-        return f"{self.value:{value}}" + ("" if math.isnan(self.low) else f" ({self.low:{ends}}-{self.high:{ends}})")
+        return f"{self.value:{value}}" + (
+            "" if math.isnan(self.low) else f" ({self.low:{ends}}-{self.high:{ends}})"
+        )
 
     def rounded(self, digits: int) -> list[float]:
         """Return value, low and high, those that are known, for JSON."""
-        return [round(float(each), digits) for each in (self.value, self.low, self.high) if not math.isnan(each)]
+        return [
+            round(float(each), digits)
+            for each in (self.value, self.low, self.high)
+            if not math.isnan(each)
+        ]
 
     def is_exceeded_by(self, other: float) -> bool:
         """Whether another value is higher than its interval, or by `LEAST_RISE` where the interval has no width."""
-        return other > (self.high if self.high > self.value else self.value + LEAST_RISE)
+        return other > (
+            self.high if self.high > self.value else self.value + LEAST_RISE
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,19 +105,28 @@ class Change:
     difference: Estimate
 
 
-def bootstrap(table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS) -> dict[str, Estimate]:
+def bootstrap(
+    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS
+) -> dict[str, Estimate]:
     """Compute the scores of a table with a row for each surface, each with its interval."""
     drawn = resample(table, statistic, strata=strata, draws=draws)
-    return {name: interval(float(value), drawn[name]) for name, value in statistic(table.sum(axis=0)).items()}
+    return {
+        name: interval(float(value), drawn[name])
+        for name, value in statistic(table.sum(axis=0)).items()
+    }
 
 
-def resample(table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS) -> Mapping[str, Floats]:
+def resample(
+    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS
+) -> Mapping[str, Floats]:
     """Compute the scores of each draw of a table's rows; of no draw where a stratum has one row.
 
     The same strata draw the same rows of any table: so two methods are compared in pairs.
     """
     rng = np.random.default_rng(0)
-    times = np.zeros((0 if any(len(stratum) == 1 for stratum in strata) else draws, len(table)))
+    times = np.zeros(
+        (0 if any(len(stratum) == 1 for stratum in strata) else draws, len(table))
+    )
     for row in times:
         for stratum in strata:
             if len(stratum):
@@ -128,33 +145,58 @@ def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
 def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
     """Compute every score of :func:`tactophone.lab.evaluation.metrics.measure`, each with its interval."""
     table, called = count_by_surface(scores, bins=SCORE_BINS)
-    strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
-    draws = 0 if any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata) else draws
-    drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
-    return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
+    strata = [
+        np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)
+    ]
+    draws = (
+        0 if any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata) else draws
+    )
+    drawn = resample(
+        table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws
+    )
+    return {
+        name: interval(value, drawn[name]) for name, value in measure(scores).items()
+    }
 
 
-def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS) -> dict[str, Difference]:
+def paired_difference(
+    first: Scores, second: Scores, *, draws: int = DRAWS
+) -> dict[str, Difference]:
     """Compute every score of the first method less the second's, over the surfaces that both have scores of."""
     common = []
     for label in (False, True):
-        found = ({each.names[k] for k in np.unique(each.surface[each.rough == label])} for each in (first, second))
+        found = (
+            {each.names[k] for k in np.unique(each.surface[each.rough == label])}
+            for each in (first, second)
+        )
         common.append(sorted(set.intersection(*found)))
     rows = sorted({name for names in common for name in names})
-    strata = [np.array([rows.index(name) for name in names], np.intp) for names in common]
+    strata = [
+        np.array([rows.index(name) for name in names], np.intp) for names in common
+    ]
 
     def scored(scores: Scores) -> tuple[dict[str, float], Mapping[str, Floats]]:
         """Scores over all common surfaces once, and in each draw."""
         # The two methods number their surfaces differently, so rows are ordered by name.
         counts, called = count_by_surface(scores, bins=SCORE_BINS)
         table = counts[[scores.names.index(name) for name in rows]]
-        weights = np.array([float(sum(names.count(name) for names in common)) for name in scores.names])
-        drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
+        weights = np.array(
+            [float(sum(names.count(name) for names in common)) for name in scores.names]
+        )
+        drawn = resample(
+            table,
+            lambda counts: measure_counts(counts, called),
+            strata=strata,
+            draws=draws,
+        )
         return measure(scores, weights[scores.surface]), drawn
 
     (value, drawn), (other, other_drawn) = scored(first), scored(second)
     differences = {name: drawn[name] - other_drawn[name] for name in value}
-    return {name: Difference(interval(value[name] - other[name], each), _p(each)) for name, each in differences.items()}
+    return {
+        name: Difference(interval(value[name] - other[name], each), _p(each))
+        for name, each in differences.items()
+    }
 
 
 def _p(drawn: Floats) -> float:
@@ -174,16 +216,26 @@ def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Diffe
     >>> {name: round(each.corrected, 3) for name, each in correct_for_number(found).items()}
     {'a': 0.03, 'b': 0.06, 'c': 0.06}
     """
-    known = sorted((each.p, place) for place, each in enumerate(differences.values()) if not math.isnan(each.p))
+    known = sorted(
+        (each.p, place)
+        for place, each in enumerate(differences.values())
+        if not math.isnan(each.p)
+    )
     corrected, highest = dict.fromkeys(range(len(differences)), math.nan), 0.0
     for rank, (p, place) in enumerate(known):
         highest = max(highest, min(1.0, p * (len(known) - rank)))
         corrected[place] = highest
-    return {key: replace(each, corrected=corrected[place]) for place, (key, each) in enumerate(differences.items())}
+    return {
+        key: replace(each, corrected=corrected[place])
+        for place, (key, each) in enumerate(differences.items())
+    }
 
 
 def compare_models(
-    before: Sequence[TakePredictions], after: Sequence[TakePredictions], *, by: Callable[[Recording], str]
+    before: Sequence[TakePredictions],
+    after: Sequence[TakePredictions],
+    *,
+    by: Callable[[Recording], str],
 ) -> dict[str, Change]:
     """Compare two models on the same recordings, such as before and after fine-tuning.
 
@@ -208,10 +260,16 @@ def compare_models(
 
 def accuracy_of(predictions: Sequence[TakePredictions]) -> float:
     """Balanced accuracy over the classes present, by the two-class rule; raises as :func:`compare_models`."""
-    return float(_rates(_count(predictions, lambda recording: "").sum(axis=0))["balanced_accuracy"])
+    return float(
+        _rates(_count(predictions, lambda recording: "").sum(axis=0))[
+            "balanced_accuracy"
+        ]
+    )
 
 
-def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str]) -> Floats:
+def _count(
+    predictions: Sequence[TakePredictions], by: Callable[[Recording], str]
+) -> Floats:
     """Windows in contact by cluster, label (smooth, rough) and class (smooth, rough): ``(clusters, 2, 2)``."""
     names = sorted({by(take.recording) for take in predictions})
     table = np.zeros((len(names), 2, 2))
@@ -220,7 +278,9 @@ def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str
         row = table[names.index(by(take.recording)), int(take.recording.rough)]
         row += np.bincount(called_rough, minlength=2)
     if not table.any():
-        raise DatasetError("the contact gate never opened: the sound is under its threshold; give its --calibration")
+        raise DatasetError(
+            "the contact gate never opened: the sound is under its threshold; give its --calibration"
+        )
     return table
 
 

@@ -99,11 +99,21 @@ def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int
     if take.touch is not None:
         return take.touch
     decision = Decision(rule)
-    updates = zip(take.probabilities.astype(float).tolist(), take.contact.tolist(), strict=True)
-    return np.array([decision.decide((n, s, r), contact=contact)[0] for (n, s, r), contact in updates], np.int8)
+    updates = zip(
+        take.probabilities.astype(float).tolist(), take.contact.tolist(), strict=True
+    )
+    return np.array(
+        [
+            decision.decide((n, s, r), contact=contact)[0]
+            for (n, s, r), contact in updates
+        ],
+        np.int8,
+    )
 
 
-def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: DecisionRule) -> float:
+def false_bumps_per_minute(
+    predictions: Iterable[TakePredictions], rule: DecisionRule
+) -> float:
     """False bumps (smooth classified as rough, as events) per minute of true contact with smooth surfaces.
 
     Bumps closer than :data:`BRIDGE` are one. NaN without contact with a smooth surface.
@@ -113,12 +123,16 @@ def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: Decisio
         if take.recording.label is Touch.SMOOTH and len(take.time) > 1:
             touching = true_contact(take)
             found = stretches((decided_touches(take, rule) == Touch.ROUGH) & touching)
-            bumps += len(found) - int((take.time[found[1:, 0]] - take.time[found[:-1, 1] - 1] < BRIDGE).sum())
+            bumps += len(found) - int(
+                (take.time[found[1:, 0]] - take.time[found[:-1, 1] - 1] < BRIDGE).sum()
+            )
             duration += float(touching.mean() * (take.time[-1] - take.time[0]))
     return 60 * bumps / duration if duration else float("nan")
 
 
-def dips_per_minute(predictions: Iterable[TakePredictions], rule: DecisionRule) -> float:
+def dips_per_minute(
+    predictions: Iterable[TakePredictions], rule: DecisionRule
+) -> float:
     """Dips per minute of true contact with rough surfaces; NaN without any."""
     dips, duration = 0, 0.0
     for take in predictions:
@@ -129,7 +143,9 @@ def dips_per_minute(predictions: Iterable[TakePredictions], rule: DecisionRule) 
     return 60 * dips / duration if duration else float("nan")
 
 
-def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
+def contact_delays(
+    predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float
+) -> Delays:
     """Time from the first slide of each touch to the correct decision; only recordings with segments count.
 
     Recordings of more than one label, such as joined edges, are left out. Where sliding is not labelled, the time
@@ -143,13 +159,16 @@ def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *
         if segment.contact
         and segment.label is not None
         and not before.contact
-        and (start := first_slide(take.recording, segment.start, segment.end)) is not None
+        and (start := first_slide(take.recording, segment.start, segment.end))
+        is not None
         and segment.end - start >= SHORTEST_SCORED_TOUCH
     ]
     return _delays(found, latency)
 
 
-def edge_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
+def edge_delays(
+    predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float
+) -> Delays:
     """Time from each change between smooth and rough, without a lift-off between, to the correct decision.
 
     Edges on which the finger stops are left out, where sliding is labelled. Parameters as in :func:`contact_delays`.
@@ -159,7 +178,9 @@ def edge_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, l
         for before, after in itertools.pairwise(take.recording.segments):
             changes = {before.label, after.label} == {Touch.SMOOTH, Touch.ROUGH}
             if changes and slides_over(take.recording, after.start):
-                found.append(_delay(take, after.start, after.end, after.label, rule=rule))
+                found.append(
+                    _delay(take, after.start, after.end, after.label, rule=rule)
+                )
     return _delays(found, latency)
 
 
@@ -168,18 +189,31 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
 
     Over updates in contact, by the two-class rule; NaN without any. Source: Guo et al., ICML 2017, section 2.
     """
-    takes = [(rough_score(take.probabilities[take.contact], "two-class"), take) for take in predictions]
+    takes = [
+        (rough_score(take.probabilities[take.contact], "two-class"), take)
+        for take in predictions
+    ]
     share = np.concatenate([score for score, _ in takes])
-    rough = np.concatenate([np.full(len(score), take.recording.rough) for score, take in takes])
+    rough = np.concatenate(
+        [np.full(len(score), take.recording.rough) for score, take in takes]
+    )
     place = np.minimum((share * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
     count = np.bincount(place, minlength=CALIBRATION_BINS)
     # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.
-    gaps = np.abs(np.bincount(place, share, CALIBRATION_BINS) - np.bincount(place, rough, CALIBRATION_BINS))
+    gaps = np.abs(
+        np.bincount(place, share, CALIBRATION_BINS)
+        - np.bincount(place, rough, CALIBRATION_BINS)
+    )
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
 
 
 def _delay(
-    take: TakePredictions, start: float, until: float, label: Touch | None, *, rule: DecisionRule
+    take: TakePredictions,
+    start: float,
+    until: float,
+    label: Touch | None,
+    *,
+    rule: DecisionRule,
 ) -> float | None:
     here = (take.time > start) & (take.time <= until)
     time, correct = take.time[here], decided_touches(take, rule)[here] == label
@@ -208,30 +242,46 @@ def join_edges(recordings: Sequence[Recording], folder: Path) -> list[Recording]
     folder.mkdir(parents=True, exist_ok=True)
     edges = []
     for number in range(min(MOST_EDGES, 2 * min(map(len, pools.values())))):
-        order = (Touch.SMOOTH, Touch.ROUGH) if number % 2 == 0 else (Touch.ROUGH, Touch.SMOOTH)
+        order = (
+            (Touch.SMOOTH, Touch.ROUGH)
+            if number % 2 == 0
+            else (Touch.ROUGH, Touch.SMOOTH)
+        )
         pair = [pools[label][int(rng.integers(len(pools[label])))] for label in order]
         if pair[0][0].channels == pair[1][0].channels:
             edges.append(_join(pair, order, folder))
     return edges
 
 
-def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Recording, float]]:
+def _touches(
+    recordings: Sequence[Recording], label: Touch
+) -> Iterator[tuple[Recording, float]]:
     """Each touch long enough, with the start in s of its middle part."""
     for recording in recordings:
         if recording.label is not label:
             continue
         touches = touches_of(recording)
-        for start, end in ((0.0, soundfile.info(recording.path).duration),) if touches is None else touches:
+        for start, end in (
+            ((0.0, soundfile.info(recording.path).duration),)
+            if touches is None
+            else touches
+        ):
             if end - start >= HALF + 0.1:
                 yield recording, (start + end - HALF) / 2
 
 
-def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:
+def _join(
+    pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path
+) -> Recording:
     name = hashlib.sha256(
-        repr([_VERSION, *((str(recording.path), start) for recording, start in pair)]).encode()
+        repr(
+            [_VERSION, *((str(recording.path), start) for recording, start in pair)]
+        ).encode()
     ).hexdigest()[:16]
     path = folder / f"{name}.flac"
-    first, second = (recording.read(start=start, duration=HALF) for recording, start in pair)
+    first, second = (
+        recording.read(start=start, duration=HALF) for recording, start in pair
+    )
     rate = first.sample_rate
     if rate != second.sample_rate:
         raise ValueError(
@@ -239,7 +289,13 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
         )
     if not path.is_file():
         with atomic_write(path) as unfinished:  # later runs take it for whole
-            soundfile.write(unfinished, _fade(first.samples, second.samples, rate), rate, "PCM_16", format="FLAC")
+            soundfile.write(
+                unfinished,
+                _fade(first.samples, second.samples, rate),
+                rate,
+                "PCM_16",
+                format="FLAC",
+            )
     middle, end = LEAD + HALF - EVENT_FADE / 2, LEAD + 2 * HALF - EVENT_FADE
     segments = (
         Segment(0.0, LEAD, "none"),
@@ -247,8 +303,14 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
         Segment(middle, end, order[1].name.lower()),
     )
     sources = {SOURCES_KEY: "\n".join(str(take.path) for take, _ in pair)}
-    return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
-                     segments=segments, properties=_motion(pair) | sources)  # fmt: skip
+    return Recording(
+        path,
+        f"{pair[0][0].surface} to {pair[1][0].surface}",
+        None,
+        pair[0][0].channels,
+        segments=segments,
+        properties=_motion(pair) | sources,
+    )
 
 
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
@@ -263,7 +325,11 @@ def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
     # A slide that continues over the edge is one slide.
     last, first = cuts[0][-1:], cuts[1][:1]
     if last and first and first[0][0] <= last[0][1]:
-        return {"slides": write_slides((*cuts[0][:-1], (last[0][0], first[0][1]), *cuts[1][1:]))}
+        return {
+            "slides": write_slides(
+                (*cuts[0][:-1], (last[0][0], first[0][1]), *cuts[1][1:])
+            )
+        }
     return {"slides": write_slides((*cuts[0], *cuts[1]))}
 
 
@@ -277,4 +343,6 @@ def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
     landing = first[:size] * np.sin(angle) ** 2
     crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)
     silence = np.zeros((round(LEAD * rate), first.shape[1]), np.float32)
-    return np.concatenate((silence, landing, first[size:-size], crossing, second[size:]))
+    return np.concatenate(
+        (silence, landing, first[size:-size], crossing, second[size:])
+    )

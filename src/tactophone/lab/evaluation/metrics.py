@@ -46,12 +46,18 @@ def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.fl
     if rule == "authors":
         return wide[:, 2]
     touched = wide[:, 1] + wide[:, 2]
-    score: NDArray[np.float64] = np.divide(wide[:, 2], touched, out=np.full(len(wide), 0.5), where=touched > 0)
+    score: NDArray[np.float64] = np.divide(
+        wide[:, 2], touched, out=np.full(len(wide), 0.5), where=touched > 0
+    )
     return score
 
 
 def sort_scores(
-    score: NDArray[np.float64], *, rough: NDArray[np.bool_], surface: NDArray[np.intp], names: tuple[str, ...]
+    score: NDArray[np.float64],
+    *,
+    rough: NDArray[np.bool_],
+    surface: NDArray[np.intp],
+    names: tuple[str, ...],
 ) -> Scores:
     """Sort windows by score, once, so that each bootstrap draw needs only sums."""
     order = np.argsort(score, kind="stable")
@@ -81,8 +87,14 @@ def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
     """
     every = np.ones(len(scores.score)) if weights is None else weights
     place, called = _bins(scores, len(scores.score))
-    counts = [np.bincount(place, every * kind, len(called)) for kind in (~scores.rough, scores.rough)]
-    return {name: float(value) for name, value in measure_counts(np.array(counts, float), called).items()}
+    counts = [
+        np.bincount(place, every * kind, len(called))
+        for kind in (~scores.rough, scores.rough)
+    ]
+    return {
+        name: float(value)
+        for name, value in measure_counts(np.array(counts, float), called).items()
+    }
 
 
 def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.bool_]]:
@@ -92,7 +104,10 @@ def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.b
     """
     place, called = _bins(scores, bins)
     cell, size = scores.surface * len(called) + place, len(scores.names) * len(called)
-    counts = [np.bincount(cell, kind, size).reshape(-1, len(called)) for kind in (~scores.rough, scores.rough)]
+    counts = [
+        np.bincount(cell, kind, size).reshape(-1, len(called))
+        for kind in (~scores.rough, scores.rough)
+    ]
     return np.stack(counts, axis=1).astype(np.float64), called
 
 
@@ -106,12 +121,17 @@ def measure_counts(table: Floats, called: NDArray[np.bool_]) -> dict[str, Floats
     # Mann-Whitney's statistic over all pairs; pairs within a bin are ties.
     below = np.cumsum(smooth, axis=-1) - smooth / 2
     return {
-        "smooth_accuracy": quiet, "rough_accuracy": recall, "balanced_accuracy": balanced_accuracy(quiet, recall),
-        "false_positive_rate": 1 - quiet, "auc": _divide((rough * below).sum(axis=-1), all_rough * all_smooth),
-        "recall_at_1": _recall_at(rough, smooth), "rough_as_rough": _divide(hits, total),
-        "rough_as_smooth": _divide(all_rough - hits, total), "smooth_as_rough": _divide(bumps, total),
+        "smooth_accuracy": quiet,
+        "rough_accuracy": recall,
+        "balanced_accuracy": balanced_accuracy(quiet, recall),
+        "false_positive_rate": 1 - quiet,
+        "auc": _divide((rough * below).sum(axis=-1), all_rough * all_smooth),
+        "recall_at_1": _recall_at(rough, smooth),
+        "rough_as_rough": _divide(hits, total),
+        "rough_as_smooth": _divide(all_rough - hits, total),
+        "smooth_as_rough": _divide(bumps, total),
         "smooth_as_smooth": _divide(all_smooth - bumps, total),
-    }  # fmt: skip
+    }
 
 
 def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) -> Floats:
@@ -120,7 +140,11 @@ def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) ->
     NaN where a class is missing; with ``either``, the share of the other class there.
     """
     mean = (smooth + rough) / 2
-    return np.where(np.isnan(smooth), rough, np.where(np.isnan(rough), smooth, mean)) if either else mean
+    return (
+        np.where(np.isnan(smooth), rough, np.where(np.isnan(rough), smooth, mean))
+        if either
+        else mean
+    )
 
 
 def false_positives_at_recall(scores: Scores, recall: float) -> float:
@@ -139,7 +163,9 @@ def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_
     tied = np.repeat(first, np.diff(first, append=count))
     called = scores.score >= 0.5
     # The last bit keeps the two sides of 0.5 in different bins.
-    codes, place = np.unique(2 * (tied * min(bins, count) // max(count, 1)) + called, return_inverse=True)
+    codes, place = np.unique(
+        2 * (tied * min(bins, count) // max(count, 1)) + called, return_inverse=True
+    )
     return place, codes % 2 == 1
 
 
@@ -153,4 +179,6 @@ def _recall_at(rough: Floats, smooth: Floats) -> Floats:
 
 
 def _divide(part: Floats, whole: Floats) -> Floats:
-    return np.asarray(np.divide(part, whole, out=np.full(np.shape(whole), np.nan), where=whole > 0))
+    return np.asarray(
+        np.divide(part, whole, out=np.full(np.shape(whole), np.nan), where=whole > 0)
+    )

@@ -52,7 +52,10 @@ def model_predictor(model: Model) -> Predictor:
     """
 
     def predict(recording: Recording) -> TakePredictions:
-        lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and recording.read(duration=0).channels == 1
+        lacks_air = (
+            model.card.kind in SUPPORTS_MISSING_CHANNEL
+            and recording.read(duration=0).channels == 1
+        )
         channels = 1 if lacks_air else model.card.channels
         detector: WindowDetector | None = None
         found: list[Prediction] = []
@@ -64,13 +67,17 @@ def model_predictor(model: Model) -> Predictor:
     return predict
 
 
-def take_of(recording: Recording, found: Sequence[Prediction], *, keep_touch: bool = False) -> TakePredictions:
+def take_of(
+    recording: Recording, found: Sequence[Prediction], *, keep_touch: bool = False
+) -> TakePredictions:
     """Return the predictions for a recording; ``keep_touch`` keeps what they rendered, as a gate decides too."""
     touch = np.array([update.touch for update in found], np.int8)
     return TakePredictions(
         recording,
         np.array([update.end for update in found], np.float64),
-        np.array([update.probabilities for update in found], np.float32).reshape(-1, len(Touch)),
+        np.array([update.probabilities for update in found], np.float32).reshape(
+            -1, len(Touch)
+        ),
         touch != Touch.NONE,
         touch if keep_touch else None,
     )
@@ -85,11 +92,23 @@ def by_label(take: TakePredictions) -> list[TakePredictions]:
         return [take]
     parts = []
     for label in SURFACE_LABELS:
-        if segments := tuple(part for part in take.recording.segments if part.label is label):
-            inside = np.any([(take.time > part.start) & (take.time <= part.end) for part in segments], axis=0)
+        if segments := tuple(
+            part for part in take.recording.segments if part.label is label
+        ):
+            inside = np.any(
+                [
+                    (take.time > part.start) & (take.time <= part.end)
+                    for part in segments
+                ],
+                axis=0,
+            )
             surface = f"{take.recording.surface}, {label.name.lower()}"
-            recording = replace(take.recording, label=label, surface=surface, segments=segments)
-            parts.append(replace(take, recording=recording, contact=take.contact & inside))
+            recording = replace(
+                take.recording, label=label, surface=surface, segments=segments
+            )
+            parts.append(
+                replace(take, recording=recording, contact=take.contact & inside)
+            )
     return parts
 
 
@@ -98,7 +117,9 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
 
     Raises `DatasetError` if the contact gate never opened.
     """
-    takes = [take for take in predictions if take.recording.labelled and take.contact.any()]
+    takes = [
+        take for take in predictions if take.recording.labelled and take.contact.any()
+    ]
     if not takes:
         raise DatasetError(
             "the contact gate never opened, so there is nothing to score: the recordings are quieter than the model's "
@@ -108,7 +129,9 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
     number = {name: index for index, name in enumerate(names)}
     sizes = [int(take.contact.sum()) for take in takes]
     return sort_scores(
-        np.concatenate([rough_score(take.probabilities[take.contact], rule) for take in takes]),
+        np.concatenate(
+            [rough_score(take.probabilities[take.contact], rule) for take in takes]
+        ),
         rough=np.repeat([take.recording.rough for take in takes], sizes),
         surface=np.repeat([number[take.recording.surface] for take in takes], sizes),
         names=names,
@@ -136,7 +159,9 @@ def in_true_contact(take: TakePredictions) -> TakePredictions:
 def touches_of(recording: Recording) -> Intervals | None:
     """Return the touches of a recording, by its segments or over its noise floor; ``None`` if it is all touch."""
     if recording.segments:
-        return tuple((part.start, part.end) for part in recording.segments if part.contact)
+        return tuple(
+            (part.start, part.end) for part in recording.segments if part.contact
+        )
     return _audible_touches(recording) if recording.path.is_file() else None
 
 
@@ -147,10 +172,18 @@ def _audible_touches(recording: Recording) -> Intervals | None:
     floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")
     if not floor.known:
         return None
-    gate = ContactGate(floor.threshold_dbfs, sample_rate=sound.sample_rate, rule="banded", hold=TOUCH_HOLD)
+    gate = ContactGate(
+        floor.threshold_dbfs,
+        sample_rate=sound.sample_rate,
+        rule="banded",
+        hold=TOUCH_HOLD,
+    )
     steps, duration = gate.push(sound), sound.size / sound.sample_rate
     # The gate reports each of its steps; a touch is a run of steps that touch.
     times = [*(step.time for step in steps), duration]
-    touches = tuple((times[at], times[end]) for at, end in stretches(np.array([step.touching for step in steps], bool)))
+    touches = tuple(
+        (times[at], times[end])
+        for at, end in stretches(np.array([step.touching for step in steps], bool))
+    )
     touched = sum(end - start for start, end in touches)
     return touches if touched > LEAST_CONTACT * duration else None

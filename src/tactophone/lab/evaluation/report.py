@@ -12,13 +12,41 @@ import numpy as np
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch, is_unknown
-from tactophone.lab.evaluation.bootstrap import DRAWS, FEWEST_SURFACES, Estimate, bootstrap, estimate
-from tactophone.lab.evaluation.events import decided_touches, dips_per_minute, false_bumps_per_minute
-from tactophone.lab.evaluation.metrics import SCORING_RULES, Floats, Rule, balanced_accuracy, rough_score
-from tactophone.lab.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
+from tactophone.lab.evaluation.bootstrap import (
+    DRAWS,
+    FEWEST_SURFACES,
+    Estimate,
+    bootstrap,
+    estimate,
+)
+from tactophone.lab.evaluation.events import (
+    decided_touches,
+    dips_per_minute,
+    false_bumps_per_minute,
+)
+from tactophone.lab.evaluation.metrics import (
+    SCORING_RULES,
+    Floats,
+    Rule,
+    balanced_accuracy,
+    rough_score,
+)
+from tactophone.lab.evaluation.predict import (
+    TakePredictions,
+    in_true_contact,
+    scores_of,
+    true_contact,
+)
 from tactophone.signal.perception.decision import DecisionRule
 
-RENDERED = ("balanced_accuracy", "rough_as_rough", "smooth_as_smooth", "smooth_as_rough", "wrong", "gaps")
+RENDERED = (
+    "balanced_accuracy",
+    "rough_as_rough",
+    "smooth_as_smooth",
+    "smooth_as_rough",
+    "wrong",
+    "gaps",
+)
 """Names of the scores, in the order of tables."""
 
 
@@ -80,7 +108,9 @@ class Report:
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
 
 
-def rendered_scores(predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS) -> Rendered:
+def rendered_scores(
+    predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS
+) -> Rendered:
     """Score what is rendered by a decision rule; recordings without the label smooth or rough are left out.
 
     Raises `DatasetError` if there is no labelled contact.
@@ -94,10 +124,14 @@ def rendered_scores(predictions: Iterable[TakePredictions], rule: DecisionRule, 
         row = table[names.index(take.recording.surface), int(take.recording.rough)]
         row += np.bincount(rendered, minlength=3)
     if not table.any():
-        raise DatasetError("no recording has contact with a surface labelled smooth or rough: nothing can be scored")
+        raise DatasetError(
+            "no recording has contact with a surface labelled smooth or rough: nothing can be scored"
+        )
     strata = [np.flatnonzero(table[:, label].any(axis=-1)) for label in (0, 1)]
     few = any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata)
-    return Rendered(**bootstrap(table, _shares, strata=strata, draws=0 if few else draws))
+    return Rendered(
+        **bootstrap(table, _shares, strata=strata, draws=0 if few else draws)
+    )
 
 
 def _shares(counts: Floats) -> Mapping[str, Floats]:
@@ -120,7 +154,10 @@ def _shares(counts: Floats) -> Mapping[str, Floats]:
 
 
 def make_report(
-    predictions: Sequence[TakePredictions], *, decision: DecisionRule | None = None, draws: int = DRAWS
+    predictions: Sequence[TakePredictions],
+    *,
+    decision: DecisionRule | None = None,
+    draws: int = DRAWS,
 ) -> Report:
     """Score the predictions of one model, or of the folds of one recipe, for labelled recordings.
 
@@ -128,16 +165,28 @@ def make_report(
     """
     own = decision or DecisionRule()
     labelled = [take for take in predictions if take.recording.labelled]
-    rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in SCORING_RULES}
+    rules = {
+        rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws)
+        for rule in SCORING_RULES
+    }
     opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
     return Report(
-        len(labelled), len(surfaces), len(opened), float(opened.mean()),
+        len(labelled),
+        len(surfaces),
+        len(opened),
+        float(opened.mean()),
         rendered_scores(labelled, own, draws=draws),
-        false_bumps_per_minute(labelled, own), dips_per_minute(labelled, own), *unknown_shares(labelled), rules,
-        tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
+        false_bumps_per_minute(labelled, own),
+        dips_per_minute(labelled, own),
+        *unknown_shares(labelled),
+        rules,
+        tuple(
+            _score(name, [take for take in labelled if take.recording.surface == name])
+            for name in surfaces
+        ),
         tuple(_score(take.recording.path.name, [take]) for take in labelled),
-    )  # fmt: skip
+    )
 
 
 def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, float]:
@@ -162,11 +211,16 @@ def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
     right = [
         np.concatenate(
             [
-                (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.rough)
+                (rough_score(take.probabilities[take.contact], rule) >= 0.5)
+                == (take.recording.rough)
                 for take in touching
             ]
         )
         for rule in SCORING_RULES
     ]
-    shares = (float(each.mean()) if len(each) else float("nan") for each in (contact, *right))
-    return GroupScore(name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares)
+    shares = (
+        float(each.mean()) if len(each) else float("nan") for each in (contact, *right)
+    )
+    return GroupScore(
+        name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares
+    )

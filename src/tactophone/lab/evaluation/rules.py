@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import SURFACE_LABELS, Touch
-from tactophone.lab.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot, save_figure
+from tactophone.lab.dataset.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    load_pyplot,
+    save_figure,
+)
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.evaluation.bootstrap import Estimate, bootstrap
 from tactophone.lab.evaluation.metrics import Floats, rough_score
@@ -76,7 +84,10 @@ class OperatingPoint:
         """Return plain numbers, for a model card: each rate as value, low, high."""
         names = ("false_bumps_per_minute", "false_positive_rate", "rough_recall")
         numbers = {name: getattr(self, name).rounded(4) for name in names}
-        return {**numbers, "delay": None if np.isnan(self.delay) else round(self.delay, 3)}
+        return {
+            **numbers,
+            "delay": None if np.isnan(self.delay) else round(self.delay, 3),
+        }
 
 
 def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
@@ -84,7 +95,12 @@ def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
     return (
         own,
         *(
-            DecisionRule(_probability(on), _probability(on - hysteresis), confirm, own.abstain_from)
+            DecisionRule(
+                _probability(on),
+                _probability(on - hysteresis),
+                confirm,
+                own.abstain_from,
+            )
             for confirm in CONFIRMATIONS
             for hysteresis in HYSTERESIS_LOGITS
             for on in np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
@@ -92,22 +108,37 @@ def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
     )
 
 
-def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRule]) -> RuleOutcomes:
+def try_rules(
+    predictions: Sequence[TakePredictions], rules: Sequence[DecisionRule]
+) -> RuleOutcomes:
     """Run every rule over the predictions for labelled recordings.
 
     Raises `DatasetError` if there is no contact on smooth or on rough surfaces.
     """
-    takes = [take for take in predictions if take.recording.labelled and take.contact.any()]
+    takes = [
+        take for take in predictions if take.recording.labelled and take.contact.any()
+    ]
     for touch in SURFACE_LABELS:
         if not any(take.recording.label is touch for take in takes):
-            raise DatasetError(f"no {touch.name.lower()} recording with contact: validation needs both classes")
+            raise DatasetError(
+                f"no {touch.name.lower()} recording with contact: validation needs both classes"
+            )
     runs = [_run(take, rules) for take in takes]
-    minutes, updates, rough, bumps, delay = (np.array(column) for column in zip(*runs, strict=True))
-    return RuleOutcomes(tuple(take.recording for take in takes), minutes, updates, rough, bumps, delay)
+    minutes, updates, rough, bumps, delay = (
+        np.array(column) for column in zip(*runs, strict=True)
+    )
+    return RuleOutcomes(
+        tuple(take.recording for take in takes), minutes, updates, rough, bumps, delay
+    )
 
 
 def choose_rule(
-    outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float, weights: Floats | None = None
+    outcomes: RuleOutcomes,
+    rules: Sequence[DecisionRule],
+    *,
+    goal: Goal,
+    limit: float,
+    weights: Floats | None = None,
 ) -> int:
     """Return the index of the rule with the highest rough recall within the limit; of equal ones, the quickest.
 
@@ -122,10 +153,20 @@ def choose_rule(
     if not len(allowed):
         lowest = float(np.min(table[goal][smooth_as_rough <= longest]))
         words = f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}"
-        raise DatasetError(f"{words}: allow more, or check labels and tip with `tactophone evaluate`")
+        raise DatasetError(
+            f"{words}: allow more, or check labels and tip with `tactophone evaluate`"
+        )
     recall = np.round(table["rough_recall"][allowed], 3)
     best = allowed[recall == recall.max()]
-    return int(min(best, key=lambda place: (rules[place].confirm, rules[place].rough_on - rules[place].rough_off)))
+    return int(
+        min(
+            best,
+            key=lambda place: (
+                rules[place].confirm,
+                rules[place].rough_on - rules[place].rough_off,
+            ),
+        )
+    )
 
 
 def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Floats]:
@@ -137,9 +178,15 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
     smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
     with np.errstate(invalid="ignore", divide="ignore"):
         return {
-            "false_bumps_per_minute": smooth @ outcomes.bumps / (smooth @ outcomes.minutes)[..., None],
-            "false_positive_rate": smooth @ outcomes.rough / (smooth @ outcomes.updates)[..., None],
-            "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates)[..., None],
+            "false_bumps_per_minute": smooth
+            @ outcomes.bumps
+            / (smooth @ outcomes.minutes)[..., None],
+            "false_positive_rate": smooth
+            @ outcomes.rough
+            / (smooth @ outcomes.updates)[..., None],
+            "rough_recall": rough
+            @ outcomes.rough
+            / (rough @ outcomes.updates)[..., None],
         }
 
 
@@ -150,18 +197,25 @@ def choose_left_out(
 
     Returns no rules where a class has one surface.
     """
-    surfaces, chosen = np.array([recording.surface for recording in outcomes.recordings]), []
+    surfaces, chosen = (
+        np.array([recording.surface for recording in outcomes.recordings]),
+        [],
+    )
     for others in (surfaces != name for name in surfaces):
         if len(set(outcomes.is_rough[others])) < 2:
             return []
         place = 0
         with suppress(DatasetError):
-            place = choose_rule(outcomes, rules, goal=goal, limit=limit, weights=others.astype(float))
+            place = choose_rule(
+                outcomes, rules, goal=goal, limit=limit, weights=others.astype(float)
+            )
         chosen.append(rules[place])
     return chosen
 
 
-def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> OperatingPoint:
+def measure_rule(
+    outcomes: RuleOutcomes, place: int, rule: DecisionRule
+) -> OperatingPoint:
     """Compute the rates of one rule, each with its 90 % interval over draws of the surfaces."""
     keys = [(take.rough, take.surface) for take in outcomes.recordings]
     rows = sorted(set(keys))
@@ -169,8 +223,13 @@ def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> Oper
     table = np.array([[float(key == row) for key in keys] for row in rows])
     estimates = bootstrap(
         table,
-        lambda weights: {name: rate[..., place] for name, rate in rates(outcomes, weights).items()},
-        strata=[np.array([n for n, row in enumerate(rows) if row[0] == rough], np.intp) for rough in (False, True)],
+        lambda weights: {
+            name: rate[..., place] for name, rate in rates(outcomes, weights).items()
+        },
+        strata=[
+            np.array([n for n, row in enumerate(rows) if row[0] == rough], np.intp)
+            for rough in (False, True)
+        ],
     )
     delays = outcomes.delay[outcomes.is_rough, place]
     delay = float(np.nanmedian(delays)) if not np.isnan(delays).all() else float("nan")
@@ -178,9 +237,14 @@ def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> Oper
 
 
 def draw_trade_off(
-    path: Path, outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, chosen: OperatingPoint,
-    before: OperatingPoint, limit: tuple[Goal, float],
-) -> None:  # fmt: skip
+    path: Path,
+    outcomes: RuleOutcomes,
+    rules: Sequence[DecisionRule],
+    *,
+    chosen: OperatingPoint,
+    before: OperatingPoint,
+    limit: tuple[Goal, float],
+) -> None:
     """Draw rough recall over false bumps as PNG, a line for each number of confirmations."""
     pyplot = load_pyplot()
     goal, value = limit
@@ -192,15 +256,30 @@ def draw_trade_off(
         places = [n for n, rule in enumerate(rules) if rule.confirm == confirm]
         # The best recall at or under each cost.
         order = np.argsort(table[goal][places], kind="stable")
-        cost, recall = table[goal][places][order], np.maximum.accumulate(table["rough_recall"][places][order])
-        axes.plot(cost.clip(least), recall, color=colour, label=f"{confirm} in a row", drawstyle="steps-post")
+        cost, recall = (
+            table[goal][places][order],
+            np.maximum.accumulate(table["rough_recall"][places][order]),
+        )
+        axes.plot(
+            cost.clip(least),
+            recall,
+            color=colour,
+            label=f"{confirm} in a row",
+            drawstyle="steps-post",
+        )
     axes.axvline(value, color=VERMILION, linestyle=":", label="limit")
     for point, marker, label in ((before, "o", "before"), (chosen, "*", "chosen")):
         x, y = max(getattr(point, goal).value, least), point.rough_recall.value
-        axes.plot(x, y, marker, color="black", markersize=11, label=label, linestyle="none")
+        axes.plot(
+            x, y, marker, color="black", markersize=11, label=label, linestyle="none"
+        )
     axes.set_xscale("log")
     per_minute = goal == "false_bumps_per_minute"
-    axes.set(xlabel="false bumps per minute of smooth contact" if per_minute else "share of smooth classified as rough")
+    axes.set(
+        xlabel="false bumps per minute of smooth contact"
+        if per_minute
+        else "share of smooth classified as rough"
+    )
     axes.set(ylabel="share of rough contact found", ylim=(0, 1.02))
     axes.legend(loc="lower right", frameon=False)
     axes.grid(alpha=0.3)
@@ -223,12 +302,16 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     )
     share = rough_score(take.probabilities, "two-class")
     unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
-    was_rough, confirmed, streak, quiet = (np.zeros(len(rules), kind) for kind in (bool, bool, int, int))
+    was_rough, confirmed, streak, quiet = (
+        np.zeros(len(rules), kind) for kind in (bool, bool, int, int)
+    )
     rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
     delay, start = np.full(len(rules), np.nan), 0.0
     touching = False
-    for now, contact, likely, none in zip(take.time, take.contact, share, unknown, strict=True):
+    for now, contact, likely, none in zip(
+        take.time, take.contact, share, unknown, strict=True
+    ):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no touch) and count from here.
             delays.append(delay)
@@ -236,7 +319,11 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
         touching = bool(contact)
         known_sound = touching & (none < abstain)
         streak = np.where((likely >= on) & known_sound, streak + 1, 0)
-        is_rough = (likely >= np.where(confirmed, off, on)) & (confirmed | (streak >= confirm)) & known_sound
+        is_rough = (
+            (likely >= np.where(confirmed, off, on))
+            & (confirmed | (streak >= confirm))
+            & known_sound
+        )
         # A rough touch stays confirmed through the still point of a stroke, and through some unknown sound.
         quiet = np.where(known_sound, 0, quiet + 1)
         confirmed = np.where(known_sound, is_rough, confirmed & (quiet < FORGET_AFTER))
@@ -246,7 +333,9 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
         rough += is_rough
     known = np.array([*delays, delay][1:])
     counted = (~np.isnan(known)).sum(axis=0)
-    mean_delay = np.where(counted > 0, np.nansum(known, axis=0) / np.maximum(counted, 1), np.nan)
+    mean_delay = np.where(
+        counted > 0, np.nansum(known, axis=0) / np.maximum(counted, 1), np.nan
+    )
     hop = float(np.median(np.diff(take.time))) if len(take.time) > 1 else 0.0
     updates = int(take.contact.sum())
     return updates * hop / 60, updates, rough, bumps, mean_delay

@@ -43,7 +43,11 @@ class Key(enum.StrEnum):
     QUIT = "quit"
 
 
-_ON_GO = {Stage.READY: Stage.COUNTDOWN, Stage.RECORDING: Stage.PAUSED, Stage.PAUSED: Stage.RECORDING}
+_ON_GO = {
+    Stage.READY: Stage.COUNTDOWN,
+    Stage.RECORDING: Stage.PAUSED,
+    Stage.PAUSED: Stage.RECORDING,
+}
 
 
 class Protocol:
@@ -59,9 +63,14 @@ class Protocol:
     """
 
     def __init__(
-        self, takes: Sequence[Take], *, sample_rate: int, done: Collection[str] = (), duration: float = TAKE_DURATION,
+        self,
+        takes: Sequence[Take],
+        *,
+        sample_rate: int,
+        done: Collection[str] = (),
+        duration: float = TAKE_DURATION,
         countdown: float = COUNTDOWN,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.takes = tuple(take for take in takes if take.name not in done)
         self._size = round(duration * sample_rate)
         self._countdown_size = round(countdown * sample_rate)
@@ -89,7 +98,11 @@ class Protocol:
         """Apply a key; a key without meaning in the current stage is ignored."""
         if key is Key.QUIT:
             self._enter(Stage.DONE)
-        elif key is Key.RETAKE and self.stage in (Stage.RECORDING, Stage.PAUSED, Stage.REVIEW):
+        elif key is Key.RETAKE and self.stage in (
+            Stage.RECORDING,
+            Stage.PAUSED,
+            Stage.REVIEW,
+        ):
             self._enter(Stage.READY)
         elif key is Key.GO and self.stage is Stage.REVIEW:
             self._place += 1
@@ -107,12 +120,18 @@ class Protocol:
             self._left -= skipped
             if self._left == 0:
                 self._enter(Stage.RECORDING)
-        taken = min(self._left, block.size - skipped) if self.stage is Stage.RECORDING else 0
+        taken = (
+            min(self._left, block.size - skipped)
+            if self.stage is Stage.RECORDING
+            else 0
+        )
         self._left -= taken
         if self.stage is Stage.RECORDING and self._left == 0:
             self._enter(Stage.REVIEW)
         samples = block.samples[skipped : skipped + taken]
-        return AudioBlock(samples, block.sample_rate, block.start + skipped, block.concealed)
+        return AudioBlock(
+            samples, block.sample_rate, block.start + skipped, block.concealed
+        )
 
     def _enter(self, stage: Stage) -> None:
         before = getattr(self, "stage", None)

@@ -56,7 +56,9 @@ class TakeMeter:
         self._statistics = SignalStatistics(sample_rate)
         self._watch = FaultDetector(sample_rate, reference)
         self._history: list[ChannelStatistics] = []
-        self._faults: dict[SensorFault, None] = {}  # a dict keeps the order in which they appeared
+        self._faults: dict[
+            SensorFault, None
+        ] = {}  # a dict keeps the order in which they appeared
         self._size, self._clipped = 0, np.zeros(1)
 
     def push(self, block: AudioBlock) -> None:
@@ -71,7 +73,9 @@ class TakeMeter:
         duration = self._size / self._rate
         if not self._history:
             return TakeLevels(duration, 0.0, 0.0, -np.inf)
-        levels = np.array([statistics.level_dbfs[CONTACT] for statistics in self._history])
+        levels = np.array(
+            [statistics.level_dbfs[CONTACT] for statistics in self._history]
+        )
         return TakeLevels(
             duration,
             float(np.mean(levels >= self._threshold_dbfs)),
@@ -81,16 +85,28 @@ class TakeMeter:
         )
 
 
-def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float) -> str:
+def assess_take(
+    take: Take,
+    levels: TakeLevels,
+    other_levels: Mapping[str, float],
+    *,
+    duration: float,
+) -> str:
     """Return what is wrong with a take, or ``good``, given the levels in dBFS of this object's other takes by name."""
     # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
-    complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
+    complaints = [
+        str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED
+    ]
     if levels.duration < 0.99 * duration:
         complaints.append(f"ends after {levels.duration:.1f} of {duration:g} s")
     if levels.contact < TAKE_MIN_CONTACT:
-        complaints.append(f"contact for only {levels.contact:.0%} of the time: pause less, or press harder")
+        complaints.append(
+            f"contact for only {levels.contact:.0%} of the time: pause less, or press harder"
+        )
     if levels.clipped > FAULT_CLIPPED_SHARE:
-        complaints.append(f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over")
+        complaints.append(
+            f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over"
+        )
     # The take of the same stroke with the next lighter pressure, if there is one.
     same_stroke = [plan for plan in TAKES if plan.stroke == take.stroke]
     place = same_stroke.index(take)
@@ -98,5 +114,7 @@ def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float
     if lighter and lighter.name in other_levels:
         step_db = levels.level_dbfs - other_levels[lighter.name]
         if step_db < PRESSURE_STEP_DB:
-            complaints.append(f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): press harder")
+            complaints.append(
+                f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): press harder"
+            )
     return "; ".join(complaints) or GOOD

@@ -6,7 +6,13 @@ from pathlib import Path
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import AudioBlock, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
-from tactophone.lab.recording.protocol import COUNTDOWN, TAKE_DURATION, Key, Protocol, Stage
+from tactophone.lab.recording.protocol import (
+    COUNTDOWN,
+    TAKE_DURATION,
+    Key,
+    Protocol,
+    Stage,
+)
 from tactophone.lab.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
 from tactophone.lab.recording.safe_writer import TakeWriter
 from tactophone.lab.simulation.takes import TAKES, Take
@@ -29,14 +35,23 @@ class RecordedObject:
     """The day or sitting."""
 
     def recording(self, root: Path, take: Take, channels: int) -> Recording:
-        properties = {"object": self.name, "material": self.material, "stroke": take.stroke}
+        properties = {
+            "object": self.name,
+            "material": self.material,
+            "stroke": take.stroke,
+        }
         if take.stroke != "wiggle":  # of any pressure
             properties["pressure"] = take.pressure
         return Recording(
-            root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac", self.surface or self.name, self.label,
-            MICROPHONES[:channels], take=take.name, scenario=self.scenario, session=self.session,
+            root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac",
+            self.surface or self.name,
+            self.label,
+            MICROPHONES[:channels],
+            take=take.name,
+            scenario=self.scenario,
+            session=self.session,
             properties={key: value for key, value in properties.items() if value},
-        )  # fmt: skip
+        )
 
 
 def slug(name: str) -> str:
@@ -45,7 +60,9 @@ def slug(name: str) -> str:
     >>> slug("Lava stone, black/2")
     'lava-stone-black-2'
     """
-    words = "".join(letter if letter.isalnum() else " " for letter in name.lower()).split()
+    words = "".join(
+        letter if letter.isalnum() else " " for letter in name.lower()
+    ).split()
     return "-".join(words) or "object"
 
 
@@ -68,13 +85,23 @@ class Recorder:
     """
 
     def __init__(
-        self, target: RecordedObject, plan: SessionPlan, known: Dataset | None, *, sample_rate: int, channels: int
+        self,
+        target: RecordedObject,
+        plan: SessionPlan,
+        known: Dataset | None,
+        *,
+        sample_rate: int,
+        channels: int,
     ) -> None:
         self._target, self._plan = target, plan
         self._rate, self._channels = sample_rate, channels
         self._levels = _levels(target, known)
         self.protocol = Protocol(
-            plan.takes, sample_rate=sample_rate, done=self._levels, duration=plan.duration, countdown=plan.countdown
+            plan.takes,
+            sample_rate=sample_rate,
+            done=self._levels,
+            duration=plan.duration,
+            countdown=plan.countdown,
         )
         self.quality = ""
         self.levels: TakeLevels | None = None
@@ -91,7 +118,11 @@ class Recorder:
         if self._file and key is Key.RETAKE and self.protocol.stage is Stage.READY:
             self._file.discard()
             self._file = None
-        if key is Key.RETAKE and before is Stage.REVIEW and self.protocol.stage is Stage.READY:
+        if (
+            key is Key.RETAKE
+            and before is Stage.REVIEW
+            and self.protocol.stage is Stage.READY
+        ):
             self._levels.pop(self.protocol.take.name, None)
         if self._file and self.protocol.stage is Stage.DONE:
             self._finish()
@@ -105,8 +136,12 @@ class Recorder:
         if not sound.size:
             return
         if self._file is None:
-            recording = self._target.recording(self._plan.root, self.protocol.take, self._channels)
-            self._file = TakeWriter.begin(self._plan.root, recording, sample_rate=self._rate)
+            recording = self._target.recording(
+                self._plan.root, self.protocol.take, self._channels
+            )
+            self._file = TakeWriter.begin(
+                self._plan.root, recording, sample_rate=self._rate
+            )
             self._meter = TakeMeter(self._rate, self._plan.reference)
         self._file.write(sound)
         self._meter.push(sound)
@@ -122,11 +157,18 @@ class Recorder:
             return
         take = self.protocol.take
         self.levels = self._meter.levels
-        self.quality = assess_take(take, self.levels, self._levels, duration=self._plan.duration)
+        self.quality = assess_take(
+            take, self.levels, self._levels, duration=self._plan.duration
+        )
         self._levels[take.name] = self.levels.level_dbfs
-        properties = {"level_dbfs": f"{self.levels.level_dbfs:.2f}", "quality": self.quality}
+        properties = {
+            "level_dbfs": f"{self.levels.level_dbfs:.2f}",
+            "quality": self.quality,
+        }
         if self.protocol.pauses:
-            properties["pauses"] = " ".join(f"{pause:g}" for pause in self.protocol.pauses)
+            properties["pauses"] = " ".join(
+                f"{pause:g}" for pause in self.protocol.pauses
+            )
         # Cleared first: a full disk raises in finish(), and close() must not finish the same take twice.
         file, self._file = self._file, None
         self.recordings.append(file.finish(**properties))
@@ -139,6 +181,7 @@ def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
     return {
         recording.take: float(recording.known("level_dbfs") or "-inf")
         for recording in known.recordings
-        if (recording.known("object"), recording.scenario) == (target.name, target.scenario)
+        if (recording.known("object"), recording.scenario)
+        == (target.name, target.scenario)
         and recording.known("quality") == GOOD
     }

@@ -19,7 +19,12 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, flush_to_disk, make_room
 from tactophone.core.types import AudioBlock
 from tactophone.lab.dataset.convert import copy_as_flac
-from tactophone.lab.dataset.metadata import FILE_NAME, read_metadata, refuse_link, write_metadata
+from tactophone.lab.dataset.metadata import (
+    FILE_NAME,
+    read_metadata,
+    refuse_link,
+    write_metadata,
+)
 from tactophone.lab.dataset.values import LABEL_NAMES, Recording
 
 PART = ".part.wav"
@@ -32,7 +37,9 @@ SYNC_EVERY = 0.5
 class TakeWriter:
     """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or :meth:`discard`."""
 
-    def __init__(self, root: Path, recording: Recording, file: soundfile.SoundFile) -> None:
+    def __init__(
+        self, root: Path, recording: Recording, file: soundfile.SoundFile
+    ) -> None:
         self.recording = recording
         self.size = 0
         self._root, self._file = root, file
@@ -50,7 +57,13 @@ class TakeWriter:
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_entry(recording)
             make_room(path.with_suffix(PART))
-            file = soundfile.SoundFile(path.with_suffix(PART), "w", sample_rate, len(recording.channels), "PCM_24")
+            file = soundfile.SoundFile(
+                path.with_suffix(PART),
+                "w",
+                sample_rate,
+                len(recording.channels),
+                "PCM_24",
+            )
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
                 f"{path}: cannot be written ({error}); free some space, or choose another --out"
@@ -105,7 +118,9 @@ def recording_in(root: Path) -> Iterator[None]:
         root.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(root, os.O_RDONLY)
     except OSError as error:
-        raise DatasetError(f"{root}: cannot be used ({error.strerror}); choose another --out") from None
+        raise DatasetError(
+            f"{root}: cannot be used ({error.strerror}); choose another --out"
+        ) from None
     try:
         _lock(descriptor, root)
         yield
@@ -145,7 +160,9 @@ def recover(root: Path) -> Iterator[Recording]:
             # Where its quality is known, the take itself had ended, and only its copying was cut off.
             if "quality" not in recording.properties and part.is_file():
                 duration = soundfile.info(part).duration
-                recording = recording.with_properties(quality=f"cut off after {duration:.1f} s")
+                recording = recording.with_properties(
+                    quality=f"cut off after {duration:.1f} s"
+                )
             yield _finish(root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
@@ -163,7 +180,10 @@ def _finish(root: Path, recording: Recording) -> Recording:
         # Its line replaces that of an earlier take of the same file.
         known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
         path = recording.path.resolve()
-        write_metadata(root, (*(other for other in known if other.path.resolve() != path), recording))
+        write_metadata(
+            root,
+            (*(other for other in known if other.path.resolve() != path), recording),
+        )
     part.unlink(missing_ok=True)
     recording.path.with_suffix(ENTRY).unlink(missing_ok=True)
     return recording
@@ -172,9 +192,14 @@ def _finish(root: Path, recording: Recording) -> Recording:
 def _write_entry(recording: Recording) -> None:
     """Write the entry beside the old one and rename it: a full disk then leaves the old one whole."""
     fields: dict[str, Any] = {
-        name: recording.known(name) for name in ("surface", "label", "take", "scenario", "session")
+        name: recording.known(name)
+        for name in ("surface", "label", "take", "scenario", "session")
     }
-    fields |= {"file": recording.path.name, "channels": recording.channels, "properties": dict(recording.properties)}
+    fields |= {
+        "file": recording.path.name,
+        "channels": recording.channels,
+        "properties": dict(recording.properties),
+    }
     with atomic_write(recording.path.with_suffix(ENTRY)) as draft:
         draft.write_text(json.dumps(fields), encoding="utf-8")
 
@@ -186,7 +211,10 @@ def _read_entry(entry: Path) -> Recording | None:
     """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
-        path, label = entry.parent / Path(str(fields["file"])).name, LABEL_NAMES[fields["label"]]
+        path, label = (
+            entry.parent / Path(str(fields["file"])).name,
+            LABEL_NAMES[fields["label"]],
+        )
         channels, properties = tuple(fields["channels"]), dict(fields["properties"])
         names = ("surface", "take", "scenario", "session")
         surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
@@ -195,5 +223,12 @@ def _read_entry(entry: Path) -> Recording | None:
             entry.unlink(missing_ok=True)
         return None
     return Recording(
-        path, surface, label, channels, take=take, scenario=scenario, session=session, properties=properties
+        path,
+        surface,
+        label,
+        channels,
+        take=take,
+        scenario=scenario,
+        session=session,
+        properties=properties,
     )

@@ -11,7 +11,15 @@ from tactophone.core.errors import DatasetError, did_you_mean
 from tactophone.core.types import Touch
 from tactophone.lab.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.lab.simulation.modes import Body, Mounting
-from tactophone.lab.simulation.surface import HEIGHT_SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
+from tactophone.lab.simulation.surface import (
+    HEIGHT_SPACING,
+    Grains,
+    Material,
+    Pits,
+    Ridges,
+    Surface,
+    height_profile,
+)
 
 PAPER = range(23)
 """Numbers of the paper's objects: 20 for training, then those for testing."""
@@ -61,7 +69,12 @@ class SimulatedObject:
 @functools.cache
 def surface_roughness(surface: Surface) -> Roughness:
     """Return Ra and Rq of a surface's profile."""
-    return measure_profile(height_profile(surface), step=HEIGHT_SPACING, cutoff=COARSE_CUTOFF, periodic=True)
+    return measure_profile(
+        height_profile(surface),
+        step=HEIGHT_SPACING,
+        cutoff=COARSE_CUTOFF,
+        periodic=True,
+    )
 
 
 @functools.cache
@@ -81,7 +94,9 @@ def find(name: str) -> SimulatedObject:
         if name in (obj.name, str(obj.number)):
             return obj
     if hint := did_you_mean(name, (obj.name for obj in catalogue())):
-        raise DatasetError(f"{name!r} is not an object of the catalogue{hint} `tactophone simulate objects` lists all")
+        raise DatasetError(
+            f"{name!r} is not an object of the catalogue{hint} `tactophone simulate objects` lists all"
+        )
     names = ", ".join(f"{obj.number} {obj.name}" for obj in catalogue())
     raise DatasetError(f"{name!r} is not an object of the catalogue; there are {names}")
 
@@ -94,22 +109,41 @@ def surface(name: str) -> tuple[Surface, Material]:
 
 @functools.cache
 def _read() -> Mapping[str, Any]:
-    return tomllib.loads(resources.files("tactophone.lab.simulation").joinpath("catalogue.toml").read_text("utf-8"))
+    return tomllib.loads(
+        resources.files("tactophone.lab.simulation")
+        .joinpath("catalogue.toml")
+        .read_text("utf-8")
+    )
 
 
 def _object(entry: Mapping[str, Any], surfaces: Mapping[str, Any]) -> SimulatedObject:
     shape, material = _surface(entry["surface"], surfaces[entry["surface"]])
     return SimulatedObject(
-        number=entry["number"], name=entry["name"], surface=shape, material=material, substance=entry["material"],
-        label=Touch[entry["label"].upper()], body=Body(entry["body"]), mounting=Mounting(entry["mounting"]),
-        length=entry["length_mm"] * 1e-3, mass=entry["mass"],
-    )  # fmt: skip
+        number=entry["number"],
+        name=entry["name"],
+        surface=shape,
+        material=material,
+        substance=entry["material"],
+        label=Touch[entry["label"].upper()],
+        body=Body(entry["body"]),
+        mounting=Mounting(entry["mounting"]),
+        length=entry["length_mm"] * 1e-3,
+        mass=entry["mass"],
+    )
 
 
 def _surface(name: str, table: Mapping[str, Any]) -> tuple[Surface, Material]:
-    shape = _si({key: value for key, value in table.items() if not isinstance(value, str | list | dict)})
+    shape = _si(
+        {
+            key: value
+            for key, value in table.items()
+            if not isinstance(value, str | list | dict)
+        }
+    )
     parts = {kind.__name__.lower(): kind for kind in (Grains, Pits, Ridges)}
-    features: dict[str, Any] = {key: parts[key](**_si(table[key])) for key in parts if key in table}
+    features: dict[str, Any] = {
+        key: parts[key](**_si(table[key])) for key in parts if key in table
+    }
     return Surface(name, **shape, **features), Material(**_si(table["material"]))
 
 
@@ -117,7 +151,14 @@ def _si(table: Mapping[str, float]) -> dict[str, Any]:
     """Turn ``height_um = 3`` into ``height = 3e-6``."""
     found: dict[str, Any] = {}
     for key, value in table.items():
-        suffix = next((unit for unit in sorted(_UNITS, key=len, reverse=True) if key.endswith(unit)), "")
+        suffix = next(
+            (
+                unit
+                for unit in sorted(_UNITS, key=len, reverse=True)
+                if key.endswith(unit)
+            ),
+            "",
+        )
         found[key.removesuffix(suffix)] = value * _UNITS[suffix] if suffix else value
     return found
 
@@ -130,9 +171,16 @@ def akin(obj: SimulatedObject, other: SimulatedObject, share: float) -> Simulate
     mine, theirs = obj.surface, other.surface
     grains = mine.grains or theirs.grains
     if grains and not (mine.grains and theirs.grains):
-        grains = replace(grains, height=grains.height * (1 - share if mine.grains else share))
-    plain = replace(mine, grains=None, pits=None), replace(theirs, grains=None, pits=None)
-    return replace(obj, surface=replace(blend(*plain, 1 - share), grains=grains, pits=mine.pits))
+        grains = replace(
+            grains, height=grains.height * (1 - share if mine.grains else share)
+        )
+    plain = (
+        replace(mine, grains=None, pits=None),
+        replace(theirs, grains=None, pits=None),
+    )
+    return replace(
+        obj, surface=replace(blend(*plain, 1 - share), grains=grains, pits=mine.pits)
+    )
 
 
 def blend(first: Blended, second: Blended, share: float) -> Blended:

@@ -11,7 +11,12 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, 
 from tactophone.lab.dataset.values import Recording
 from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.lab.simulation.motion import Scene, five_stones
-from tactophone.lab.simulation.render import RenderMetadata, read_render_metadata, touch_segments, write_sound
+from tactophone.lab.simulation.render import (
+    RenderMetadata,
+    read_render_metadata,
+    touch_segments,
+    write_sound,
+)
 from tactophone.lab.simulation.source import SimulatedFinger, Truth
 from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
 from tactophone.lab.simulation.takes import shuffled
@@ -52,13 +57,20 @@ class Task:
         return replace(
             drawn,
             finger=finger._replace(
-                pad_damping=finger.pad_damping * factor, shear_damping=finger.shear_damping * factor,
-                pad_radiation=finger.pad_radiation / factor, shear_radiation=finger.shear_radiation / factor,
+                pad_damping=finger.pad_damping * factor,
+                shear_damping=finger.shear_damping * factor,
+                pad_radiation=finger.pad_radiation / factor,
+                shear_radiation=finger.shear_radiation / factor,
             ),
-        )  # fmt: skip
+        )
 
 
-TASKS = {"box": Task(), "hard": Task(force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0)}
+TASKS = {
+    "box": Task(),
+    "hard": Task(
+        force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0
+    ),
+}
 """By the word of ``tactophone simulate competition --task``."""
 
 
@@ -88,7 +100,13 @@ class CompetitionRun:
     @property
     def order(self) -> tuple[Touch, ...]:
         """Smooth and rough, left to right."""
-        return shuffled(int(np.random.SeedSequence([self.seed, self.day, self.number]).generate_state(1)[0]))
+        return shuffled(
+            int(
+                np.random.SeedSequence(
+                    [self.seed, self.day, self.number]
+                ).generate_state(1)[0]
+            )
+        )
 
 
 def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
@@ -98,13 +116,19 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
     script.hover(rng.uniform(1, 2.5))
     scene = run.scene
     for placed in scene.placed:
-        visit = Visit(rng.uniform(2, 4), log_uniform(rng, run.task.force), log_uniform(rng, run.task.speed),
-                      slips=rng.random() < run.task.slips)  # fmt: skip
+        visit = Visit(
+            rng.uniform(2, 4),
+            log_uniform(rng, run.task.force),
+            log_uniform(rng, run.task.speed),
+            slips=rng.random() < run.task.slips,
+        )
         explore(script, placed, visit)
     script.hover(1.0)
     session = run.task.session(1000 * run.seed + run.day, run.tip)
     seed = [0xC1, run.seed, run.day, run.number]
-    finger = SimulatedFinger(scene, script.moves, session=session, seed=seed, place=_START)
+    finger = SimulatedFinger(
+        scene, script.moves, session=session, seed=seed, place=_START
+    )
     return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
 
 
@@ -128,20 +152,35 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
         "source": "simulated",
     }
     return Recording(
-        folder / f"{run.name}.flac", "competition stones", None, ("contact", "air"), take=f"run_{run.number}",
-        scenario="competition", session=f"day {run.day}", segments=metadata.segments if metadata else (),
+        folder / f"{run.name}.flac",
+        "competition stones",
+        None,
+        ("contact", "air"),
+        take=f"run_{run.number}",
+        scenario="competition",
+        session=f"day {run.day}",
+        segments=metadata.segments if metadata else (),
         properties=properties,
-    )  # fmt: skip
+    )
 
 
-def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16) -> list[Path]:
+def write_finals(
+    folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
+) -> list[Path]:
     """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and ``..._rough.wav``."""
     written = []
     for day in sorted({run.day for run in runs}):
         rendered = [render_run(run) for run in runs if run.day == day]
         for label in SURFACE_LABELS:
-            sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
+            sound = np.concatenate(
+                [samples[truth.touch == label] for samples, truth in rendered]
+            )
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
-            write_sound(path, sound, RenderMetadata(f"finals {runs[0].fingerprint}", ()), bits=bits)
+            write_sound(
+                path,
+                sound,
+                RenderMetadata(f"finals {runs[0].fingerprint}", ()),
+                bits=bits,
+            )
             written.append(path)
     return written

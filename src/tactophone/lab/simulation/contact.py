@@ -32,7 +32,17 @@ friction noise and of the force on the body as a plate."""
 
 BODY = np.dtype(
     [
-        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "hiss", "hiss_share")),
+        *(
+            (name, np.float64)
+            for name in (
+                "stiffness",
+                "kinetic",
+                "static",
+                "stribeck_speed",
+                "hiss",
+                "hiss_share",
+            )
+        ),
         *((name, np.float64) for name in ("plate", "plate_share")),
         ("modes", np.int64),
     ]
@@ -107,9 +117,15 @@ _CLEAN_INTERVAL = 256
 
 @compiled
 def slide(
-    motion: Motion, noise: Array, ground: Ground, finger: Finger, state: NDArray[np.void], ringing: Ringing,
-    signals: ContactSignals, rate: float,
-) -> None:  # fmt: skip
+    motion: Motion,
+    noise: Array,
+    ground: Ground,
+    finger: Finger,
+    state: NDArray[np.void],
+    ringing: Ringing,
+    signals: ContactSignals,
+    rate: float,
+) -> None:
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
     s = state[0]
@@ -120,14 +136,26 @@ def slide(
         for k in range(OVERSAMPLING):
             at = motion.position[i] + k * step * motion.speed[i]
             step_signals = _step(
-                s, finger, ground, ringing, motion.body[i], at, motion.speed[i], motion.press[i], motion.height[i],
-                noise[i, k], step,
-            )  # fmt: skip
+                s,
+                finger,
+                ground,
+                ringing,
+                motion.body[i],
+                at,
+                motion.speed[i],
+                motion.press[i],
+                motion.height[i],
+                noise[i, k],
+                step,
+            )
             strain += step_signals[0]
             force += step_signals[1]
             air += step_signals[2]
             radiated += step_signals[3]
-        signals.strain[i], signals.force[i] = strain / OVERSAMPLING, force / OVERSAMPLING
+        signals.strain[i], signals.force[i] = (
+            strain / OVERSAMPLING,
+            force / OVERSAMPLING,
+        )
         signals.finger[i], signals.body[i] = air / OVERSAMPLING, radiated / OVERSAMPLING
 
 
@@ -148,9 +176,18 @@ def _clear_tiny(s: Any, ringing: Ringing) -> None:
 
 @compiled
 def _step(
-    s: Any, finger: Finger, ground: Ground, ringing: Ringing, which: int, at: float, speed: float, press: float,
-    height: float, noise: float, step: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    s: Any,
+    finger: Finger,
+    ground: Ground,
+    ringing: Ringing,
+    which: int,
+    at: float,
+    speed: float,
+    press: float,
+    height: float,
+    noise: float,
+    step: float,
+) -> tuple[float, float, float, float]:
     body = ground.bodies[which]
     slip = speed + s.link_speed + s.shear_speed
     track, slope, drag = _under(ground, which, at + s.link + s.shear, s.load)
@@ -163,8 +200,15 @@ def _step(
     tangential = _rub(s, body, finger, normal, slip, drag, noise, step)
     pad, shear, shake = _swing(s, finger, press, normal, tangential, step)
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
-    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, step)
-    air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
+    bend, flexed = _ring(
+        ground, ringing, own, ground.flexure, normal + _BEND * tangential, step
+    )
+    air = (
+        finger.pad_radiation * pad
+        + finger.shear_radiation * shear
+        + finger.shake_radiation * shake
+        + flexed
+    )
     # What is under the highest of the body's modes is radiated by them, and by the plate only beyond.
     s.plate_force += body.plate_share * (normal - s.plate_force)
     radiated = body.plate * (normal - s.plate_force)
@@ -176,7 +220,9 @@ def _step(
 
 
 @compiled
-def _under(ground: Ground, which: int, at: float, load: float) -> tuple[float, float, float]:
+def _under(
+    ground: Ground, which: int, at: float, load: float
+) -> tuple[float, float, float]:
     """Height (m), slope and drag under the pad; the patch's averaging is interpolated between light and heavy load."""
     place = at / ground.spacing
     left = int(np.floor(place))
@@ -202,19 +248,35 @@ def _press(depth: float, rate: float, stiffness: float, restitution: float) -> f
 
 @compiled
 def _rub(
-    s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, step: float
+    s: Any,
+    body: Any,
+    finger: Finger,
+    normal: float,
+    slip: float,
+    drag: float,
+    noise: float,
+    step: float,
 ) -> float:
     """LuGre friction, solved implicitly, with the track's drag and the noise of micro-slips; in N, against the slip."""
     if normal <= 0.0:
         s.bristle *= 0.98
         return 0.0
     speed = abs(slip)
-    limit = body.kinetic + (body.static - body.kinetic) / (1.0 + (slip / body.stribeck_speed) ** 2)
-    bristle = (s.bristle + step * slip) / (1.0 + step * finger.bristle_stiffness * speed / limit)
-    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / step
+    limit = body.kinetic + (body.static - body.kinetic) / (
+        1.0 + (slip / body.stribeck_speed) ** 2
+    )
+    bristle = (s.bristle + step * slip) / (
+        1.0 + step * finger.bristle_stiffness * speed / limit
+    )
+    friction = (
+        finger.bristle_stiffness * bristle
+        + finger.bristle_damping * (bristle - s.bristle) / step
+    )
     s.bristle = bristle
     s.friction_noise += body.hiss_share * (noise - s.friction_noise)
-    unit = np.sqrt((2 - body.hiss_share) / body.hiss_share)  # of a one-pole low-pass fed with white noise
+    unit = np.sqrt(
+        (2 - body.hiss_share) / body.hiss_share
+    )  # of a one-pole low-pass fed with white noise
     hiss = body.hiss * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
     return hiss - normal * (min(max(friction, -1.5), 1.5) + drag)
 
@@ -224,7 +286,9 @@ def _swing(
     s: Any, finger: Finger, press: float, normal: float, tangential: float, step: float
 ) -> tuple[float, float, float]:
     """Step arm, pad and joint; return the accelerations of pad, pad sideways and finger (m/s^2)."""
-    silicone = finger.pad_stiffness * (s.arm - s.pad) + finger.pad_damping * (s.arm_speed - s.pad_speed)
+    silicone = finger.pad_stiffness * (s.arm - s.pad) + finger.pad_damping * (
+        s.arm_speed - s.pad_speed
+    )
     push = -press - finger.arm_damping * s.arm_speed - silicone
     if s.arm > finger.arm_rest:  # the end stop over the hovering finger
         push -= 2e3 * (s.arm - finger.arm_rest) + 10.0 * s.arm_speed
@@ -235,7 +299,9 @@ def _swing(
     s.pad_speed += step * pad
     s.pad += step * s.pad_speed
     omega = 2 * np.pi * finger.link_frequency
-    joint = finger.link_mass * (omega * omega * s.link + 2 * finger.link_loss * omega * s.link_speed)
+    joint = finger.link_mass * (
+        omega * omega * s.link + 2 * finger.link_loss * omega * s.link_speed
+    )
     sideways = finger.shear_stiffness * s.shear + finger.shear_damping * s.shear_speed
     link = (sideways - joint) / finger.link_mass
     shear = (tangential - sideways) / finger.pad_mass
@@ -257,7 +323,9 @@ def _moved(ringing: Ringing, row: int, count: int) -> tuple[float, float]:
 
 
 @compiled
-def _ring(ground: Ground, ringing: Ringing, row: int, count: int, force: float, step: float) -> tuple[float, float]:
+def _ring(
+    ground: Ground, ringing: Ringing, row: int, count: int, force: float, step: float
+) -> tuple[float, float]:
     """Step a body's modes under a force; return the force at the piezo (N) and the radiated pressure (Pa)."""
     strain, pressure = 0.0, 0.0
     for j in range(count):

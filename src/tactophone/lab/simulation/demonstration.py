@@ -35,7 +35,9 @@ DEMONSTRATION_BLOCK = 4800
 _START = (-0.03, 0.035)
 
 
-def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = None) -> SimulatedFinger:
+def demonstration(
+    seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = None
+) -> SimulatedFinger:
     """Return a finger with this tip and a script of about ten seconds, drawn from the seed.
 
     The stones are those of the competition, on which no shipped model was trained. ``place`` is that of a finger in a
@@ -48,16 +50,30 @@ def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = 
     for placed, slips in zip(scene.placed, (False, True), strict=True):
         explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
-    session = SessionVariation.draw(seed, COMPETITION.amplified(DEMONSTRATION_GAIN_DB), tip=tip)
-    return SimulatedFinger(scene, script.moves, session=session, seed=stream, duration=script.time, place=_START)
+    session = SessionVariation.draw(
+        seed, COMPETITION.amplified(DEMONSTRATION_GAIN_DB), tip=tip
+    )
+    return SimulatedFinger(
+        scene,
+        script.moves,
+        session=session,
+        seed=stream,
+        duration=script.time,
+        place=_START,
+    )
 
 
-def write_demonstration(folder: Path, names: Sequence[str] = ("",), *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
+def write_demonstration(
+    folder: Path, names: Sequence[str] = ("",), *, seed: int, tip: str = DEFAULT_TIP
+) -> list[Path]:
     """Write the demonstration of each finger of a hand, or of a single one, and its labels; return the recordings.
 
     All stroke the same stones, and each sounds faintly in the microphones of the others (`SimulatedHand`).
     """
-    fingers = [demonstration(seed, tip=tip, place=place if any(names) else None) for place in range(len(names))]
+    fingers = [
+        demonstration(seed, tip=tip, place=place if any(names) else None)
+        for place in range(len(names))
+    ]
     hand, size = SimulatedHand(fingers), max(finger.end or 0 for finger in fingers)
     blocks: list[FloatArray] = []
     touched: list[list[NDArray[np.int16]]] = []
@@ -68,9 +84,24 @@ def write_demonstration(folder: Path, names: Sequence[str] = ("",), *, seed: int
     for place, name in enumerate(names):
         path = folder / f"{'-'.join(filter(None, ('microphones', name)))}.wav"
         with atomic_write(path) as part:
-            soundfile.write(part, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, "PCM_24", format="WAV")
-        segments = touch_segments(np.concatenate([found[place] for found in touched]), fingers[place].scene)
-        recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
+            soundfile.write(
+                part,
+                samples[:, 2 * place : 2 * place + 2],
+                hand.sample_rate,
+                "PCM_24",
+                format="WAV",
+            )
+        segments = touch_segments(
+            np.concatenate([found[place] for found in touched]), fingers[place].scene
+        )
+        recordings.append(
+            Recording(
+                path,
+                "competition stones",
+                channels=("contact", "air"),
+                segments=segments,
+            )
+        )
     write_metadata(folder, recordings)
     return [recording.path for recording in recordings]
 
@@ -88,8 +119,19 @@ class _Stroking(AlwaysOpen):
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(self, scene: Scene, hand: SimulatedHand, scripts: Sequence[Script], block_size: int) -> None:
-        self._scene, self._hand, self._scripts, self._block_size = scene, hand, scripts, block_size
+    def __init__(
+        self,
+        scene: Scene,
+        hand: SimulatedHand,
+        scripts: Sequence[Script],
+        block_size: int,
+    ) -> None:
+        self._scene, self._hand, self._scripts, self._block_size = (
+            scene,
+            hand,
+            scripts,
+            block_size,
+        )
         self.channels = hand.channels
 
     def __iter__(self) -> Iterator[AudioBlock]:
@@ -125,17 +167,31 @@ class StrokingFinger(_Stroking):
     radius, mass and microphone.
     """
 
-    def __init__(self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
+    def __init__(
+        self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP
+    ) -> None:
         self._rng = np.random.default_rng([0x57, seed])
         scene = five_stones(shuffled(seed))
         place = scene.placed[0].centre
-        finger = SimulatedFinger(scene, session=SessionVariation.of_tip(tip, seed), seed=seed, place=place)
-        super().__init__(scene, SimulatedHand([finger]), [Script(self._rng, x=place[0], y=place[1])], block_size)
+        finger = SimulatedFinger(
+            scene, session=SessionVariation.of_tip(tip, seed), seed=seed, place=place
+        )
+        super().__init__(
+            scene,
+            SimulatedHand([finger]),
+            [Script(self._rng, x=place[0], y=place[1])],
+            block_size,
+        )
 
     def _queue_visit(self) -> None:
         stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
         force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
-        visit = Visit(self._rng.uniform(1.5, 3.0), force, speed, slips=bool(self._rng.random() < 0.2))
+        visit = Visit(
+            self._rng.uniform(1.5, 3.0),
+            force,
+            speed,
+            slips=bool(self._rng.random() < 0.2),
+        )
         explore(self._scripts[0], stone, visit)
         self._move()
 
@@ -143,13 +199,20 @@ class StrokingFinger(_Stroking):
 class StrokingHand(_Stroking):
     """Several fingers on the same stone, one after another, all drawn by ``seed``."""
 
-    def __init__(self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
+    def __init__(
+        self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP
+    ) -> None:
         self._rng = np.random.default_rng([0x4A4D, seed])
         scene = five_stones(shuffled(seed))
         place = scene.placed[0].centre
-        streams = [np.random.default_rng([0x4A4D, seed, number]) for number in range(fingers)]
+        streams = [
+            np.random.default_rng([0x4A4D, seed, number]) for number in range(fingers)
+        ]
         scripts = [Script(rng, x=place[0], y=place[1]) for rng in streams]
-        sessions = [SessionVariation.of_tip(tip, seed + 1000 * number) for number in range(fingers)]
+        sessions = [
+            SessionVariation.of_tip(tip, seed + 1000 * number)
+            for number in range(fingers)
+        ]
         hand = [
             SimulatedFinger(scene, session=session, seed=[seed, number], place=place)
             for number, session in enumerate(sessions)
@@ -159,7 +222,11 @@ class StrokingHand(_Stroking):
 
     def _queue_visit(self) -> None:
         stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
-        visit = Visit(self._rng.uniform(1.5, 3.0), self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12))
+        visit = Visit(
+            self._rng.uniform(1.5, 3.0),
+            self._rng.uniform(0.8, 2.5),
+            self._rng.uniform(0.04, 0.12),
+        )
         for script in self._scripts:
             if script.rng.random() < LIFT_TIME:
                 script.hover(visit.duration)

@@ -58,7 +58,9 @@ class FaultSpan:
             raise ConfigError(
                 f"{text!r} is not a fault; write CODE@START-END in seconds, CODE one of {', '.join(CODES)}"
             )
-        return cls(match["code"], float(match["start"] or 0), float(match["end"] or "inf"))
+        return cls(
+            match["code"], float(match["start"] or 0), float(match["end"] or "inf")
+        )
 
 
 class FaultySource(ChangedSource):
@@ -74,8 +76,12 @@ class FaultySource(ChangedSource):
     def apply(self, block: AudioBlock) -> AudioBlock:
         samples = block.samples.astype(np.float64)
         for span, state in self._faults:
-            first = round(np.clip(span.start * block.sample_rate - block.start, 0, block.size))
-            last = round(np.clip(span.end * block.sample_rate - block.start, 0, block.size))
+            first = round(
+                np.clip(span.start * block.sample_rate - block.start, 0, block.size)
+            )
+            last = round(
+                np.clip(span.end * block.sample_rate - block.start, 0, block.size)
+            )
             if first < last:
                 state.position = block.start + first
                 _FAULTS[span.code](samples[first:last], state)
@@ -99,7 +105,9 @@ def _dead(samples: NDArray[np.float64], _: _FaultState, channel: int) -> None:
 
 
 def _clipped(samples: NDArray[np.float64], _: _FaultState, channel: int) -> None:
-    samples[:, channel] = (samples[:, channel] * 10 ** (OVERDRIVE_DB[channel] / 20)).clip(-1, 1)
+    samples[:, channel] = (
+        samples[:, channel] * 10 ** (OVERDRIVE_DB[channel] / 20)
+    ).clip(-1, 1)
 
 
 def _offset(samples: NDArray[np.float64], _: _FaultState, channel: int) -> None:
@@ -113,7 +121,9 @@ def _hum(samples: NDArray[np.float64], state: _FaultState, channel: int) -> None
 
 
 def _covered(samples: NDArray[np.float64], state: _FaultState) -> None:
-    muffled, state.filter = signal.sosfilt(state.sections, samples[:, AIR], zi=state.filter)
+    muffled, state.filter = signal.sosfilt(
+        state.sections, samples[:, AIR], zi=state.filter
+    )
     noise = 10 ** (SELF_NOISE_DBFS / 20) * state.rng.standard_normal(len(samples))
     samples[:, AIR] = muffled * 10 ** (-CASE_LOSS_DB / 20) + noise
 
@@ -130,7 +140,12 @@ _FAULTS: Mapping[str, FaultFunction] = {
     **{
         f"{name}-{kind}": partial(function, channel=channel)
         for channel, name in ((CONTACT, "contact"), (AIR, "air"))
-        for kind, function in (("dead", _dead), ("clipped", _clipped), ("offset", _offset), ("hum", _hum))
+        for kind, function in (
+            ("dead", _dead),
+            ("clipped", _clipped),
+            ("offset", _offset),
+            ("hum", _hum),
+        )
     },
     "air-covered": _covered,
     "swapped": _swapped,

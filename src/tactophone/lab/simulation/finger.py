@@ -81,7 +81,10 @@ class Finger(NamedTuple):
         """
         if not degrees:
             return self  # to the bit
-        along, across = np.cos(np.radians(degrees)) ** 2, np.sin(np.radians(degrees)) ** 2
+        along, across = (
+            np.cos(np.radians(degrees)) ** 2,
+            np.sin(np.radians(degrees)) ** 2,
+        )
 
         def turned(first: str, second: str, power: float) -> dict[str, float]:
             one, other = getattr(self, first) ** power, getattr(self, second) ** power
@@ -198,7 +201,11 @@ class Tip:
             "air_distance": self.air_distance,
             "pad_radiation": self.shaken,
         }
-        drawn = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items() if pair}
+        drawn = {
+            name: float(np.exp(rng.uniform(*np.log(pair))))
+            for name, pair in bounds.items()
+            if pair
+        }
         return self.finger._replace(**drawn)
 
 
@@ -217,21 +224,36 @@ _ROD = Finger(
 """A rod in a hand."""
 
 
-def _rod(name: str, what: str, modulus: float, flexure: tuple[Mode, ...], mass: _Bounds) -> Tip:
+def _rod(
+    name: str, what: str, modulus: float, flexure: tuple[Mode, ...], mass: _Bounds
+) -> Tip:
     """Return a rod with the air microphone on it; ``mass``: from the free rod's quarter to one with a microphone."""
     return Tip(
-        name, f"{what}, 0.5 to 2 mm tip radius, the air microphone on it", _ROD._replace(tip_modulus=modulus), flexure,
-        radius=(0.5e-3, 2e-3), mass=mass, air_distance=(0.03, 0.15), shaken=(3e-4, 6e-3),
+        name,
+        f"{what}, 0.5 to 2 mm tip radius, the air microphone on it",
+        _ROD._replace(tip_modulus=modulus),
+        flexure,
+        radius=(0.5e-3, 2e-3),
+        mass=mass,
+        air_distance=(0.03, 0.15),
+        shaken=(3e-4, 6e-3),
         # a quiet room of 25 dB SPL (0 dBFS is 92 dB SPL), and a hand in place of motors
-        electronics=Electronics(room_dbfs=-67.0, motor_air_dbfs=-95.0), air_gain_db=(-10.0, 10.0),
-    )  # fmt: skip
+        electronics=Electronics(room_dbfs=-67.0, motor_air_dbfs=-95.0),
+        air_gain_db=(-10.0, 10.0),
+    )
 
 
 _TIPS = (
-    Tip("rubber", tips.TIPS["rubber"].words, Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
+    Tip(
+        "rubber",
+        tips.TIPS["rubber"].words,
+        Finger(tip_radius=6e-3, tip_modulus=_RUBBER),
+    ),
     Tip("pad", tips.TIPS["pad"].words, Finger(tip_modulus=SKIN)),
     _rod(
-        "plastic", tips.TIPS["plastic"].words, _PLASTIC,
+        "plastic",
+        tips.TIPS["plastic"].words,
+        _PLASTIC,
         # 8 x 100 mm, c = 1.6 km/s, 6 g
         (
             Mode(177.0, 1.5e-3, 0.10, 2e-5, strain=0.20),
@@ -241,7 +263,9 @@ _TIPS = (
         mass=(1.5e-3, 4e-3),
     ),
     _rod(
-        "stylus", tips.TIPS["stylus"].words, _STEEL,
+        "stylus",
+        tips.TIPS["stylus"].words,
+        _STEEL,
         # 5 x 100 mm, c = 5.05 km/s, 15.4 g
         (
             Mode(355.0, 3.8e-3, 0.10, 2e-5, strain=0.20),
@@ -250,7 +274,7 @@ _TIPS = (
         ),
         mass=(3e-3, 8e-3),
     ),
-)  # fmt: skip
+)
 
 TIPS = MappingProxyType({tip.name: tip for tip in _TIPS})
 """The tips by name, as `tactophone.core.tips.TIP_NAMES` lists them."""

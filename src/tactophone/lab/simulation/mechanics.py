@@ -101,7 +101,9 @@ def hertz_patch(radius: float, modulus: float) -> float:
     return float((0.75 * radius / modulus) ** (1 / 3))
 
 
-def tip_on_body(radius: float, tip: float, body: float, *, rq: float) -> ContactMechanics:
+def tip_on_body(
+    radius: float, tip: float, body: float, *, rq: float
+) -> ContactMechanics:
     """Compute the contact of a tip of this radius (m) and modulus (Pa) with a body of this modulus.
 
     ``rq`` is the rms height in m of the body's roughness within about ten of the tip's patches.
@@ -110,8 +112,18 @@ def tip_on_body(radius: float, tip: float, body: float, *, rq: float) -> Contact
     whole = hertz_patch(radius, modulus)
     # Of the softer body that yields; 0 if none does.
     yielding = [modulus for modulus in (tip, body) if modulus > YIELDING]
-    hardness = min((each / next(ratio for least, ratio in _TABOR if each > least) for each in yielding), default=0.0)
-    crushed = min(whole, np.sqrt(1 / (np.pi * hardness))) if hardness and tip > YIELDING else whole
+    hardness = min(
+        (
+            each / next(ratio for least, ratio in _TABOR if each > least)
+            for each in yielding
+        ),
+        default=0.0,
+    )
+    crushed = (
+        min(whole, np.sqrt(1 / (np.pi * hardness)))
+        if hardness and tip > YIELDING
+        else whole
+    )
     alpha = rq * radius / whole**2
     patch = whole ** (1 / (1 + alpha)) * crushed ** (alpha / (1 + alpha))
     skin = reduced_modulus(SKIN, body)

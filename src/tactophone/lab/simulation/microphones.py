@@ -25,7 +25,10 @@ from tactophone.lab.simulation.modes import Mode, Mounting
 NORMALS = 5
 """Unit normals a sample: contact noise, rumble, room, air noise, motor."""
 
-_PINK = (0.049922035, -0.095993537, 0.050612699, -0.004408786), (1.0, -2.494956002, 2.017265875, -0.522189400)
+_PINK = (
+    (0.049922035, -0.095993537, 0.050612699, -0.004408786),
+    (1.0, -2.494956002, 2.017265875, -0.522189400),
+)
 """-3 dB an octave (J. O. Smith, *Spectral Audio Signal Processing*, 2011, "Synthesis of 1/F noise")."""
 
 _HUM = ((1, 1.0), (2, 0.35), (3, 0.5), (5, 0.3), (7, 0.2), (9, 0.1))
@@ -69,19 +72,36 @@ class Electrics(NamedTuple):
 class Microphones:
     """Two microphones with preamplifiers and converters; keeps its state between blocks."""
 
-    def __init__(self, electronics: Electronics, cavity: Mounting, *, seed: np.random.SeedSequence, rate: int) -> None:
+    def __init__(
+        self,
+        electronics: Electronics,
+        cavity: Mounting,
+        *,
+        seed: np.random.SeedSequence,
+        rate: int,
+    ) -> None:
         rng = np.random.default_rng(seed)
         self._rate = rate
         self._electrics = _wire(electronics, cavity, rng, rate)
         self._position = 0
 
-    def convert(self, signals: ContactSignals, motor: Array, normals: Array) -> FloatArray:
+    def convert(
+        self, signals: ContactSignals, motor: Array, normals: Array
+    ) -> FloatArray:
         """Return contact and air, shape ``(samples, 2)``, from -1 to 1.
 
         ``motor`` is the motors' activity (0-1), shape ``(samples,)``; ``normals`` is unit noise ``(samples, NORMALS)``.
         """
         out = np.empty((signals.strain.size, 2), np.float32)
-        _convert(signals, motor, normals, self._electrics, self._position, float(self._rate), out)
+        _convert(
+            signals,
+            motor,
+            normals,
+            self._electrics,
+            self._position,
+            float(self._rate),
+            out,
+        )
         self._position += len(out)
         return out
 
@@ -91,7 +111,9 @@ def cavity_sections(mounting: Mounting, rng: np.random.Generator, rate: int) -> 
     if mounting not in (Mounting.BOX, Mounting.MAT):
         return np.zeros((0, 6))
     peaks = ((180, 320, 7, 5), (380, 560, 6, 6), (640, 900, 5, 7))
-    return np.array([_peak(rng.uniform(low, high), gain, q, rate) for low, high, gain, q in peaks])
+    return np.array(
+        [_peak(rng.uniform(low, high), gain, q, rate) for low, high, gain, q in peaks]
+    )
 
 
 def _peak(frequency: float, gain_db: float, q: float, rate: int) -> Array:
@@ -104,31 +126,52 @@ def _peak(frequency: float, gain_db: float, q: float, rate: int) -> Array:
     return np.concatenate([b / a[0], a / a[0]])
 
 
-def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, rate: int) -> Electrics:
+def _wire(
+    electronics: Electronics, cavity: Mounting, rng: np.random.Generator, rate: int
+) -> Electrics:
     e = electronics
     rumble, room, gains = _noise_filters(rate)
-    levels = (e.contact_noise_dbfs, e.contact_rumble_dbfs, e.room_dbfs, e.air_noise_dbfs)
+    levels = (
+        e.contact_noise_dbfs,
+        e.contact_rumble_dbfs,
+        e.room_dbfs,
+        e.air_noise_dbfs,
+    )
     noise = np.array([_amplitude(level) for level in levels]) / gains
-    motors = [_amplitude(level) for level in (e.motor_contact_dbfs, e.motor_air_dbfs, e.gear_dbfs, e.jerk_dbfs)]
+    motors = [
+        _amplitude(level)
+        for level in (e.motor_contact_dbfs, e.motor_air_dbfs, e.gear_dbfs, e.jerk_dbfs)
+    ]
     return Electrics(
-        contact=_filter(signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")),
-        air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")), rumble=_filter(rumble),
-        room=_filter(room), cavity=_filter(cavity_sections(cavity, rng, rate)), hum=_hum(e, rng, rate),
-        whine=_wave(4096, enumerate(_MOTOR, start=1), rng), motor=np.array([0.0, 1.0, 0.0, 0.0]),
-        whine_frequency=float(rng.uniform(240, 420)), gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
-    )  # fmt: skip
+        contact=_filter(
+            signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")
+        ),
+        air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")),
+        rumble=_filter(rumble),
+        room=_filter(room),
+        cavity=_filter(cavity_sections(cavity, rng, rate)),
+        hum=_hum(e, rng, rate),
+        whine=_wave(4096, enumerate(_MOTOR, start=1), rng),
+        motor=np.array([0.0, 1.0, 0.0, 0.0]),
+        whine_frequency=float(rng.uniform(240, 420)),
+        gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
+    )
 
 
 @functools.cache
 def _noise_filters(rate: int) -> tuple[Array, Array, tuple[float, ...]]:
     """Return the filters of rumble and of a room's noise, and the rms gains of the four noises through theirs."""
     rumble = signal.butter(2, [12, 80], "band", fs=rate, output="sos")
-    room = np.vstack([signal.tf2sos(*_PINK), signal.butter(2, 45, "high", fs=rate, output="sos")])
+    room = np.vstack(
+        [signal.tf2sos(*_PINK), signal.butter(2, 45, "high", fs=rate, output="sos")]
+    )
     return rumble, room, (1.0, _rms_gain(rumble), _rms_gain(room), 1.0)
 
 
 def _filter(sections: Array) -> Filter:
-    return Filter(np.ascontiguousarray(sections, dtype=float), np.zeros((len(sections), 2)))
+    return Filter(
+        np.ascontiguousarray(sections, dtype=float), np.zeros((len(sections), 2))
+    )
 
 
 def _amplitude(level_dbfs: float) -> float:
@@ -147,10 +190,14 @@ def _hum(electronics: Electronics, rng: np.random.Generator, rate: int) -> Array
     return np.asarray(wave / wave.std() * _amplitude(electronics.contact_hum_dbfs))
 
 
-def _wave(size: int, harmonics: Iterable[tuple[int, float]], rng: np.random.Generator) -> Array:
+def _wave(
+    size: int, harmonics: Iterable[tuple[int, float]], rng: np.random.Generator
+) -> Array:
     """One period of harmonics of these numbers and amplitudes, in random phase."""
     phase = 2 * np.pi * np.arange(size) / size
-    terms = [gain * np.sin(k * phase + rng.uniform(0, 2 * np.pi)) for k, gain in harmonics]
+    terms = [
+        gain * np.sin(k * phase + rng.uniform(0, 2 * np.pi)) for k, gain in harmonics
+    ]
     return np.asarray(np.sum(terms, axis=0))
 
 
@@ -167,12 +214,16 @@ def _filtered(x: float, sections: Array, state: Array) -> float:
 @compiled
 def _motor(electrics: Electrics, activity: float, normal: float, rate: float) -> float:
     """The whine's next sample; pitch and loudness follow the motor's activity."""
-    phase = electrics.motor[0] + electrics.whine_frequency * (0.4 + 0.6 * activity) / rate
+    phase = (
+        electrics.motor[0] + electrics.whine_frequency * (0.4 + 0.6 * activity) / rate
+    )
     electrics.motor[0] = phase - np.floor(phase)
     place = electrics.motor[0] * electrics.whine.size
     left = int(place)
     right = (left + 1) % electrics.whine.size
-    wave = electrics.whine[left] * (left + 1 - place) + electrics.whine[right] * (place - left)
+    wave = electrics.whine[left] * (left + 1 - place) + electrics.whine[right] * (
+        place - left
+    )
     return wave * activity * (1.0 + 0.15 * normal)
 
 
@@ -184,25 +235,45 @@ def _gears(electrics: Electrics, activity: float, normal: float, rate: float) ->
     if (stood < _BRAKE) != (motor[1] < _BRAKE):
         motor[2] = 1.0
     motor[2] *= 1 - 1 / (_JERK_DECAY * rate)
-    motor[3] += share * (normal / np.sqrt(share / (2 - share)) - motor[3])  # of unit rms, as the normals
+    motor[3] += share * (
+        normal / np.sqrt(share / (2 - share)) - motor[3]
+    )  # of unit rms, as the normals
     return motor[3] * (electrics.gains[8] * activity + electrics.gains[9] * motor[2])
 
 
 @compiled
 def _convert(
-    signals: ContactSignals, motor: Array, normals: NDArray[np.float64], e: Electrics, position: int, rate: float,
+    signals: ContactSignals,
+    motor: Array,
+    normals: NDArray[np.float64],
+    e: Electrics,
+    position: int,
+    rate: float,
     out: FloatArray,
-) -> None:  # fmt: skip
+) -> None:
     g = e.gains
     for i in range(signals.strain.size):
         whine = _motor(e, motor[i], normals[i, 4], rate)
-        contact = g[0] * _filtered(signals.strain[i], e.contact.sections, e.contact.state)
+        contact = g[0] * _filtered(
+            signals.strain[i], e.contact.sections, e.contact.state
+        )
         contact += e.hum[(position + i) % e.hum.size] + g[2] * normals[i, 0]
-        contact += g[3] * _filtered(normals[i, 1], e.rumble.sections, e.rumble.state) + g[6] * whine
+        contact += (
+            g[3] * _filtered(normals[i, 1], e.rumble.sections, e.rumble.state)
+            + g[6] * whine
+        )
         contact += _gears(e, motor[i], normals[i, 4], rate)
-        pressure = signals.finger[i] + _filtered(signals.body[i], e.cavity.sections, e.cavity.state)
-        air = g[1] * _filtered(pressure, e.air.sections, e.air.state) + g[5] * normals[i, 3]
-        air += g[4] * _filtered(normals[i, 2], e.room.sections, e.room.state) + g[7] * whine
+        pressure = signals.finger[i] + _filtered(
+            signals.body[i], e.cavity.sections, e.cavity.state
+        )
+        air = (
+            g[1] * _filtered(pressure, e.air.sections, e.air.state)
+            + g[5] * normals[i, 3]
+        )
+        air += (
+            g[4] * _filtered(normals[i, 2], e.room.sections, e.room.state)
+            + g[7] * whine
+        )
         out[i, 0] = min(max(contact, -1.0), _CEILING)
         out[i, 1] = min(max(air, -1.0), _CEILING)
 
@@ -227,15 +298,26 @@ class SessionVariation:
         return cls() if tip == DEFAULT_TIP else cls.draw(seed, tip=tip)
 
     @classmethod
-    def draw(cls, seed: int, electronics: Electronics | None = None, *, tip: str = DEFAULT_TIP) -> Self:
+    def draw(
+        cls,
+        seed: int,
+        electronics: Electronics | None = None,
+        *,
+        tip: str = DEFAULT_TIP,
+    ) -> Self:
         """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %.
 
         ``electronics`` replaces those of the tip; ``tip`` is one of `~tactophone.lab.simulation.finger.TIPS`.
         """
-        rng, tip_rng = np.random.default_rng([0x5E75, seed]), np.random.default_rng([0x71B, seed])
+        rng, tip_rng = (
+            np.random.default_rng([0x5E75, seed]),
+            np.random.default_rng([0x71B, seed]),
+        )
         chosen = tip_named(tip)
         finger = chosen.draw_finger(tip_rng)
-        wired = (electronics or chosen.electronics).amplified(0.0, tip_rng.uniform(*chosen.air_gain_db))
+        wired = (electronics or chosen.electronics).amplified(
+            0.0, tip_rng.uniform(*chosen.air_gain_db)
+        )
         closeness = rng.uniform(0.85, 1.2)
         return cls(
             finger=finger._replace(
@@ -257,5 +339,7 @@ class SessionVariation:
         )
 
 
-COMPETITION = Electronics(room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0)
+COMPETITION = Electronics(
+    room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0
+)
 """A hall full of people, and running motors."""

@@ -18,7 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-MODE = np.dtype([(name, np.float64) for name in ("stiffness", "mobility", "damping", "radiation", "strain")])
+MODE = np.dtype(
+    [
+        (name, np.float64)
+        for name in ("stiffness", "mobility", "damping", "radiation", "strain")
+    ]
+)
 """A mode as the kernel takes it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per metre."""
 
 
@@ -95,30 +100,65 @@ class _Range(NamedTuple):
 
 
 def _ranges(
-    frequencies: list[_Bounds], mass: _Bounds, damping: _Bounds, radiation: _Bounds, *, relative: bool = False
+    frequencies: list[_Bounds],
+    mass: _Bounds,
+    damping: _Bounds,
+    radiation: _Bounds,
+    *,
+    relative: bool = False,
 ) -> tuple[_Range, ...]:
     """Bounds of modes that differ in frequency only."""
-    return tuple(_Range(frequency, mass, damping, radiation, relative) for frequency in frequencies)
+    return tuple(
+        _Range(frequency, mass, damping, radiation, relative)
+        for frequency in frequencies
+    )
 
 
 _OWN: dict[Body, tuple[_Range, ...]] = {
     # The bulk modes of a fist-sized stone lie over 2.5 kHz; what moves is only the contact's surroundings.
     Body.BLOCK: _ranges(
-        [(2600, 4200), (4300, 6000), (6200, 8200)], (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True
+        [(2600, 4200), (4300, 6000), (6200, 8200)],
+        (0.45, 0.45),
+        (0.014, 0.05),
+        (8e-4, 8e-4),
+        relative=True,
     ),
     # A cast shell, 3 to 5 mm thick: light local modes from 250 Hz up.
     Body.SHELL: (
-        *_ranges([(240, 460)], (0.10, 0.20), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
-        *_ranges([(500, 880), (1000, 1700)], (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
-        *_ranges([(1800, 2800)], (0.06, 0.06), (0.05, 0.07), (1.0e-3, 1.0e-3), relative=True),
+        *_ranges(
+            [(240, 460)], (0.10, 0.20), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True
+        ),
+        *_ranges(
+            [(500, 880), (1000, 1700)],
+            (0.10, 0.18),
+            (0.03, 0.07),
+            (1.2e-3, 2.4e-3),
+            relative=True,
+        ),
+        *_ranges(
+            [(1800, 2800)], (0.06, 0.06), (0.05, 0.07), (1.0e-3, 1.0e-3), relative=True
+        ),
     ),
-    Body.WALL: _ranges([(80, 130), (200, 320), (460, 700)], (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
-    Body.PANE: _ranges([(120, 180), (270, 380), (480, 640), (820, 1100)], (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
+    Body.WALL: _ranges(
+        [(80, 130), (200, 320), (460, 700)], (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)
+    ),
+    Body.PANE: _ranges(
+        [(120, 180), (270, 380), (480, 640), (820, 1100)],
+        (0.3, 0.7),
+        (0.03, 0.06),
+        (1.5e-3, 3e-3),
+    ),
     Body.SHEET: _ranges(
-        [(60, 90), (140, 200), (260, 350), (470, 600), (800, 1000)], (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)
+        [(60, 90), (140, 200), (260, 350), (470, 600), (800, 1000)],
+        (0.5, 1.0),
+        (0.025, 0.05),
+        (2e-3, 4e-3),
     ),
     Body.TABLETOP: _ranges(
-        [(55, 80), (130, 180), (240, 320), (400, 520), (650, 820)], (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)
+        [(55, 80), (130, 180), (240, 320), (400, 520), (650, 820)],
+        (4, 9),
+        (0.02, 0.04),
+        (8e-3, 1.2e-2),
     ),
 }
 
@@ -131,20 +171,34 @@ _HELD_BY: dict[Mounting, tuple[_Range, ...]] = {
     # The stone rocks on its three points; the tabletop below it booms.
     Mounting.TABLE: (
         *_ranges([(170, 320)], (1, 1), (0.06, 0.14), (6e-4, 6e-4), relative=True),
-        *_ranges([(55, 85), (120, 180), (220, 330), (380, 560)], (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+        *_ranges(
+            [(55, 85), (120, 180), (220, 330), (380, 560)],
+            (5, 12),
+            (0.02, 0.05),
+            (1e-2, 1e-2),
+        ),
     ),
     # Cardboard: light panels, lossy.
-    Mounting.BOX: _ranges([(60, 100), (140, 220), (280, 430), (520, 780)], (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
+    Mounting.BOX: _ranges(
+        [(60, 100), (140, 220), (280, 430), (520, 780)],
+        (0.9, 2.0),
+        (0.03, 0.06),
+        (3e-3, 6e-3),
+    ),
     # The stone on a rubber mat, in a wooden box.
     Mounting.MAT: (
         *_ranges([(55, 110)], (1, 1), (0.12, 0.25), (6e-4, 6e-4), relative=True),
-        *_ranges([(70, 120), (190, 300), (420, 640)], (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
+        *_ranges(
+            [(70, 120), (190, 300), (420, 640)], (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)
+        ),
     ),
     Mounting.FIXED: (),
 }
 
 
-def body_modes(body: Body, mounting: Mounting, *, mass: float, rng: np.random.Generator) -> list[Mode]:
+def body_modes(
+    body: Body, mounting: Mounting, *, mass: float, rng: np.random.Generator
+) -> list[Mode]:
     """Draw the modes of a body of this mass (kg) in this mounting."""
     return [_draw(bounds, mass, rng) for bounds in (*_OWN[body], *_HELD_BY[mounting])]
 

@@ -33,7 +33,16 @@ HAND = np.dtype(
     [
         (name, np.float64)
         for name in (
-            *("x", "y", "x_speed", "y_speed", "x_target", "y_target", "x_eased", "y_eased"),
+            *(
+                "x",
+                "y",
+                "x_speed",
+                "y_speed",
+                "x_target",
+                "y_target",
+                "x_eased",
+                "y_eased",
+            ),
             *("press", "press_rate", "press_target", "press_eased"),
             *("along", "x_direction", "y_direction", "sign"),
         )
@@ -85,7 +94,9 @@ class Hand:
 
     def queue(self, moves: Iterable[Move]) -> None:
         """Queue moves, oldest first; one whose time has passed takes effect at the next sample."""
-        self._moves.extend((float(round(move.time * self._rate)), *move[1:]) for move in moves)
+        self._moves.extend(
+            (float(round(move.time * self._rate)), *move[1:]) for move in moves
+        )
 
     def follow(self, size: int) -> Path:
         """Return the path of the next ``size`` samples."""
@@ -95,28 +106,49 @@ class Hand:
         x, y, along, speed, press, height = (np.empty(size) for _ in range(6))
         motion = Motion(along, speed, press, np.empty(size, np.int64), height)
         _follow(
-            np.array(due, float).reshape(-1, 4), self._position, self._field, self._state, x, y, motion,
+            np.array(due, float).reshape(-1, 4),
+            self._position,
+            self._field,
+            self._state,
+            x,
+            y,
+            motion,
             float(self._rate),
-        )  # fmt: skip
+        )
         self._position += size
         return Path(x, y, motion)
 
 
 @compiled
 def _follow(
-    moves: Array, position: int, field: Field, state: NDArray[np.void], x: Array, y: Array, motion: Motion, rate: float
+    moves: Array,
+    position: int,
+    field: Field,
+    state: NDArray[np.void],
+    x: Array,
+    y: Array,
+    motion: Motion,
+    rate: float,
 ) -> None:
     s = state[0]
     step = 1.0 / rate
     taken = 0
     for i in range(x.size):
         while taken < len(moves) and moves[taken, 0] <= position + i:
-            s.x_target, s.y_target, s.press_target = moves[taken, 1], moves[taken, 2], moves[taken, 3]
+            s.x_target, s.y_target, s.press_target = (
+                moves[taken, 1],
+                moves[taken, 2],
+                moves[taken, 3],
+            )
             taken += 1
         _approach(s, step)
         speed = _advance(s, step)
         x[i], y[i] = s.x, s.y
-        motion.position[i], motion.speed[i], motion.press[i] = s.along, s.sign * speed, s.press
+        motion.position[i], motion.speed[i], motion.press[i] = (
+            s.along,
+            s.sign * speed,
+            s.press,
+        )
         motion.body[i], motion.height[i] = _below(s.x, s.y, field)
 
 
@@ -132,7 +164,9 @@ def _approach(s: Any, step: float) -> None:
     s.y += step * s.y_speed
     omega = 2 * np.pi * _PRESS_CORNER
     s.press_eased += 2.0 * omega * step * (s.press_target - s.press_eased)
-    s.press_rate += step * (omega * omega * (s.press_eased - s.press) - 2 * omega * s.press_rate)
+    s.press_rate += step * (
+        omega * omega * (s.press_eased - s.press) - 2 * omega * s.press_rate
+    )
     s.press += step * s.press_rate
 
 
@@ -207,20 +241,36 @@ class Scene:
     @property
     def field(self) -> Field:
         """The footprints, for the hand's path."""
-        prints = [[placed.left, placed.near, placed.width, DEPTH] for placed in self.placed]
-        return Field(np.array(prints, dtype=np.float64).reshape(-1, 4), self.height, self.rounding)
+        prints = [
+            [placed.left, placed.near, placed.width, DEPTH] for placed in self.placed
+        ]
+        return Field(
+            np.array(prints, dtype=np.float64).reshape(-1, 4),
+            self.height,
+            self.rounding,
+        )
 
 
 def single(obj: SimulatedObject, mounting: Mounting | None = None) -> Scene:
     """Place one object with its left end at the origin, mounted as the catalogue has it or otherwise."""
     mounted = obj if mounting is None else replace(obj, mounting=mounting)
-    return Scene((PlacedObject(mounted, 0.0, 0.0, obj.length),), _ground("floor", mounted.mounting))
+    return Scene(
+        (PlacedObject(mounted, 0.0, 0.0, obj.length),),
+        _ground("floor", mounted.mounting),
+    )
 
 
 def row(objects: Sequence[SimulatedObject], *, pitch: float = 0.11) -> Scene:
     """Place objects in a row on a mat, ``pitch`` metres apart; each gets a profile of its own."""
     placed = [
-        PlacedObject(replace(obj, surface=replace(obj.surface, seed=obj.surface.seed + 1000 * k)), k * pitch, 0, 0.085)
+        PlacedObject(
+            replace(
+                obj, surface=replace(obj.surface, seed=obj.surface.seed + 1000 * k)
+            ),
+            k * pitch,
+            0,
+            0.085,
+        )
         for k, obj in enumerate(objects)
     ]
     return Scene(tuple(placed), _ground("mat", objects[0].mounting))
@@ -239,12 +289,25 @@ def five_stones(order: Sequence[Touch], *, paint: float = 0.0) -> Scene:
     rough = [replace(find(name), mounting=Mounting.MAT) for name in ("20", "22")]
     if paint:
         rough = [akin(stone, smooth, paint) for stone in rough]
-    return row([rough[k % 2] if label is Touch.ROUGH else smooth for k, label in enumerate(order)])
+    return row(
+        [
+            rough[k % 2] if label is Touch.ROUGH else smooth
+            for k, label in enumerate(order)
+        ]
+    )
 
 
 def _ground(name: str, mounting: Mounting) -> SimulatedObject:
     shape, material = surface(name)
     return SimulatedObject(
-        number=-1, name=name, surface=shape, material=material, substance=name, label=Touch.NONE, body=Body.BLOCK,
-        mounting=mounting, length=1.0, mass=1.5,
-    )  # fmt: skip
+        number=-1,
+        name=name,
+        surface=shape,
+        material=material,
+        substance=name,
+        label=Touch.NONE,
+        body=Body.BLOCK,
+        mounting=mounting,
+        length=1.0,
+        mass=1.5,
+    )

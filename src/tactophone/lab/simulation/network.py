@@ -49,25 +49,41 @@ class NetworkProfile:
 
     def __post_init__(self) -> None:
         if not 0 <= self.loss < 1:
-            raise ConfigError(f"a network's loss is a share from 0 to below 1, not {self.loss:g}")
+            raise ConfigError(
+                f"a network's loss is a share from 0 to below 1, not {self.loss:g}"
+            )
         if not 0 <= self.duplicates <= 1:
-            raise ConfigError(f"a network's duplicates are a share from 0 to 1, not {self.duplicates:g}")
+            raise ConfigError(
+                f"a network's duplicates are a share from 0 to 1, not {self.duplicates:g}"
+            )
         if not 1 <= self.burst < math.inf:
-            raise ConfigError(f"a network's burst is at least 1 packet, not {self.burst:g}")
+            raise ConfigError(
+                f"a network's burst is at least 1 packet, not {self.burst:g}"
+            )
         for name in ("delay", "jitter", "spread", "stall"):
             if not 0 <= (time := getattr(self, name)) < math.inf:
-                raise ConfigError(f"a network's {name} is a time in s, at least 0, not {time:g}")
+                raise ConfigError(
+                    f"a network's {name} is a time in s, at least 0, not {time:g}"
+                )
         if not self.stall_interval > 0:
-            raise ConfigError(f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}")
+            raise ConfigError(
+                f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}"
+            )
 
 
 NETWORK_PROFILES: dict[str, NetworkProfile] = {
     "clean": NetworkProfile(),
     "lan": NetworkProfile(delay=0.0002, jitter=0.00005),
     "wifi": NetworkProfile(loss=0.002, burst=1.5, delay=0.001, jitter=0.0015),
-    "wifi-busy": NetworkProfile(loss=0.02, burst=2.0, delay=0.002, jitter=0.004, stall=0.05, stall_interval=10.0),
-    "wifi-roaming": NetworkProfile(loss=0.005, burst=2.0, delay=0.001, jitter=0.002, stall=0.2, stall_interval=15.0),
-    "internet": NetworkProfile(loss=0.005, burst=1.2, delay=0.02, jitter=0.001, overtaking=True),
+    "wifi-busy": NetworkProfile(
+        loss=0.02, burst=2.0, delay=0.002, jitter=0.004, stall=0.05, stall_interval=10.0
+    ),
+    "wifi-roaming": NetworkProfile(
+        loss=0.005, burst=2.0, delay=0.001, jitter=0.002, stall=0.2, stall_interval=15.0
+    ),
+    "internet": NetworkProfile(
+        loss=0.005, burst=1.2, delay=0.02, jitter=0.001, overtaking=True
+    ),
     "bursty": NetworkProfile(loss=0.05, burst=5.0, delay=0.002),
 }
 """Profiles by name. The Wi-Fi profiles model milliseconds of contention, loss mostly hidden by retransmission, and
@@ -88,7 +104,10 @@ def network_profile(text: str) -> NetworkProfile:
             f"no network is named {name!r}; there are {', '.join(NETWORK_PROFILES)}, or write loss=0.05,burst=3"
         )
     try:
-        numbers = {key: float(value) for key, value in (change.split("=") for change in changes)}
+        numbers = {
+            key: float(value)
+            for key, value in (change.split("=") for change in changes)
+        }
         return replace(NETWORK_PROFILES[name], **numbers)  # type: ignore[arg-type]
     except (ValueError, TypeError) as error:
         raise ConfigError(
@@ -106,8 +125,16 @@ def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[tuple[float, .
     while True:
         turn, double, queue, spread = random.random(4)
         # A burst of 1 draws each packet independently; otherwise the state persists.
-        bad = turn < profile.loss if profile.burst == 1 else (turn >= recover if bad else turn < decay)
-        delay = profile.delay - profile.jitter * math.log1p(-queue) + profile.spread * spread
+        bad = (
+            turn < profile.loss
+            if profile.burst == 1
+            else (turn >= recover if bad else turn < decay)
+        )
+        delay = (
+            profile.delay
+            - profile.jitter * math.log1p(-queue)
+            + profile.spread * spread
+        )
         yield () if bad else (delay, delay) if double < profile.duplicates else (delay,)
 
 
@@ -118,7 +145,13 @@ class ImpairedLink:
     packet in turn is lost, instead of the profile's loss.
     """
 
-    def __init__(self, profile: NetworkProfile, *, seed: int = 0, lost: Iterator[bool] | None = None) -> None:
+    def __init__(
+        self,
+        profile: NetworkProfile,
+        *,
+        seed: int = 0,
+        lost: Iterator[bool] | None = None,
+    ) -> None:
         self._profile = profile
         self._fates = deliveries(profile, seed=seed)
         self._lost = lost
@@ -158,7 +191,11 @@ class ImpairedLink:
             self._stall_begins = due + self._pause()
         while due > self._stall_begins + self._profile.stall:
             self._stall_begins += self._profile.stall + self._pause()
-        return self._stall_begins + self._profile.stall if due > self._stall_begins else due
+        return (
+            self._stall_begins + self._profile.stall
+            if due > self._stall_begins
+            else due
+        )
 
     def _pause(self) -> float:
         return float(self._stalls.exponential(self._profile.stall_interval))
@@ -176,15 +213,25 @@ class ImpairmentProxy:
     """
 
     def __init__(
-        self, operator: Address, profile: NetworkProfile, *, seed: int = 0, prepare: Callable[[], object] = lambda: None
+        self,
+        operator: Address,
+        profile: NetworkProfile,
+        *,
+        seed: int = 0,
+        prepare: Callable[[], object] = lambda: None,
     ) -> None:
         self._operator, self._prepare = operator, prepare
         self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)
         self._to_robot = ImpairedLink(profile, seed=seed + 1)
-        self._robot_side, self._operator_side = UdpSocket("127.0.0.1", 0), UdpSocket("127.0.0.1")
+        self._robot_side, self._operator_side = (
+            UdpSocket("127.0.0.1", 0),
+            UdpSocket("127.0.0.1"),
+        )
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self.run, name="impairment-proxy", daemon=True)
+        self._thread = threading.Thread(
+            target=self.run, name="impairment-proxy", daemon=True
+        )
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -208,14 +255,21 @@ class ImpairmentProxy:
 
     def _forward(self, now: float) -> None:
         due = min(self._to_operator.next_due, self._to_robot.next_due)
-        select.select([self._robot_side, self._operator_side], [], [], max(0.0, min(due - now, _MAX_WAIT)))
+        select.select(
+            [self._robot_side, self._operator_side],
+            [],
+            [],
+            max(0.0, min(due - now, _MAX_WAIT)),
+        )
         now = time.monotonic()
         for datagram, source in self._robot_side.receive(0):
             self._robot = source
             self._to_operator.push(datagram, now=now)
         for datagram, _ in self._operator_side.receive(0):
             self._to_robot.push(datagram, now=now)
-        self._operator_side.send((datagram, self._operator) for datagram in self._to_operator.pull(now))
+        self._operator_side.send(
+            (datagram, self._operator) for datagram in self._to_operator.pull(now)
+        )
         back = self._to_robot.pull(now)
         if self._robot is not None:
             self._robot_side.send([(datagram, self._robot) for datagram in back])

@@ -45,15 +45,26 @@ class SimulatedParticipant(AlwaysOpen):
     channels = 2
 
     def __init__(
-        self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, air_gain_db: float = 0.0,
-        seed: int = 0, tip: str = DEFAULT_TIP, electronics: Electronics | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        obj: SimulatedObject,
+        mounting: Mounting | None = None,
+        *,
+        gain_db: float = 0.0,
+        air_gain_db: float = 0.0,
+        seed: int = 0,
+        tip: str = DEFAULT_TIP,
+        electronics: Electronics | None = None,
+    ) -> None:
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        wired = (electronics or tip_named(tip).electronics).amplified(gain_db, air_gain_db)
+        wired = (electronics or tip_named(tip).electronics).amplified(
+            gain_db, air_gain_db
+        )
         session = SessionVariation.draw(seed, wired, tip=tip)
-        self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
+        self._finger = SimulatedFinger(
+            scene, session=session, seed=seed, place=self._placed.centre
+        )
         self._now = 0.0
 
     def __iter__(self) -> Iterator[AudioBlock]:
@@ -70,9 +81,14 @@ class SimulatedParticipant(AlwaysOpen):
         """Stroke to and fro without a pause for ``duration`` s."""
         script = self._script()
         script.land(PRESS)
-        left, right = self._placed.left + 0.01, self._placed.left + self._placed.width - 0.01
+        left, right = (
+            self._placed.left + 0.01,
+            self._placed.left + self._placed.width - 0.01,
+        )
         while script.time < self._now + duration:
-            script.stroke(left if script.x > self._placed.centre[0] else right, STROKE, PRESS)
+            script.stroke(
+                left if script.x > self._placed.centre[0] else right, STROKE, PRESS
+            )
         self._perform(script)
 
     def tap(self, duration: float) -> None:

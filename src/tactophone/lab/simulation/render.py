@@ -21,7 +21,14 @@ from tactophone.core.processes import atomic_write, open_pool
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 from tactophone.lab.dataset.metadata import write_metadata
-from tactophone.lab.dataset.values import Intervals, Recording, Segment, stretches, within, write_slides
+from tactophone.lab.dataset.values import (
+    Intervals,
+    Recording,
+    Segment,
+    stretches,
+    within,
+    write_slides,
+)
 from tactophone.lab.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone.lab.simulation.finger import tip_named
 from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
@@ -44,16 +51,28 @@ class RenderMetadata:
     segments: tuple[Segment, ...]
 
 
-def write_sound(path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16) -> None:
+def write_sound(
+    path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16
+) -> None:
     """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all."""
-    segments = [[segment.start, segment.end, segment.label_name] for segment in metadata.segments]
+    segments = [
+        [segment.start, segment.end, segment.label_name]
+        for segment in metadata.segments
+    ]
     with (
         atomic_write(path) as unfinished,
         soundfile.SoundFile(
-            unfinished, "w", LIVE_SAMPLE_RATE, samples.shape[1], f"PCM_{bits}", format=path.suffix[1:].upper()
+            unfinished,
+            "w",
+            LIVE_SAMPLE_RATE,
+            samples.shape[1],
+            f"PCM_{bits}",
+            format=path.suffix[1:].upper(),
         ) as file,
     ):
-        file.comment = json.dumps({"fingerprint": metadata.fingerprint, "segments": segments})
+        file.comment = json.dumps(
+            {"fingerprint": metadata.fingerprint, "segments": segments}
+        )
         file.write(samples)
 
 
@@ -62,20 +81,33 @@ def read_render_metadata(path: Path) -> RenderMetadata | None:
     try:
         with soundfile.SoundFile(path) as file:
             comment = json.loads(file.comment)
-        return RenderMetadata(comment["fingerprint"], tuple(Segment(*each[:3]) for each in comment["segments"]))
+        return RenderMetadata(
+            comment["fingerprint"],
+            tuple(Segment(*each[:3]) for each in comment["segments"]),
+        )
     except (OSError, soundfile.LibsndfileError, ValueError, KeyError, TypeError):
         return None
 
 
-def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[Segment, ...]:
+def touch_segments(
+    object_index: NDArray[np.int16], scene: Scene
+) -> tuple[Segment, ...]:
     """Turn the truth's ``object_index`` per sample into segments, one for each touch of an object.
 
     A segment is named by its object's label, the ground *contact*, the air *none*.
     """
-    bounds = np.concatenate([[0], np.flatnonzero(np.diff(object_index)) + 1, [len(object_index)]])
-    runs = _merged((int(a), int(b), int(object_index[a])) for a, b in pairwise(bounds) if b > a)
+    bounds = np.concatenate(
+        [[0], np.flatnonzero(np.diff(object_index)) + 1, [len(object_index)]]
+    )
+    runs = _merged(
+        (int(a), int(b), int(object_index[a])) for a, b in pairwise(bounds) if b > a
+    )
     return tuple(
-        Segment(round(a / LIVE_SAMPLE_RATE, 4), round(b / LIVE_SAMPLE_RATE, 4), _label_name(index, scene))
+        Segment(
+            round(a / LIVE_SAMPLE_RATE, 4),
+            round(b / LIVE_SAMPLE_RATE, 4),
+            _label_name(index, scene),
+        )
         for a, b, index in runs
     )
 
@@ -84,7 +116,9 @@ def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, in
     """Merge each run of ``(start, end, object)`` that is too short, or of the same object, into the one before it."""
     last: tuple[int, int, int] | None = None
     for start, end, index in runs:
-        if last and (index == last[2] or end - start < SHORTEST_RENDER * LIVE_SAMPLE_RATE):
+        if last and (
+            index == last[2] or end - start < SHORTEST_RENDER * LIVE_SAMPLE_RATE
+        ):
             last = (last[0], end, last[2])
             continue
         if last:
@@ -156,13 +190,19 @@ class RenderJob:
     def fingerprint(self) -> str:
         """A hash of everything that the sound depends on."""
         tip = tip_named(self.options.tip)
-        return hashlib.sha256(f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()).hexdigest()[:16]
+        return hashlib.sha256(
+            f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()
+        ).hexdigest()[:16]
 
     @property
     def session(self) -> int:
         """Seed of the set-up, which the seven takes of an object in a mounting share."""
         mounting = list(Mounting).index(self.mounting)
-        return int(np.random.SeedSequence([self.options.seed, self.object.number, mounting]).generate_state(1)[0])
+        return int(
+            np.random.SeedSequence(
+                [self.options.seed, self.object.number, mounting]
+            ).generate_state(1)[0]
+        )
 
 
 def plan_dataset(
@@ -181,7 +221,9 @@ def plan_dataset(
     )
 
 
-def render_dataset(folder: Path, jobs: Sequence[RenderJob], *, processes: int = 1) -> Iterator[RenderJob]:
+def render_dataset(
+    folder: Path, jobs: Sequence[RenderJob], *, processes: int = 1
+) -> Iterator[RenderJob]:
     """Render the missing recordings; yields each job when it is done, existing ones first.
 
     Call :func:`write_manifest` afterwards, also after an interruption.
@@ -199,7 +241,9 @@ def render_dataset(folder: Path, jobs: Sequence[RenderJob], *, processes: int = 
     yield _write(folder, missing.pop(0))
     with open_pool(processes) as pool:
         try:
-            for future in as_completed([pool.submit(_write, folder, job) for job in missing]):
+            for future in as_completed(
+                [pool.submit(_write, folder, job) for job in missing]
+            ):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
@@ -207,7 +251,11 @@ def render_dataset(folder: Path, jobs: Sequence[RenderJob], *, processes: int = 
 
 def write_manifest(folder: Path, jobs: Sequence[RenderJob]) -> int:
     """Write ``metadata.csv`` for the finished jobs; return their number. The authors' layout has no manifest."""
-    recordings = [_recording(folder, job, metadata) for job in jobs if (metadata := _metadata(folder, job))]
+    recordings = [
+        _recording(folder, job, metadata)
+        for job in jobs
+        if (metadata := _metadata(folder, job))
+    ]
     if recordings and not jobs[0].options.authors_layout:
         write_metadata(folder, recordings)
     return len(recordings)
@@ -220,8 +268,16 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     hall = COMPETITION if job.options.hall else None
     session = SessionVariation.draw(job.session, hall, tip=job.options.tip)
     electronics = session.electronics.amplified(job.options.gain_db)
-    session = replace(session, electronics=electronics, finger=session.finger.tilted(job.options.tilt))
-    finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
+    session = replace(
+        session, electronics=electronics, finger=session.finger.tilted(job.options.tilt)
+    )
+    finger = SimulatedFinger(
+        scene,
+        _moves(job, scene),
+        session=session,
+        seed=noise,
+        place=scene.placed[0].centre,
+    )
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     if not job.options.opus:
         return block.samples, finger.truth
@@ -242,10 +298,17 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
     x, y = scene.placed[0].centre
     hand = Hand(scene.field, x=x, y=y, rate=LIVE_SAMPLE_RATE)
     hand.queue(_moves(job, scene))
-    speed = np.abs(hand.follow(round(job.options.duration * LIVE_SAMPLE_RATE)).motion.speed)
+    speed = np.abs(
+        hand.follow(round(job.options.duration * LIVE_SAMPLE_RATE)).motion.speed
+    )
     time = np.arange(len(speed)) / LIVE_SAMPLE_RATE
-    sliding = (speed > SLIDING) & within(time, (segment for segment in metadata.segments if segment.contact))
-    return tuple((float(start), float(end)) for start, end in stretches(sliding) / LIVE_SAMPLE_RATE)
+    sliding = (speed > SLIDING) & within(
+        time, (segment for segment in metadata.segments if segment.contact)
+    )
+    return tuple(
+        (float(start), float(end))
+        for start, end in stretches(sliding) / LIVE_SAMPLE_RATE
+    )
 
 
 def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Recording:
@@ -270,7 +333,9 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
     return Recording(
         folder / job.name,
         job.object.surface.name,
-        Touch(job.object.label) if job.object.label else None,  # measured surfaces have none
+        Touch(job.object.label)
+        if job.object.label
+        else None,  # measured surfaces have none
         ("contact", "air"),
         take=job.take.name,
         scenario=str(job.mounting),
@@ -281,7 +346,9 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
 
 
 def _moves(job: RenderJob, scene: Scene) -> list[Move]:
-    seed = np.random.SeedSequence([job.options.seed, job.session, TAKES.index(job.take)])
+    seed = np.random.SeedSequence(
+        [job.options.seed, job.session, TAKES.index(job.take)]
+    )
     rng = np.random.default_rng(seed.spawn(1)[0])
     return take_moves(job.take, scene.placed[0], duration=job.options.duration, rng=rng)
 
@@ -289,5 +356,10 @@ def _moves(job: RenderJob, scene: Scene) -> list[Move]:
 def _write(folder: Path, job: RenderJob) -> RenderJob:
     samples, truth = render(job)
     segments = touch_segments(truth.object_index, single(job.object, job.mounting))
-    write_sound(folder / job.name, samples, RenderMetadata(job.fingerprint, segments), bits=job.options.bits)
+    write_sound(
+        folder / job.name,
+        samples,
+        RenderMetadata(job.fingerprint, segments),
+        bits=job.options.bits,
+    )
     return job

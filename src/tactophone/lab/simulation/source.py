@@ -24,7 +24,15 @@ from scipy import signal
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 from tactophone.lab.simulation.catalogue import SimulatedObject
-from tactophone.lab.simulation.contact import BODY, CONTACT_STATE, OVERSAMPLING, ContactSignals, Ground, Ringing, slide
+from tactophone.lab.simulation.contact import (
+    BODY,
+    CONTACT_STATE,
+    OVERSAMPLING,
+    ContactSignals,
+    Ground,
+    Ringing,
+    slide,
+)
 from tactophone.lab.simulation.finger import Finger
 from tactophone.lab.simulation.mechanics import compiled
 from tactophone.lab.simulation.microphones import NORMALS, Microphones, SessionVariation
@@ -98,10 +106,17 @@ class SimulatedFinger(AlwaysOpen):
     channels = 2
 
     def __init__(
-        self, scene: Scene, moves: Iterable[Move] = (), *, session: SessionVariation | None = None,
-        seed: int | Sequence[int] = 0, duration: float | None = None, block_size: int = 480,
-        place: tuple[float, float] = (0.0, 0.0), hand: Leads | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        scene: Scene,
+        moves: Iterable[Move] = (),
+        *,
+        session: SessionVariation | None = None,
+        seed: int | Sequence[int] = 0,
+        duration: float | None = None,
+        block_size: int = 480,
+        place: tuple[float, float] = (0.0, 0.0),
+        hand: Leads | None = None,
+    ) -> None:
         session = session or SessionVariation()
         self.scene = scene
         self._finger = session.finger
@@ -110,12 +125,16 @@ class SimulatedFinger(AlwaysOpen):
         self._hand = Hand(scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE)
         self._hand.queue(moves)
         self._follow = self._hand.follow if hand is None else hand.follow
-        self._rng = np.random.default_rng(np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)]))
+        self._rng = np.random.default_rng(
+            np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)])
+        )
         self._ground = _ground(scene, session)
         # The finger hovers, and nothing rings.
         self._state = np.zeros(1, CONTACT_STATE)
         self._state["arm"] = self._state["pad"] = session.finger.arm_rest
-        self._ringing = Ringing(np.zeros(self._ground.modes.shape), np.zeros(self._ground.modes.shape))
+        self._ringing = Ringing(
+            np.zeros(self._ground.modes.shape), np.zeros(self._ground.modes.shape)
+        )
         self._microphones = Microphones(
             session.electronics,
             scene.objects[0].mounting,  # determines the room around the finger
@@ -125,7 +144,11 @@ class SimulatedFinger(AlwaysOpen):
         self._labels = np.array([obj.label for obj in scene.objects], np.int8)
         self._since_touch = np.array([LIVE_SAMPLE_RATE, -1])
         self.truth = Truth(
-            np.empty(0, np.int8), np.empty(0, np.int16), np.empty(0, np.float32), np.empty(0), np.empty(0)
+            np.empty(0, np.int8),
+            np.empty(0, np.int16),
+            np.empty(0, np.float32),
+            np.empty(0),
+            np.empty(0),
         )
 
     def __iter__(self) -> Iterator[AudioBlock]:
@@ -138,7 +161,16 @@ class SimulatedFinger(AlwaysOpen):
 
         May be called from any thread.
         """
-        self._hand.queue([Move(self._position / LIVE_SAMPLE_RATE if time is None else time, x, y, force)])
+        self._hand.queue(
+            [
+                Move(
+                    self._position / LIVE_SAMPLE_RATE if time is None else time,
+                    x,
+                    y,
+                    force,
+                )
+            ]
+        )
 
     def render(self, size: int) -> AudioBlock:
         """Return the next ``size`` samples; their ground truth is in ``truth`` afterwards."""
@@ -151,13 +183,28 @@ class SimulatedFinger(AlwaysOpen):
         signals = ContactSignals(*(np.empty(size) for _ in ContactSignals._fields))
         noise = np.ascontiguousarray(normals[:, :OVERSAMPLING])
         slide(
-            path.motion, noise, self._ground, self._finger, self._state, self._ringing, signals, float(LIVE_SAMPLE_RATE)
+            path.motion,
+            noise,
+            self._ground,
+            self._finger,
+            self._state,
+            self._ringing,
+            signals,
+            float(LIVE_SAMPLE_RATE),
         )
         motor = np.minimum(1.0, np.abs(path.motion.speed) / MOTOR_SPEED)
         index = np.empty(size, np.int16)
-        _touched(signals.force, path.motion.body, index, self._since_touch, int(SPEED_HOLD * LIVE_SAMPLE_RATE))
+        _touched(
+            signals.force,
+            path.motion.body,
+            index,
+            self._since_touch,
+            int(SPEED_HOLD * LIVE_SAMPLE_RATE),
+        )
         touch = np.where(index < 0, np.int8(0), self._labels[index])
-        self.truth = Truth(touch, index, signals.force.astype(np.float32), path.x, path.y)
+        self.truth = Truth(
+            touch, index, signals.force.astype(np.float32), path.x, path.y
+        )
         return Contacts(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
 
     def record(self, contacts: Contacts) -> AudioBlock:
@@ -172,9 +219,17 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
     """Make the kernel's tables of all that can be touched."""
     objects = scene.objects
     finger, flexure = session.finger, session.flexure
-    tracks = [track(obj.surface, obj.material, finger.tip_radius, finger.tip_modulus) for obj in objects]
+    tracks = [
+        track(obj.surface, obj.material, finger.tip_radius, finger.tip_modulus)
+        for obj in objects
+    ]
     modes = [
-        body_modes(obj.body, obj.mounting, mass=obj.mass, rng=np.random.default_rng([session.seed, 7, k]))
+        body_modes(
+            obj.body,
+            obj.mounting,
+            mass=obj.mass,
+            rng=np.random.default_rng([session.seed, 7, k]),
+        )
         for k, obj in enumerate(objects)
     ]
     bodies = np.zeros(len(objects), BODY)
@@ -184,10 +239,14 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
         body["modes"] = len(ringing)
     size = max(len(flexure), *map(len, modes))
     return Ground(
-        light=np.stack([each.light for each in tracks]), heavy=np.stack([each.heavy for each in tracks]),
-        friction=np.stack([each.friction for each in tracks]), spacing=HEIGHT_SPACING, bodies=bodies,
-        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]), flexure=len(flexure),
-    )  # fmt: skip
+        light=np.stack([each.light for each in tracks]),
+        heavy=np.stack([each.heavy for each in tracks]),
+        friction=np.stack([each.friction for each in tracks]),
+        spacing=HEIGHT_SPACING,
+        bodies=bodies,
+        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]),
+        flexure=len(flexure),
+    )
 
 
 def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) -> None:
@@ -195,8 +254,13 @@ def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) ->
     body["stiffness"] = mechanics.hertz_stiffness
     # Adhesion goes with the true contact area: a hard tip on stone hardly sticks, whatever is polished.
     body["kinetic"] = material.kinetic
-    body["static"] = material.kinetic + min(mechanics.adhesion, 1.0) * (material.static - material.kinetic)
-    body["stribeck_speed"], body["hiss"] = material.stribeck_speed, mechanics.adhesion * material.hiss
+    body["static"] = material.kinetic + min(mechanics.adhesion, 1.0) * (
+        material.static - material.kinetic
+    )
+    body["stribeck_speed"], body["hiss"] = (
+        material.stribeck_speed,
+        mechanics.adhesion * material.hiss,
+    )
     body["hiss_share"] = _share(mechanics.tangential_corner(finger.pad_mass))
     body["plate"] = plate_pressure(obj.body, finger.air_distance)
 
@@ -247,13 +311,24 @@ class SimulatedHand:
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(self, fingers: Sequence[SimulatedFinger], *, structure_db: float = STRUCTURE_DB) -> None:
+    def __init__(
+        self, fingers: Sequence[SimulatedFinger], *, structure_db: float = STRUCTURE_DB
+    ) -> None:
         self.fingers, self.channels = list(fingers), 2 * len(fingers)
-        apart = np.abs(np.subtract.outer(np.arange(len(fingers)), np.arange(len(fingers))))
-        self._structure = np.where(apart > 0, 10 ** ((structure_db + FURTHER_DB * (apart - 1)) / 20), 0.0)
-        self._air = np.where(apart > 0, BELOW / np.hypot(BELOW, GRAIN_PITCH * apart), 0.0)
+        apart = np.abs(
+            np.subtract.outer(np.arange(len(fingers)), np.arange(len(fingers)))
+        )
+        self._structure = np.where(
+            apart > 0, 10 ** ((structure_db + FURTHER_DB * (apart - 1)) / 20), 0.0
+        )
+        self._air = np.where(
+            apart > 0, BELOW / np.hypot(BELOW, GRAIN_PITCH * apart), 0.0
+        )
         if math.isinf(structure_db):
-            self._structure, self._air = np.zeros_like(self._structure), np.zeros_like(self._air)
+            self._structure, self._air = (
+                np.zeros_like(self._structure),
+                np.zeros_like(self._air),
+            )
         self._sections = signal.butter(2, CORNER, fs=LIVE_SAMPLE_RATE, output="sos")
         self._state = np.zeros((len(self._sections), len(fingers), 2))
 
@@ -263,11 +338,19 @@ class SimulatedHand:
             return self.fingers[0].render(size)
         contacts = [finger.touch(size) for finger in self.fingers]
         strains = self._structure @ np.stack([each.signals.strain for each in contacts])
-        strains, self._state = signal.sosfilt(self._sections, strains, axis=1, zi=self._state)
-        pressures = self._air @ np.stack([each.signals.finger + each.signals.body for each in contacts])
+        strains, self._state = signal.sosfilt(
+            self._sections, strains, axis=1, zi=self._state
+        )
+        pressures = self._air @ np.stack(
+            [each.signals.finger + each.signals.body for each in contacts]
+        )
         blocks = []
-        for finger, own, strain, pressure in zip(self.fingers, contacts, strains, pressures, strict=True):
-            signals = own.signals._replace(strain=own.signals.strain + strain, finger=own.signals.finger + pressure)
+        for finger, own, strain, pressure in zip(
+            self.fingers, contacts, strains, pressures, strict=True
+        ):
+            signals = own.signals._replace(
+                strain=own.signals.strain + strain, finger=own.signals.finger + pressure
+            )
             blocks.append(finger.record(own._replace(signals=signals)))
         samples = np.concatenate([block.samples for block in blocks], axis=1)
         return AudioBlock(samples, LIVE_SAMPLE_RATE, blocks[0].start)

@@ -39,12 +39,16 @@ class Script:
     ``x`` and ``y`` are the finger's place at the start in m; ``rng`` draws tremor, drift and pauses.
     """
 
-    def __init__(self, rng: np.random.Generator, *, x: float, y: float, start: float = 0.0) -> None:
+    def __init__(
+        self, rng: np.random.Generator, *, x: float, y: float, start: float = 0.0
+    ) -> None:
         self.rng = rng
         self.x, self.y, self.time = x, y, start
         self.moves: list[Move] = []
 
-    def hover(self, duration: float, *, x: float | None = None, y: float | None = None) -> None:
+    def hover(
+        self, duration: float, *, x: float | None = None, y: float | None = None
+    ) -> None:
         """Lift off, and move to a place in the air."""
         self._go(duration, x, y, lambda phase: np.full_like(phase, LIFT))
 
@@ -53,19 +57,29 @@ class Script:
         self._go(0.15, None, None, lambda phase: np.full_like(phase, min(force, TOUCH)))
         self._go(0.12, None, None, lambda phase: TOUCH + (force - TOUCH) * _ease(phase))
 
-    def stroke(self, x: float, duration: float, force: float, *, y: float | None = None) -> None:
+    def stroke(
+        self, x: float, duration: float, force: float, *, y: float | None = None
+    ) -> None:
         """Stroke to a place, with about this force."""
         size = max(2, round(duration / STROKE_STEP))
-        press = force * np.clip(1 + 0.18 * self._wander(size, 2.0) + 0.07 * self._wander(size, 9.0), 0.25, 2.2)
+        press = force * np.clip(
+            1 + 0.18 * self._wander(size, 2.0) + 0.07 * self._wander(size, 9.0),
+            0.25,
+            2.2,
+        )
         self._go(duration, x, y, lambda phase: press)
 
-    def wiggle(self, amplitude: float, frequency: float, duration: float, *, force: float) -> None:
+    def wiggle(
+        self, amplitude: float, frequency: float, duration: float, *, force: float
+    ) -> None:
         """Rub to and fro around the current place."""
         size = max(2, round(duration / STROKE_STEP))
         time = STROKE_STEP * np.arange(size)
         phase = 2 * np.pi * (frequency * time + 0.05 * self._wander(size, 0.8))
         path = self.x + amplitude * np.minimum(1, time / 0.2) * np.sin(phase)
-        press = force * np.clip(1 + 0.2 * self._wander(size, 1.5) + 0.1 * self._wander(size, 8.0), 0.25, 2.2)
+        press = force * np.clip(
+            1 + 0.2 * self._wander(size, 1.5) + 0.1 * self._wander(size, 8.0), 0.25, 2.2
+        )
         self._write(path, np.full(size, self.y), press)
 
     def tap(self, force: float) -> None:
@@ -83,12 +97,24 @@ class Script:
         size = max(2, round(duration / STROKE_STEP))
         phase = np.arange(1, size + 1) / size
         to_x, to_y = (self.x if x is None else x), (self.y if y is None else y)
-        self._write(self.x + (to_x - self.x) * _ease(phase), self.y + (to_y - self.y) * _ease(phase), press(phase))
+        self._write(
+            self.x + (to_x - self.x) * _ease(phase),
+            self.y + (to_y - self.y) * _ease(phase),
+            press(phase),
+        )
 
-    def _write(self, x: NDArray[np.float64], y: NDArray[np.float64], press: NDArray[np.float64]) -> None:
+    def _write(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], press: NDArray[np.float64]
+    ) -> None:
         times = self.time + STROKE_STEP * np.arange(x.size)
-        self.moves += [Move(*map(float, row)) for row in zip(times, x, y, press, strict=True)]
-        self.x, self.y, self.time = float(x[-1]), float(y[-1]), self.time + STROKE_STEP * x.size
+        self.moves += [
+            Move(*map(float, row)) for row in zip(times, x, y, press, strict=True)
+        ]
+        self.x, self.y, self.time = (
+            float(x[-1]),
+            float(y[-1]),
+            self.time + STROKE_STEP * x.size,
+        )
 
     def _wander(self, size: int, frequency: float) -> NDArray[np.float64]:
         """Noise of unit rms with a bandwidth of about ``frequency`` Hz."""
@@ -97,15 +123,26 @@ class Script:
         return np.interp(np.linspace(0, knots - 1, size), np.arange(knots), drawn)
 
 
-def take_moves(take: Take, placed: PlacedObject, *, duration: float, rng: np.random.Generator) -> list[Move]:
+def take_moves(
+    take: Take, placed: PlacedObject, *, duration: float, rng: np.random.Generator
+) -> list[Move]:
     """Script one of the paper's takes on an object; `SLIPS` of the strokes run over an edge."""
     middle, depth = placed.centre
     script = Script(rng, x=middle, y=depth)
     while script.time < duration:
-        script.hover(rng.uniform(0.25, 0.7), x=middle + rng.uniform(-0.3, 0.3) * placed.width, y=_lane(rng, placed))
-        force, speed = (log_uniform(rng, bounds[take.pressure]) for bounds in (STROKE_PRESSURES, SPEEDS))
+        script.hover(
+            rng.uniform(0.25, 0.7),
+            x=middle + rng.uniform(-0.3, 0.3) * placed.width,
+            y=_lane(rng, placed),
+        )
+        force, speed = (
+            log_uniform(rng, bounds[take.pressure])
+            for bounds in (STROKE_PRESSURES, SPEEDS)
+        )
         script.land(force)
-        {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](script, placed, force, speed)
+        {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](
+            script, placed, force, speed
+        )
     return script.moves
 
 
@@ -120,7 +157,11 @@ def _long(script: Script, placed: PlacedObject, force: float, speed: float) -> N
 def _short(script: Script, placed: PlacedObject, force: float, speed: float) -> None:
     for _ in range(script.rng.integers(1, 4)):
         length = script.rng.uniform(0.008, 0.03) * script.rng.choice([-1, 1])
-        target = float(np.clip(script.x + length, placed.left + 0.01, placed.left + placed.width - 0.01))
+        target = float(
+            np.clip(
+                script.x + length, placed.left + 0.01, placed.left + placed.width - 0.01
+            )
+        )
         script.stroke(target, _duration(abs(target - script.x), speed), force)
 
 
@@ -167,7 +208,12 @@ def explore(script: Script, placed: PlacedObject, visit: Visit) -> None:
     script.land(visit.force)
     while script.time - begin < visit.duration:
         target = middle + script.rng.choice([-1, 1]) * script.rng.uniform(0.012, 0.032)
-        script.stroke(target, _duration(abs(target - script.x), visit.speed), visit.force, y=_lane(script.rng, placed))
+        script.stroke(
+            target,
+            _duration(abs(target - script.x), visit.speed),
+            visit.force,
+            y=_lane(script.rng, placed),
+        )
     if visit.slips:
         over = placed.left + placed.width + EDGE
         script.stroke(over, _duration(over - script.x, visit.speed), visit.force)

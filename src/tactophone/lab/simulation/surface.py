@@ -22,7 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.lab.simulation.mechanics import ContactMechanics, compiled, hertz_patch, reduced_modulus, tip_on_body
+from tactophone.lab.simulation.mechanics import (
+    ContactMechanics,
+    compiled,
+    hertz_patch,
+    reduced_modulus,
+    tip_on_body,
+)
 
 Profile = NDArray[np.float64]
 
@@ -103,7 +109,9 @@ def height_profile(surface: Surface) -> Profile:
     height = np.zeros(SIZE)
     if surface.grains:
         height += _grains(surface.grains, rng)
-    height += self_affine(surface.rms_height, surface.rolloff, hurst=surface.hurst, rng=rng)
+    height += self_affine(
+        surface.rms_height, surface.rolloff, hurst=surface.hurst, rng=rng
+    )
     if surface.pits:
         height -= _pits(surface.pits, rng)
     if surface.waviness:
@@ -120,18 +128,27 @@ def _fine_texture(surface: Surface) -> Profile:
     ratio, least, most = _TEXTURE_ROLLOFF
     rng = np.random.default_rng(np.random.SeedSequence([0xF19E, surface.seed]))
     rolloff = min(max(ratio * surface.fine_height, least), most)
-    return self_affine(surface.fine_height, rolloff, hurst=0.8, rng=rng, finest=FINEST_TEXTURE)
+    return self_affine(
+        surface.fine_height, rolloff, hurst=0.8, rng=rng, finest=FINEST_TEXTURE
+    )
 
 
 def self_affine(
-    rms: float, rolloff: float, *, hurst: float, rng: np.random.Generator, finest: float = FINEST
+    rms: float,
+    rolloff: float,
+    *,
+    hurst: float,
+    rng: np.random.Generator,
+    finest: float = FINEST,
 ) -> Profile:
     """Draw a self-affine profile of this rms, whose spectrum falls as ``(1 + (q/q_r)^2)^-(H + 1/2)``.
 
     That is the one-dimensional spectrum of a self-affine surface with roll-off ``q_r`` (Persson et al., section 3).
     """
     # Only the waves that are drawn: half a million numbers for each part would take most of the time.
-    frequency = np.arange(int(SIZE * HEIGHT_SPACING / finest) + 1) / (SIZE * HEIGHT_SPACING)
+    frequency = np.arange(int(SIZE * HEIGHT_SPACING / finest) + 1) / (
+        SIZE * HEIGHT_SPACING
+    )
     power = (1 + (frequency * rolloff) ** 2) ** (-(hurst + 0.5))
     power[0] = 0
     phase = rng.standard_normal(power.size) + 1j * rng.standard_normal(power.size)
@@ -142,7 +159,9 @@ def self_affine(
 def _grains(grains: Grains, rng: np.random.Generator) -> Profile:
     sites = int(SIZE * HEIGHT_SPACING / grains.spacing)
     filled = rng.random(sites) < grains.filling
-    place = (np.arange(sites) + rng.uniform(-0.45, 0.45, sites))[filled] * grains.spacing
+    place = (np.arange(sites) + rng.uniform(-0.45, 0.45, sites))[
+        filled
+    ] * grains.spacing
     height = grains.height * np.exp(grains.spread * rng.standard_normal(place.size))
     radius = grains.spacing * rng.uniform(0.45, 0.85, place.size)
     return _caps(place, height, radius)
@@ -158,7 +177,9 @@ def _pits(pits: Pits, rng: np.random.Generator) -> Profile:
 def _ridges(ridges: Ridges) -> Profile:
     # A whole number of ridges, so that the profile joins its own beginning.
     count = max(1, round(SIZE * HEIGHT_SPACING / ridges.period))
-    return np.asarray(ridges.height * np.abs(np.sin(np.pi * count * np.arange(SIZE) / SIZE)))
+    return np.asarray(
+        ridges.height * np.abs(np.sin(np.pi * count * np.arange(SIZE) / SIZE))
+    )
 
 
 def _caps(place: Profile, height: Profile, radius: Profile) -> Profile:
@@ -171,7 +192,9 @@ def _caps(place: Profile, height: Profile, radius: Profile) -> Profile:
 def _raise_caps(out: Profile, place: Profile, height: Profile, radius: Profile) -> None:
     """Raise elliptic caps out of a plain; where two meet, the higher one shows."""
     for i in range(place.size):
-        for k in range(int(np.floor(place[i] - radius[i])), int(np.ceil(place[i] + radius[i])) + 1):
+        for k in range(
+            int(np.floor(place[i] - radius[i])), int(np.ceil(place[i] + radius[i])) + 1
+        ):
             offset = (k - place[i]) / radius[i]
             if offset * offset < 1.0:
                 cap = height[i] * np.sqrt(1.0 - offset * offset)
@@ -223,8 +246,12 @@ class Track:
     mechanics: ContactMechanics
 
 
-@functools.lru_cache(maxsize=16)  # 6 MB each; five stones and the ground, with room for the next five
-def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: float) -> Track:
+@functools.lru_cache(
+    maxsize=16
+)  # 6 MB each; five stones and the ground, with room for the next five
+def track(
+    surface: Surface, material: Material, tip_radius: float, tip_modulus: float
+) -> Track:
     """Trace a surface with a tip of this radius in m and plane-strain modulus in Pa."""
     height = height_profile(surface)
     mechanics = mechanics_of(height, material, tip_radius, tip_modulus)
@@ -232,7 +259,9 @@ def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: 
     traced -= traced.mean()
     rng = np.random.default_rng(np.random.SeedSequence([0xF21C, surface.seed]))
     spectrum = np.fft.rfft(traced)
-    light, heavy = (_averaged(spectrum, mechanics.patch(load)) for load in (LIGHT, HEAVY))
+    light, heavy = (
+        _averaged(spectrum, mechanics.patch(load)) for load in (LIGHT, HEAVY)
+    )
     return Track(
         light=light.astype(np.float32),
         heavy=heavy.astype(np.float32),
@@ -241,10 +270,14 @@ def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: 
     )
 
 
-def mechanics_of(height: Profile, material: Material, tip_radius: float, tip_modulus: float) -> ContactMechanics:
+def mechanics_of(
+    height: Profile, material: Material, tip_radius: float, tip_modulus: float
+) -> ContactMechanics:
     """Compute the contact of a tip with a profile: waves longer than ten patches are form, which it follows."""
     patch = hertz_patch(tip_radius, reduced_modulus(tip_modulus, material.modulus))
-    spectrum = np.fft.rfft(height) * (np.fft.rfftfreq(height.size, HEIGHT_SPACING) > 1 / (10 * patch))
+    spectrum = np.fft.rfft(height) * (
+        np.fft.rfftfreq(height.size, HEIGHT_SPACING) > 1 / (10 * patch)
+    )
     # Parseval: a one-sided spectrum holds half of the power, the constant and Nyquist terms aside.
     rq = float(np.sqrt(2 * np.sum(np.abs(spectrum) ** 2)) / height.size)
     return tip_on_body(tip_radius, tip_modulus, material.modulus, rq=rq)
@@ -264,12 +297,17 @@ def _averaged(spectrum: NDArray[np.complex128], radius: float) -> Profile:
     """Average the profile of this spectrum, of an even number of samples, over a contact patch."""
     size = 2 * (spectrum.size - 1)
     wavenumber = 2 * np.pi * np.fft.rfftfreq(size, HEIGHT_SPACING)
-    passed = (wavenumber < 2 * np.pi / FINEST_TEXTURE) / np.sqrt(1 + np.pi / 4 * (wavenumber * radius) ** 3)
+    passed = (wavenumber < 2 * np.pi / FINEST_TEXTURE) / np.sqrt(
+        1 + np.pi / 4 * (wavenumber * radius) ** 3
+    )
     return np.fft.irfft(spectrum * passed, size)
 
 
 def _friction(
-    spectrum: NDArray[np.complex128], material: Material, mechanics: ContactMechanics, rng: np.random.Generator
+    spectrum: NDArray[np.complex128],
+    material: Material,
+    mechanics: ContactMechanics,
+    rng: np.random.Generator,
 ) -> Profile:
     """Tangential over normal force beyond plain friction: slope, patches of friction, and snags.
 
@@ -286,9 +324,14 @@ def _snags(material: Material, rng: np.random.Generator) -> Profile:
     """Ramps that end abruptly: the tip is held, then released."""
     out = np.zeros(SIZE)
     count = rng.poisson(SIZE * HEIGHT_SPACING / material.snag_spacing)
-    strength = np.minimum(material.snag_strength * np.exp(0.6 * rng.standard_normal(count)), 1.2)
+    strength = np.minimum(
+        material.snag_strength * np.exp(0.6 * rng.standard_normal(count)), 1.2
+    )
     for place, peak, width in zip(
-        rng.integers(SIZE, size=count), strength, rng.uniform(0.15e-3, 0.5e-3, count), strict=True
+        rng.integers(SIZE, size=count),
+        strength,
+        rng.uniform(0.15e-3, 0.5e-3, count),
+        strict=True,
     ):
         ramp = int(width / HEIGHT_SPACING)
         out[(place + np.arange(ramp)) % SIZE] += np.linspace(0, peak, ramp)
@@ -303,7 +346,10 @@ def _dilate(height: Profile, spacing: float, radius: float) -> Profile:
     for a periodic function: the profile is continued at both ends by as far as a parabola can reach.
     """
     size = height.size
-    reach = min(size // 2, int(np.ceil(np.sqrt(2 * radius * (height.max() - height.min())) / spacing)) + 1)
+    reach = min(
+        size // 2,
+        int(np.ceil(np.sqrt(2 * radius * (height.max() - height.min())) / spacing)) + 1,
+    )
     total = size + 2 * reach
     bend = spacing * spacing / (2 * radius)
     apex = np.empty(total, np.int64)
@@ -315,7 +361,9 @@ def _dilate(height: Profile, spacing: float, radius: float) -> Profile:
         while count > 0:
             last = apex[count - 1]
             # Right of this place the new parabola is the higher one; left of it, the last.
-            start = 0.5 * (i + last) - (top - height[(last - reach) % size]) / (2 * bend * (i - last))
+            start = 0.5 * (i + last) - (top - height[(last - reach) % size]) / (
+                2 * bend * (i - last)
+            )
             if start > begin[count - 1]:
                 break
             count -= 1

@@ -28,12 +28,20 @@ class Take(NamedTuple):
         """What a person is asked to do; wiggles may have any pressure."""
         if self.stroke == "wiggle":
             return "wiggle to and fro without a pause, at any pressure"
-        length = "long strokes, from end to end" if self.stroke == "long" else "short strokes, a centimetre or two"
+        length = (
+            "long strokes, from end to end"
+            if self.stroke == "long"
+            else "short strokes, a centimetre or two"
+        )
         return f"{length}, {self.pressure} pressure; lift off now and then"
 
 
 TAKES = (
-    *(Take(stroke, pressure) for stroke in ("long", "short") for pressure in ("light", "medium", "strong")),
+    *(
+        Take(stroke, pressure)
+        for stroke in ("long", "short")
+        for pressure in ("light", "medium", "strong")
+    ),
     Take("wiggle", "medium"),
 )
 """The paper's seven takes."""
@@ -42,4 +50,6 @@ TAKES = (
 def shuffled(seed: int) -> tuple[Touch, ...]:
     """Return three smooth and two rough, in an order drawn from the seed."""
     labels = [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
-    return tuple(labels[k] for k in np.random.default_rng([0xF1FE, seed]).permutation(5))
+    return tuple(
+        labels[k] for k in np.random.default_rng([0xF1FE, seed]).permutation(5)
+    )

@@ -43,13 +43,18 @@ class Augmentation:
     def draw_speed(self, rng: np.random.Generator) -> float:
         return float(np.exp(rng.uniform(*np.log(self.speed))))
 
-    def vary(self, sound: FloatArray, rate: int, rng: np.random.Generator) -> FloatArray:
+    def vary(
+        self, sound: FloatArray, rate: int, rng: np.random.Generator
+    ) -> FloatArray:
         """Return sound ``(samples, channels)`` as another channel would have delivered it."""
         size = 1 << max(9, (len(sound) + round(_SLOWEST_ROOM * rate)).bit_length())
         frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), np.float64)
         low_pass, noise, room = rng.random(3) < self.share
         found = np.empty_like(sound)
-        cutoff, snr_db = np.exp(rng.uniform(*np.log(self.low_pass_hz))), rng.uniform(*self.snr_db)
+        cutoff, snr_db = (
+            np.exp(rng.uniform(*np.log(self.low_pass_hz))),
+            rng.uniform(*self.snr_db),
+        )
         for channel in range(sound.shape[1]):
             response = 10 ** (self._equaliser(frequency, rng) / 20) + 0j
             if low_pass:
@@ -57,19 +62,29 @@ class Augmentation:
             # A contact microphone hears no room.
             if room and channel == min(AIR, sound.shape[1] - 1):
                 response *= np.fft.rfft(_room(rate, rng), size)
-            varied = np.fft.irfft(np.fft.rfft(sound[:, channel], size) * response, size)[: len(sound)]
+            varied = np.fft.irfft(
+                np.fft.rfft(sound[:, channel], size) * response, size
+            )[: len(sound)]
             if noise:
                 # White to pink.
                 colour = np.maximum(frequency, 20.0) ** -rng.uniform(0, 0.5)
-                added = np.fft.irfft(np.fft.rfft(rng.standard_normal(len(sound)), size) * colour, size)[: len(sound)]
+                added = np.fft.irfft(
+                    np.fft.rfft(rng.standard_normal(len(sound)), size) * colour, size
+                )[: len(sound)]
                 varied += added * _rms(varied) / _rms(added) * 10 ** (-snr_db / 20)
             found[:, channel] = varied
         return found
 
-    def _equaliser(self, frequency: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    def _equaliser(
+        self, frequency: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
         places = np.linspace(np.log(100.0), np.log(frequency[-1]), self.knots)
-        heights = rng.normal(0, self.equaliser_db, self.knots) + rng.normal(0, self.gain_db)
-        return np.asarray(np.interp(np.log(np.maximum(frequency, 1.0)), places, heights))
+        heights = rng.normal(0, self.equaliser_db, self.knots) + rng.normal(
+            0, self.gain_db
+        )
+        return np.asarray(
+            np.interp(np.log(np.maximum(frequency, 1.0)), places, heights)
+        )
 
 
 def _butterworth(frequency: NDArray[np.float64]) -> NDArray[np.complex128]:

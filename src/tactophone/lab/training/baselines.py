@@ -42,7 +42,13 @@ from tactophone.lab.training.sets import HARD_TIPS, TrainingSet, build_training_
 from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.model_file import Gate, ModelCard
 
-RULE_FEATURES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")
+RULE_FEATURES = (
+    "level_db",
+    "crest_db",
+    "transients_db",
+    "centroid_octaves",
+    "air_to_contact_db",
+)
 """Cues that vote; the median frequency is a recipe of its own."""
 
 VOTE_STEEPNESS = 8.0
@@ -52,8 +58,15 @@ VOTE_STEEPNESS = 8.0
 def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
     """Let each cue vote for the class whose median is nearer; the majority wins."""
     examples = training_set.examples
-    columns = [CUES.index(name) for name in RULE_FEATURES if np.isfinite(examples.features[:, CUES.index(name)]).all()]
-    smooth, rough = (np.median(examples.features[examples.rough == label], axis=0) for label in (False, True))
+    columns = [
+        CUES.index(name)
+        for name in RULE_FEATURES
+        if np.isfinite(examples.features[:, CUES.index(name)]).all()
+    ]
+    smooth, rough = (
+        np.median(examples.features[examples.rough == label], axis=0)
+        for label in (False, True)
+    )
     gap = np.where(np.abs(rough - smooth) < 1e-3, 1e-3, rough - smooth)
     slopes = np.zeros(len(CUES))
     slopes[columns] = VOTE_STEEPNESS / gap[columns]
@@ -74,7 +87,9 @@ def build_logistic(training_set: TrainingSet) -> onnx.ModelProto:
 
     examples = training_set.examples.thinned()
     centre, scale = examples.moments()
-    model = LogisticRegression(class_weight="balanced", solver="newton-cholesky", max_iter=50)
+    model = LogisticRegression(
+        class_weight="balanced", solver="newton-cholesky", max_iter=50
+    )
     model.fit(examples.standardised(centre, scale), examples.rough)
     return build_linear(centre, model.coef_[0] / scale, float(model.intercept_[0]))
 
@@ -83,7 +98,14 @@ def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
     """Regress log Ra on the features; rough is what exceeds the middle between smooth and rough surfaces."""
     weights, centre, bias, spread = fit_height(training_set)
     rough, height = training_set.examples.rough, training_set.height
-    boundary = float(np.mean([np.nanmean(height[rough == label & np.isfinite(height)]) for label in (False, True)]))
+    boundary = float(
+        np.mean(
+            [
+                np.nanmean(height[rough == label & np.isfinite(height)])
+                for label in (False, True)
+            ]
+        )
+    )
     # A normal error of this spread, taken as a logistic one (logistic scale = spread * sqrt(3) / pi).
     slope = np.pi / np.sqrt(3) / spread
     return build_linear(centre, slope * weights, float(slope * (bias - boundary)))
@@ -106,7 +128,9 @@ def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]
     examples, height = training_set.examples.where(known), training_set.height[known]
     centre, scale = examples.moments()
     standard, weights = examples.standardised(centre, scale), examples.weights()
-    model = Ridge(alpha=0.01 * len(standard)).fit(standard, height, sample_weight=weights)
+    model = Ridge(alpha=0.01 * len(standard)).fit(
+        standard, height, sample_weight=weights
+    )
     errors = model.predict(standard) - height
     spread = float(np.sqrt(np.average(np.square(errors), weights=weights)))
     return model.coef_ / scale, centre, float(model.intercept_), spread
@@ -117,7 +141,9 @@ def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
     from sklearn.linear_model import LogisticRegression
 
     column, examples = CUES.index(cue), training_set.examples.thinned()
-    model = LogisticRegression().fit(examples.features[:, [column]], examples.rough, sample_weight=examples.weights())
+    model = LogisticRegression().fit(
+        examples.features[:, [column]], examples.rough, sample_weight=examples.weights()
+    )
     weights = np.zeros(len(CUES))
     weights[column] = model.coef_[0, 0]
     return build_linear(np.zeros(len(CUES)), weights, float(model.intercept_[0]))
@@ -169,7 +195,9 @@ class FeatureRecipe:
         """Text that changes whenever the result may: key of cached results."""
         return f"{self.name} {self.recipe.version} {self.seed} {self.tip} {self.evaluated_spec!r}"
 
-    def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
+    def training_set(
+        self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None
+    ) -> TrainingSet:
         """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
         spec = self.evaluated_spec if codecs is None else self.spec
         tip = self.tip or tip_of(recordings)
@@ -191,11 +219,16 @@ class FeatureRecipe:
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
         return BUILDERS[self.name](training_set)
 
-    def train(self, path: Path, dataset: Dataset, *, report: Report = ignore, **_: object) -> None:
+    def train(
+        self, path: Path, dataset: Dataset, *, report: Report = ignore, **_: object
+    ) -> None:
         """Train on a data set and write the model file, named after the file; it has no checkpoints and no log."""
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
-        through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
+        through = [
+            f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz"
+            for codec in self.codecs
+        ]
         facts = {
             "recipe": self.name,
             "dataset": dataset.name,
@@ -205,12 +238,25 @@ class FeatureRecipe:
         }
         spec, tip = training_set.spec, training_set.tip
         size, hop = WINDOWS[spec.kind]
-        settings = {"microphone": spec.microphone, "memory": spec.memory} if spec.kind == "texture" else {}
+        settings = (
+            {"microphone": spec.microphone, "memory": spec.memory}
+            if spec.kind == "texture"
+            else {}
+        )
         card = ModelCard(
-            path.stem, spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(training_set.threshold_dbfs, "banded"),
-            self.recipe.response_for(tip).decision, settings=settings | {"tip": tip}, training=facts,
-            scores=caveats_of(dataset), licence=licence_of(dataset),
-        )  # fmt: skip
+            path.stem,
+            spec.kind,
+            FEATURE_RATE,
+            size,
+            hop,
+            spec.channels,
+            Gate(training_set.threshold_dbfs, "banded"),
+            self.recipe.response_for(tip).decision,
+            settings=settings | {"tip": tip},
+            training=facts,
+            scores=caveats_of(dataset),
+            licence=licence_of(dataset),
+        )
         write_graph(path, training_set.whole(self.build(training_set)), card)
 
 
@@ -219,7 +265,18 @@ def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:
     kind = cast(FeatureKind, recipe.features)
     spec = FeatureSpec(kind, options.channels)
     if recipe.microphone or options.channels == 1:
-        spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
+        spec = replace(
+            spec, channels=1, microphone=recipe.microphone or options.microphone
+        )
     # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
-    codecs = (options.codec(spec.channels, bandwidth=bandwidth) for bandwidth in (0.0, FEATURE_RATE / 2))
-    return FeatureRecipe(recipe, spec, tuple(codec for codec in codecs if codec), options.seed, options.tip)
+    codecs = (
+        options.codec(spec.channels, bandwidth=bandwidth)
+        for bandwidth in (0.0, FEATURE_RATE / 2)
+    )
+    return FeatureRecipe(
+        recipe,
+        spec,
+        tuple(codec for codec in codecs if codec),
+        options.seed,
+        options.tip,
+    )

@@ -26,7 +26,11 @@ from tactophone.core.errors import ModelError
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import FloatArray, Touch
 from tactophone.lab.dataset.values import Dataset, Recording
-from tactophone.lab.training.options import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
+from tactophone.lab.training.options import (
+    NETWORK_HOP,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+)
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import (
     CARD_KEY,
@@ -102,7 +106,9 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
     for each in graph.output:
         each.type.tensor_type.shape.dim[0].CopyFrom(fingers)
     domains = {each.domain for each in model.opset_import}
-    model.opset_import.extend(each for each in front.opset_import if each.domain not in domains)
+    model.opset_import.extend(
+        each for each in front.opset_import if each.domain not in domains
+    )
     onnx.checker.check_model(model)
     return model
 
@@ -117,36 +123,64 @@ def magnitudes(channels: int) -> onnx.ModelProto:
     nodes = [
         helper.make_node("Reshape", [SOUND, "rows"], ["signals"]),
         helper.make_node("STFT", ["signals", "length", "", "length"], ["spectrum"]),
-        helper.make_node("ReduceL2", ["spectrum"], ["magnitudes"], axes=[3], keepdims=0),
+        helper.make_node(
+            "ReduceL2", ["spectrum"], ["magnitudes"], axes=[3], keepdims=0
+        ),
         helper.make_node("Reshape", ["magnitudes", "flat"], [FEATURES]),
     ]
     stored = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
     return _checked(
-        nodes, stored, (SOUND, (1, channels, NETWORK_WINDOW_SIZE)), (FEATURES, (1, channels * SPECTRUM_BINS))
+        nodes,
+        stored,
+        (SOUND, (1, channels, NETWORK_WINDOW_SIZE)),
+        (FEATURES, (1, channels * SPECTRUM_BINS)),
     )
 
 
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
     """Write scores into a model file's card under a name; scores of the same name are replaced."""
     card = read_model(path).card
-    write_graph(path, onnx.load(str(path)), replace(card, scores={**card.scores, name: dict(scores)}))
+    write_graph(
+        path,
+        onnx.load(str(path)),
+        replace(card, scores={**card.scores, name: dict(scores)}),
+    )
 
 
-def set_decision(path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, out: Path) -> None:
+def set_decision(
+    path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, out: Path
+) -> None:
     """Write a model file again with another decision rule; its scores go into the card as ``operating point``."""
     card = read_model(path).card
     scores = {**card.scores, "operating point": dict(scores)}
     write_graph(out, onnx.load(str(path)), replace(card, decision=rule, scores=scores))
 
 
-def make_card(weights: Weights, *, name: str, gate: Gate, licence: str = "") -> ModelCard:
+def make_card(
+    weights: Weights, *, name: str, gate: Gate, licence: str = ""
+) -> ModelCard:
     channels = channels_of(weights)
-    return ModelCard(name, "paper", NETWORK_RATE, NETWORK_WINDOW_SIZE, NETWORK_HOP, channels, gate, licence=licence)
+    return ModelCard(
+        name,
+        "paper",
+        NETWORK_RATE,
+        NETWORK_WINDOW_SIZE,
+        NETWORK_HOP,
+        channels,
+        gate,
+        licence=licence,
+    )
 
 
-def write_model(path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8") -> None:
+def write_model(
+    path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8"
+) -> None:
     """Write a network and its card; after a kill the file is the old one or the new one, never half."""
-    write_graph(path, join(magnitudes(channels_of(weights)), build_graph(weights, storage=storage)), card)
+    write_graph(
+        path,
+        join(magnitudes(channels_of(weights)), build_graph(weights, storage=storage)),
+        card,
+    )
 
 
 def read_weights(path: Path) -> dict[str, FloatArray]:
@@ -156,22 +190,36 @@ def read_weights(path: Path) -> dict[str, FloatArray]:
     """
     card = read_model(path).card
     if card.kind != "paper":
-        raise ModelError(f"{path}: a model of kind {card.kind}, but training can continue from kind paper only")
+        raise ModelError(
+            f"{path}: a model of kind {card.kind}, but training can continue from kind paper only"
+        )
     return read_graph(onnx.load(str(path)))
 
 
 def caveats_of(dataset: Dataset) -> dict[str, str]:
     """Return the entries that a card's scores begin with."""
-    return {"real sound": UNTESTED} if all(map(is_simulation, dataset.recordings)) else {}
+    return (
+        {"real sound": UNTESTED} if all(map(is_simulation, dataset.recordings)) else {}
+    )
 
 
 def licence_of(dataset: Dataset) -> str:
     """Return the licences of the training sound; whoever distributes the weights needs to know them."""
     if all(map(is_simulation, dataset.recordings)):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
-    licences = sorted({recording.known("licence") for recording in dataset.recordings} - {""})
-    sources = "simulated sound and sound" if any(map(is_simulation, dataset.recordings)) else "sound"
-    return f"weights alone, no recordings; trained on {sources} under: {'; '.join(licences)}" if licences else ""
+    licences = sorted(
+        {recording.known("licence") for recording in dataset.recordings} - {""}
+    )
+    sources = (
+        "simulated sound and sound"
+        if any(map(is_simulation, dataset.recordings))
+        else "sound"
+    )
+    return (
+        f"weights alone, no recordings; trained on {sources} under: {'; '.join(licences)}"
+        if licences
+        else ""
+    )
 
 
 def is_simulation(recording: Recording) -> bool:
@@ -195,7 +243,9 @@ class LinearClassifier:
     """Mean square of the working channels' whitened features over which sound is unknown."""
 
 
-def build_classifier_graph(classifier: LinearClassifier, *, channels: int) -> onnx.ModelProto:
+def build_classifier_graph(
+    classifier: LinearClassifier, *, channels: int
+) -> onnx.ModelProto:
     """Build the graph of the recipe ``texture``'s classifier."""
     count, sets = len(classifier.centre), len(classifier.biases)
     # Logits and whitened features are one matrix product; standardising is folded into its weights.
@@ -204,7 +254,8 @@ def build_classifier_graph(classifier: LinearClassifier, *, channels: int) -> on
     tensors = {
         "centre": classifier.centre,
         "weights": weights,
-        "biases": np.concatenate((classifier.biases, np.zeros(count))) - classifier.centre @ weights,
+        "biases": np.concatenate((classifier.biases, np.zeros(count)))
+        - classifier.centre @ weights,
         "sizes": np.array([sets, count]),
         "firsts": np.arange(channels) * (count // channels),
         **_selection(channels),
@@ -222,7 +273,9 @@ def build_classifier_graph(classifier: LinearClassifier, *, channels: int) -> on
         helper.make_node("Relu", ["vote"], ["choice"]),
         helper.make_node("Mul", ["logits", "choice"], ["logits:chosen"]),
         helper.make_node("ReduceSum", ["logits:chosen", "one"], ["logit"], keepdims=1),
-        helper.make_node("ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1),
+        helper.make_node(
+            "ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1
+        ),
         helper.make_node("MatMul", ["choice", "shares"], ["share"]),
         helper.make_node("Mul", ["distance", "share"], ["distance:working"]),
         helper.make_node("Sub", ["distance:working", "steepness"], ["unknown"]),
@@ -244,7 +297,10 @@ def build_linear(centre: Floats, weights: Floats, bias: float) -> onnx.ModelProt
 
 
 def build_known(
-    nodes: Sequence[NodeProto], tensors: Mapping[str, NDArray[np.generic]], *, features: int
+    nodes: Sequence[NodeProto],
+    tensors: Mapping[str, NDArray[np.generic]],
+    *,
+    features: int,
 ) -> onnx.ModelProto:
     """Build the graph of a classifier that never abstains, from nodes that end in ``logit``, rough against smooth."""
     constants = {"zero": np.zeros(1), "known": np.array([KNOWN]), "one": np.array([1])}
@@ -286,21 +342,42 @@ def _selection(channels: int) -> dict[str, NDArray[np.float64]]:
     scales its distance up by the share of working channels. With no channel left all are 0.
     """
     if channels == 1:
-        return {"votes": np.array([[-1.0]]), "votes:whole": np.ones(1), "shares": np.ones((1, 1))}
+        return {
+            "votes": np.array([[-1.0]]),
+            "votes:whole": np.ones(1),
+            "shares": np.ones((1, 1)),
+        }
     # A missing channel votes against the regression of both and its own, and for that of the other channel.
     votes = np.hstack((np.full((2, 1), -1.0), 1 - 2 * np.eye(2)))
-    return {"votes": votes, "votes:whole": np.array([1.0, 0, 0]), "shares": np.array([[1.0], [2], [2]])}
+    return {
+        "votes": votes,
+        "votes:whole": np.array([1.0, 0, 0]),
+        "shares": np.array([[1.0], [2], [2]]),
+    }
 
 
-def build(nodes: Sequence[NodeProto], tensors: Mapping[str, NDArray[np.generic]], *, features: int) -> onnx.ModelProto:
+def build(
+    nodes: Sequence[NodeProto],
+    tensors: Mapping[str, NDArray[np.generic]],
+    *,
+    features: int,
+) -> onnx.ModelProto:
     """Build a checked model of nodes and the constants they use; integers keep their type, the rest is float32."""
     used = {name for node in nodes for name in node.input}
     stored = [
-        numpy_helper.from_array(value if np.issubdtype(value.dtype, np.integer) else value.astype(np.float32), name)
+        numpy_helper.from_array(
+            value
+            if np.issubdtype(value.dtype, np.integer)
+            else value.astype(np.float32),
+            name,
+        )
         for name, value in tensors.items()
         if name in used
     ]
-    ends = (FEATURES, ("windows", features)), (LOG_PROBABILITIES, ("windows", len(Touch)))
+    ends = (
+        (FEATURES, ("windows", features)),
+        (LOG_PROBABILITIES, ("windows", len(Touch))),
+    )
     return _checked(nodes, stored, *ends, opset=("ai.onnx.ml", 3))
 
 
@@ -316,7 +393,10 @@ def _checked(
     opset: tuple[str, int] | None = None,
 ) -> onnx.ModelProto:
     """Build a checked model between an input and an output, each with its shape."""
-    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in (first, last)]
+    ends = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+        for name, shape in (first, last)
+    ]
     graph = helper.make_graph(list(nodes), "model", ends[:1], ends[1:], list(tensors))
     imports = [helper.make_opsetid(*each) for each in (("", OPSET), opset) if each]
     model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)
@@ -326,8 +406,15 @@ def _checked(
 
 def build_graph(weights: Weights, *, storage: Storage = "int8") -> onnx.ModelProto:
     """Build the paper's network, from ``(1, 257 * channels)`` magnitudes to ``(1, 3)`` log-probabilities."""
-    tensors = (tensor for name, array in weights.items() for tensor in _tensors(name, array, storage))
-    ends = (FEATURES, (1, SPECTRUM_BINS * channels_of(weights))), (LOG_PROBABILITIES, (1, len(Touch)))
+    tensors = (
+        tensor
+        for name, array in weights.items()
+        for tensor in _tensors(name, array, storage)
+    )
+    ends = (
+        (FEATURES, (1, SPECTRUM_BINS * channels_of(weights))),
+        (LOG_PROBABILITIES, (1, len(Touch))),
+    )
     return _checked(_layers(weights, storage), tensors, *ends, opset=(_MICROSOFT, 1))
 
 
@@ -338,7 +425,9 @@ def channels_of(weights: Weights) -> int:
 
 def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:
     """Read the parameters from a graph that :func:`build_graph` wrote."""
-    stored = {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
+    stored = {
+        tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer
+    }
     sizes = {
         node.input[1]: next(entry.i for entry in node.attribute if entry.name == "K")
         for node in model.graph.node
@@ -348,20 +437,28 @@ def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:
     for name, array in stored.items():
         if name in sizes:
             weight = name.removesuffix(_BYTES)
-            rows = array.reshape(len(array), -1)[:, : sizes[name]].astype(np.float32) - _ZERO_POINT
+            rows = (
+                array.reshape(len(array), -1)[:, : sizes[name]].astype(np.float32)
+                - _ZERO_POINT
+            )
             parameters[weight] = rows * stored[weight + _SCALE]
         elif name.endswith((".weight", ".bias")):
             parameters[name] = array
     return parameters
 
 
-def _tensors(name: str, array: FloatArray, storage: Storage) -> Iterator[onnx.TensorProto]:
+def _tensors(
+    name: str, array: FloatArray, storage: Storage
+) -> Iterator[onnx.TensorProto]:
     """Store one parameter; 8-bit weights have shape ``(outputs, blocks, block size)``, padded with zeros."""
     size = _block_size(name, storage)
     if not size:
         yield numpy_helper.from_array(array, name)
         return
-    scale = np.maximum(np.abs(array).max(axis=1, keepdims=True), np.finfo(np.float32).tiny) / 127
+    scale = (
+        np.maximum(np.abs(array).max(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+        / 127
+    )
     outputs, inputs = array.shape
     blocks = -(-inputs // size)
     padded = np.full((outputs, blocks * size), _ZERO_POINT, np.uint8)
@@ -391,7 +488,9 @@ def _layers(weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
     yield helper.make_node("LogSoftmax", [f"{_LAST}:out"], [LOG_PROBABILITIES], axis=-1)
 
 
-def _linear(name: str, value: str, weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
+def _linear(
+    name: str, value: str, weights: Weights, storage: Storage
+) -> Iterator[onnx.NodeProto]:
     weight, bias, out = f"{name}.weight", f"{name}.bias", f"{name}:out"
     size = _block_size(weight, storage)
     if not size:
@@ -399,7 +498,9 @@ def _linear(name: str, value: str, weights: Weights, storage: Storage) -> Iterat
         return
     outputs, inputs = weights[weight].shape
     # The operator takes a scale for each block; a row has one for all, expanded once while loading.
-    yield helper.make_node("Expand", [weight + _SCALE, f"{weight}:shape"], [weight + _SCALES])
+    yield helper.make_node(
+        "Expand", [weight + _SCALE, f"{weight}:shape"], [weight + _SCALES]
+    )
     yield helper.make_node(
         "MatMulNBits",
         [value, weight + _BYTES, weight + _SCALES, "", "", bias],

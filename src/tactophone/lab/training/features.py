@@ -47,7 +47,13 @@ from tactophone.lab.training.options import (
     FeatureSpec,
 )
 from tactophone.signal.perception.decision import FORGET_AFTER
-from tactophone.signal.perception.model_file import CONTACT_INPUT, FEATURES, SOUND, STATE, STATE_OUT
+from tactophone.signal.perception.model_file import (
+    CONTACT_INPUT,
+    FEATURES,
+    SOUND,
+    STATE,
+    STATE_OUT,
+)
 
 LOWEST, HIGHEST = 40.0, 7600.0
 """Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own noise floor."""
@@ -84,7 +90,11 @@ def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
     edges = 700 * (10 ** (np.linspace(lowest, highest, BAND_COUNT + 2) / 2595) - 1)
     bins = np.fft.rfftfreq(size, 1 / sample_rate)[:, None]
     low, middle, high = edges[:-2], edges[1:-1], edges[2:]
-    bands = np.clip(np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)), 0, None)
+    bands = np.clip(
+        np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)),
+        0,
+        None,
+    )
     # A narrow low band may fall between two bins; it then takes the nearer one.
     empty = np.flatnonzero(~bands.any(axis=0))
     bands[np.abs(bins - middle[empty]).argmin(axis=0), empty] = 1
@@ -130,13 +140,22 @@ class Bands(_Module):
         dft = np.fft.rfft(np.diag(taper))[1 : size // 2 + 1]
         dft[-1] /= 2
         heard = np.flatnonzero(bank.any(axis=1))
-        matrices = {"even": dft.real[:, heard], "odd": dft.imag[:, heard], "bank": bank[heard]}
-        super().__init__(**{name: matrix.astype(np.float32) for name, matrix in matrices.items()})
+        matrices = {
+            "even": dft.real[:, heard],
+            "odd": dft.imag[:, heard],
+            "bank": bank[heard],
+        }
+        super().__init__(
+            **{name: matrix.astype(np.float32) for name, matrix in matrices.items()}
+        )
         self.middle = size // 2
 
     def forward(self, sound: Tensor) -> Tensor:
         """Return ``(windows, channels, BAND_COUNT)`` of sound ``(windows, channels, samples)``."""
-        first, last = sound[..., 1 : self.middle + 1], sound[..., self.middle :].flip(-1)
+        first, last = (
+            sound[..., 1 : self.middle + 1],
+            sound[..., self.middle :].flip(-1),
+        )
         real, imaginary = (first + last) @ self.even, (first - last) @ self.odd
         return (real * real + imaginary * imaginary) @ self.bank
 
@@ -153,21 +172,35 @@ class Texture(_Module):
     to_values: Tensor
     high_pass: Tensor
 
-    def __init__(self, size: int, sample_rate: int, *, unevenness: bool = False) -> None:
+    def __init__(
+        self, size: int, sample_rate: int, *, unevenness: bool = False
+    ) -> None:
         newest, shapes = size // 2, slice(BAND_COUNT, BAND_VALUES)
         to_values = np.eye(BAND_VALUES + unevenness)
         to_values[shapes, shapes] = _SHAPE_MATRIX
         to_values[BAND_VALUES:] /= 2
         super().__init__(
-            scales=np.array([1] * BAND_COUNT + [1 / newest, 1 / (newest - 1), 1 / (newest - 1), 1]),
+            scales=np.array(
+                [1] * BAND_COUNT + [1 / newest, 1 / (newest - 1), 1 / (newest - 1), 1]
+            ),
             floors=np.array(
-                [POWER_FLOOR] * BAND_COUNT + [FAINTEST_POWER, FAINTEST_POWER, FAINTEST_POWER**2, FAINTEST_POWER**0.5]
+                [POWER_FLOOR] * BAND_COUNT
+                + [
+                    FAINTEST_POWER,
+                    FAINTEST_POWER,
+                    FAINTEST_POWER**2,
+                    FAINTEST_POWER**0.5,
+                ]
             ),
             to_values=to_values / math.log(10),
             high_pass=_design_high_pass(sample_rate)[None, None].astype(np.float32),
         )
         self.bands = Bands(size, sample_rate)
-        self.size, self.step, self.unevenness = size, round(_ENVELOPE_STEP * sample_rate), unevenness
+        self.size, self.step, self.unevenness = (
+            size,
+            round(_ENVELOPE_STEP * sample_rate),
+            unevenness,
+        )
 
     def forward(self, sound: Tensor) -> Tensor:
         """Return log10 of the power in each band, the four shapes, and the unevenness: ``(windows, channels, values)``.
@@ -177,8 +210,13 @@ class Texture(_Module):
         newest = sound[..., self.size // 2 :]
         slope = newest[..., 1:] - newest[..., :-1]
         squares = slope * slope
-        sums = (each.sum(-1, keepdim=True) for each in (newest * newest, squares, squares * squares))
-        measures = torch.cat((self.bands(sound), *sums, newest.abs().amax(-1, keepdim=True)), -1)
+        sums = (
+            each.sum(-1, keepdim=True)
+            for each in (newest * newest, squares, squares * squares)
+        )
+        measures = torch.cat(
+            (self.bands(sound), *sums, newest.abs().amax(-1, keepdim=True)), -1
+        )
         measures = measures.double() * self.scales + self.floors
         if self.unevenness:
             measures = torch.cat((measures, self._unevenness(sound)), -1)
@@ -235,12 +273,26 @@ class Statistics(_Module):
             spread=np.repeat(np.eye(2), 1 + 2 * one, axis=1),
             ages=np.array([1, 1 + PRIOR_WINDOWS]),
             quieter=np.eye(sum(_sizes(one).values()))[-1],
-            order=np.arange(2 * one).reshape(2, channels, values).swapaxes(0, 1).ravel(),
+            order=np.arange(2 * one)
+            .reshape(2, channels, values)
+            .swapaxes(0, 1)
+            .ravel(),
         )
-        self.channels, self.values, self.one, self.entry = channels, values, one, 1 + 2 * one
+        self.channels, self.values, self.one, self.entry = (
+            channels,
+            values,
+            one,
+            1 + 2 * one,
+        )
 
     def forward(
-        self, description: Tensor, contact: Tensor, state: Tensor, prior: Tensor, change_metric: Tensor, fading: Tensor
+        self,
+        description: Tensor,
+        contact: Tensor,
+        state: Tensor,
+        prior: Tensor,
+        change_metric: Tensor,
+        fading: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Add a window's description ``(fingers, channels, values)``; without contact (0, else 1) it is left out.
 
@@ -252,19 +304,32 @@ class Statistics(_Module):
         state after it.
         """
         touching = contact[:, None] > 0
-        added = self._add(description.flatten(1).double(), touching.double(), state, change_metric, fading)
+        added = self._add(
+            description.flatten(1).double(),
+            touching.double(),
+            state,
+            change_metric,
+            fading,
+        )
         # A finger that stays away for long begins a new touch.
         away = torch.where(state[:, -1:] < FORGET_AFTER - 1, state + self.quieter, 0.0)
         after = torch.where(touching, added, away)
         sizes = [self.entry, 1, 2 * self.one, len(self.quieter) - 2 * self.entry]
         _, evidence, running, _ = torch.split(after, sizes, 1)
-        mean, square = torch.split(running + (1 - evidence) * prior.flatten(), self.one, 1)
+        mean, square = torch.split(
+            running + (1 - evidence) * prior.flatten(), self.one, 1
+        )
         deviation = torch.sqrt((square - mean * mean).clamp(min=MIN_VARIANCE))
         features = torch.cat((mean, deviation), 1).float()
         return features[:, self.order] if self.channels > 1 else features, after
 
     def _add(
-        self, description: Tensor, touching: Tensor, state: Tensor, change_metric: Tensor, fading: Tensor
+        self,
+        description: Tensor,
+        touching: Tensor,
+        state: Tensor,
+        change_metric: Tensor,
+        fading: Tensor,
     ) -> Tensor:
         """Return the state after a window in contact, where ``touching`` is 1."""
         one, entry = self.one, self.entry
@@ -280,12 +345,19 @@ class Statistics(_Module):
         count = count + 1
         shift = newest[:, 1 : 1 + one] - before / evidence
         distance = shift.reshape(-1, self.channels, 1, self.values) @ change_metric
-        changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (count >= BEFORE + STATISTICS_SETTLED)
+        changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (
+            count >= BEFORE + STATISTICS_SETTLED
+        )
         # Another surface: the newest moments replace the running ones, as if only their windows had been in the touch.
         # The prior counts again as it would after so few, or the first guess would be too certain.
-        running = torch.where(changed, NEWEST / (NEWEST + PRIOR_WINDOWS) * newest, running)
+        running = torch.where(
+            changed, NEWEST / (NEWEST + PRIOR_WINDOWS) * newest, running
+        )
         count = torch.where(changed, NEWEST, count)
-        return torch.cat((newest, running, state[:, entry : (1 + BEFORE) * entry], count, 0 * quiet), 1)
+        return torch.cat(
+            (newest, running, state[:, entry : (1 + BEFORE) * entry], count, 0 * quiet),
+            1,
+        )
 
 
 def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
@@ -298,19 +370,30 @@ def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
     """
     sizes = _sizes(channels * values)
     ends = np.cumsum(list(sizes.values())).tolist()
-    return {name: state[:, end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    return {
+        name: state[:, end - size : end]
+        for (name, size), end in zip(sizes.items(), ends, strict=True)
+    }
 
 
 def _sizes(one: int) -> dict[str, int]:
-    newest, running = {"newest evidence": 1, "newest": 2 * one}, {"evidence": 1, "running": 2 * one}
-    between, before = {"between": (BEFORE - 1) * (1 + 2 * one)}, {"evidence before": 1, "before": 2 * one}
+    newest, running = (
+        {"newest evidence": 1, "newest": 2 * one},
+        {"evidence": 1, "running": 2 * one},
+    )
+    between, before = (
+        {"between": (BEFORE - 1) * (1 + 2 * one)},
+        {"evidence before": 1, "before": 2 * one},
+    )
     return newest | running | between | before | {"count": 1, "quiet": 1}
 
 
 def shift_of(state: Mapping[str, Any]) -> Any:
     """Return the newest mean less the running mean before it, ``(fingers, channels * values)``."""
     one = state["newest"].shape[1] // 2
-    return state["newest"][:, :one] - state["before"][:, :one] / state["evidence before"]
+    return (
+        state["newest"][:, :one] - state["before"][:, :one] / state["evidence before"]
+    )
 
 
 CUES_FROM = 100.0
@@ -337,33 +420,65 @@ class Cues(_Module):
 
     def __init__(self, size: int, sample_rate: int) -> None:
         bins = np.fft.rfftfreq(size, 1 / sample_rate)
-        super().__init__(taper=np.hanning(size), bins=bins, heard=(bins >= CUES_FROM).astype(float))
-        self.size, self.piece, self.spacing = size, round(PIECE_DURATION * sample_rate), sample_rate / size
+        super().__init__(
+            taper=np.hanning(size), bins=bins, heard=(bins >= CUES_FROM).astype(float)
+        )
+        self.size, self.piece, self.spacing = (
+            size,
+            round(PIECE_DURATION * sample_rate),
+            sample_rate / size,
+        )
 
     def forward(self, sound: Tensor) -> Tensor:
         """Return ``(windows, cues)`` of sound ``(windows, channels, samples)``."""
         squares = sound.double() ** 2
         contact = squares[:, 0]
         power, peak = contact.mean(-1) + FAINT_POWER, contact.amax(-1) + FAINT_POWER
-        air = squares[:, 1].mean(-1) + FAINT_POWER if sound.shape[1] > 1 else power * math.nan
-        values = [10 * torch.log10(each) for each in (power, peak / power, self._transients(contact))]
-        centroid, median = (torch.log2(each.clamp(min=CUES_FROM)) for each in self._frequencies(sound[:, 0].double()))
-        return torch.stack((*values, centroid, median, 10 * torch.log10(air / power)), -1).float()
+        air = (
+            squares[:, 1].mean(-1) + FAINT_POWER
+            if sound.shape[1] > 1
+            else power * math.nan
+        )
+        values = [
+            10 * torch.log10(each)
+            for each in (power, peak / power, self._transients(contact))
+        ]
+        centroid, median = (
+            torch.log2(each.clamp(min=CUES_FROM))
+            for each in self._frequencies(sound[:, 0].double())
+        )
+        return torch.stack(
+            (*values, centroid, median, 10 * torch.log10(air / power)), -1
+        ).float()
 
     def _transients(self, contact: Tensor) -> Tensor:
         """Return the power of the loudest pieces (one in twenty) over that of the median piece."""
         count = self.size // self.piece
-        pieces = contact[:, : count * self.piece].reshape(-1, count, self.piece).mean(-1) + FAINT_POWER
+        pieces = (
+            contact[:, : count * self.piece].reshape(-1, count, self.piece).mean(-1)
+            + FAINT_POWER
+        )
         order = torch.topk(pieces, count, largest=False).values
         place = 0.95 * (count - 1)
         below = int(place)
-        loud = order[:, below] + (place - below) * (order[:, below + 1] - order[:, below])
+        loud = order[:, below] + (place - below) * (
+            order[:, below + 1] - order[:, below]
+        )
         return loud / (order[:, (count - 1) // 2] + order[:, count // 2]) * 2
 
     def _frequencies(self, contact: Tensor) -> tuple[Tensor, Tensor]:
         """Return the centroid of the power spectrum, and the frequency with half of the power on either side."""
         size, taper = self.size, self.taper.double()
-        parts = torch.stft(contact, size, size, size, taper, center=False, onesided=True, return_complex=False)
+        parts = torch.stft(
+            contact,
+            size,
+            size,
+            size,
+            taper,
+            center=False,
+            onesided=True,
+            return_complex=False,
+        )
         powers = (parts * parts).sum(-1)[:, :, 0] * self.heard + FAINT_POWER
         total = powers.cumsum(-1)
         below = (total < total[:, -1:] / 2).double().sum(-1)
@@ -376,7 +491,9 @@ class Whole(_Module):
     columns: Tensor
 
     def __init__(self, texture: Texture, statistics: Statistics) -> None:
-        super().__init__(columns=np.repeat(np.arange(statistics.channels), 2 * statistics.values))
+        super().__init__(
+            columns=np.repeat(np.arange(statistics.channels), 2 * statistics.values)
+        )
         self.texture, self.statistics = texture, statistics
 
     def forward(self, sound: Tensor, *others: Tensor) -> tuple[Tensor, Tensor]:
@@ -390,21 +507,34 @@ CONSTANTS = ("prior", "change_metric", "fading")
 """Inputs of the running statistics that are constants in a model file."""
 
 
-def front(spec: FeatureSpec, constants: Mapping[str, NDArray[np.float64]]) -> onnx.ModelProto:
+def front(
+    spec: FeatureSpec, constants: Mapping[str, NDArray[np.float64]]
+) -> onnx.ModelProto:
     """Return the graph from sound to the features of a specification, with its `CONSTANTS` if it is of kind texture."""
     part: Part = "whole" if spec.kind == "texture" else "description"
-    graph = onnx.load_from_string(_exported(part, spec.kind, spec.channels, spec.unevenness))
+    graph = onnx.load_from_string(
+        _exported(part, spec.kind, spec.channels, spec.unevenness)
+    )
     for name, value in constants.items():
-        graph.graph.initializer.append(numpy_helper.from_array(np.asarray(value, np.float64), name))
-        graph.graph.input.remove(next(each for each in graph.graph.input if each.name == name))
+        graph.graph.initializer.append(
+            numpy_helper.from_array(np.asarray(value, np.float64), name)
+        )
+        graph.graph.input.remove(
+            next(each for each in graph.graph.input if each.name == name)
+        )
     return graph
 
 
 def describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
     """Describe windows ``(windows, samples, channels)``; of texture ``(windows, channels, values)``, else features."""
     session = _session("description", spec.kind, spec.channels, spec.unevenness)
-    pieces = [windows[at : at + _AT_ONCE].swapaxes(1, 2) for at in range(0, max(1, len(windows)), _AT_ONCE)]
-    found = [session.run(None, {SOUND: np.ascontiguousarray(piece)})[0] for piece in pieces]
+    pieces = [
+        windows[at : at + _AT_ONCE].swapaxes(1, 2)
+        for at in range(0, max(1, len(windows)), _AT_ONCE)
+    ]
+    found = [
+        session.run(None, {SOUND: np.ascontiguousarray(piece)})[0] for piece in pieces
+    ]
     return np.concatenate(found, dtype=np.float32)
 
 
@@ -421,18 +551,32 @@ def run_statistics(
     """
     channels, values = change_metric.shape[:2]
     session = _session("statistics", "texture", channels, values > BAND_VALUES)
-    constants = {"prior": np.zeros((2, channels, values)), "change_metric": change_metric, "fading": np.array(fading)}
+    constants = {
+        "prior": np.zeros((2, channels, values)),
+        "change_metric": change_metric,
+        "fading": np.array(fading),
+    }
     for first in range(0, len(descriptions), _TOGETHER):
-        together, touching = descriptions[first : first + _TOGETHER], contact[first : first + _TOGETHER]
+        together, touching = (
+            descriptions[first : first + _TOGETHER],
+            contact[first : first + _TOGETHER],
+        )
         longest = max(map(len, together))
         # Time first. After a shorter recording's end its state means nothing.
         padded = np.zeros((longest, len(together), channels, values), np.float32)
         gate = np.zeros((longest, len(together)), np.float32)
         for column, (each, loud) in enumerate(zip(together, touching, strict=True)):
             padded[: len(each), column], gate[: len(each), column] = each, loud
-        states = np.zeros((longest + 1, len(together), sum(_sizes(channels * values).values())))
+        states = np.zeros(
+            (longest + 1, len(together), sum(_sizes(channels * values).values()))
+        )
         for step in range(longest):
-            inputs = {DESCRIPTION: padded[step], CONTACT_INPUT: gate[step], STATE: states[step], **constants}
+            inputs = {
+                DESCRIPTION: padded[step],
+                CONTACT_INPUT: gate[step],
+                STATE: states[step],
+                **constants,
+            }
             (states[step + 1],) = session.run([STATE_OUT], inputs)
         for column, each in enumerate(together):
             yield parts(states[1 : len(each) + 1, column], channels, values)
@@ -446,11 +590,15 @@ Part = Literal["description", "statistics", "whole"]
 
 
 @functools.lru_cache
-def _session(part: Part, kind: FeatureKind, channels: int, unevenness: bool) -> onnxruntime.InferenceSession:
+def _session(
+    part: Part, kind: FeatureKind, channels: int, unevenness: bool
+) -> onnxruntime.InferenceSession:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     content = _exported(part, kind, channels, unevenness)
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(
+        content, options, providers=["CPUExecutionProvider"]
+    )
 
 
 @functools.lru_cache
@@ -458,7 +606,11 @@ def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) ->
     """Return the ONNX file of a part, whose first axis, the number of windows or fingers, is open."""
     size, _ = WINDOWS[kind]
     texture = kind == "texture"
-    module: nn.Module = Texture(size, FEATURE_RATE, unevenness=unevenness) if texture else Cues(size, FEATURE_RATE)
+    module: nn.Module = (
+        Texture(size, FEATURE_RATE, unevenness=unevenness)
+        if texture
+        else Cues(size, FEATURE_RATE)
+    )
     sound = torch.zeros(1, channels, size)
     inputs, outputs = {SOUND: sound}, [FEATURES]
     if part != "description":
@@ -466,20 +618,38 @@ def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) ->
         values = description.shape[-1]
         first = {SOUND: sound} if part == "whole" else {DESCRIPTION: description}
         statistics, outputs = Statistics(channels, values), [FEATURES, STATE_OUT]
-        module = Whole(module, statistics) if isinstance(module, Texture) and part == "whole" else statistics
+        module = (
+            Whole(module, statistics)
+            if isinstance(module, Texture) and part == "whole"
+            else statistics
+        )
         state = torch.zeros(1, len(statistics.quieter)).double()
-        constants = torch.zeros(2, channels, values), torch.zeros(channels, values, values), torch.ones(())
+        constants = (
+            torch.zeros(2, channels, values),
+            torch.zeros(channels, values, values),
+            torch.ones(()),
+        )
         inputs = {**first, CONTACT_INPUT: torch.ones(1), STATE: state}
-        inputs |= dict(zip(CONSTANTS, (each.double() for each in constants), strict=True))
+        inputs |= dict(
+            zip(CONSTANTS, (each.double() for each in constants), strict=True)
+        )
     file: Any = io.BytesIO()
-    axes = {name: {0: "fingers"} for name in (*inputs, *outputs) if name not in CONSTANTS}
+    axes = {
+        name: {0: "fingers"} for name in (*inputs, *outputs) if name not in CONSTANTS
+    }
     with warnings.catch_warnings():
         # The exporter's own; that the graph computes the same is a test.
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            module.eval(), tuple(inputs.values()), file, input_names=list(inputs), output_names=outputs,
-            dynamic_axes=axes, opset_version=OPSET, dynamo=False,
-        )  # fmt: skip
+            module.eval(),
+            tuple(inputs.values()),
+            file,
+            input_names=list(inputs),
+            output_names=outputs,
+            dynamic_axes=axes,
+            opset_version=OPSET,
+            dynamo=False,
+        )
     model = onnx.load_from_string(file.getvalue())
     model.ir_version = IR_VERSION
     return bytes(model.SerializeToString())

@@ -63,22 +63,41 @@ def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, 
     for recording in dataset.recordings:
         takes_of.setdefault(recording.surface, []).append(recording)
     if len(takes_of) < 2:
-        raise DatasetError(f"{dataset.root}: {len(takes_of)} new object, but two or more are needed; record another")
+        raise DatasetError(
+            f"{dataset.root}: {len(takes_of)} new object, but two or more are needed; record another"
+        )
     if single := sorted(name for name, takes in takes_of.items() if len(takes) < 2):
-        raise DatasetError(f"{dataset.root}: {', '.join(single)}: one take only, but another is needed for testing")
-    drawn = [(n % HOLD_OUT == 1, take) for takes in takes_of.values() for n, take in enumerate(takes)]
-    return tuple(take for held, take in drawn if not held), tuple(take for held, take in drawn if held)
+        raise DatasetError(
+            f"{dataset.root}: {', '.join(single)}: one take only, but another is needed for testing"
+        )
+    drawn = [
+        (n % HOLD_OUT == 1, take)
+        for takes in takes_of.values()
+        for n, take in enumerate(takes)
+    ]
+    return tuple(take for held, take in drawn if not held), tuple(
+        take for held, take in drawn if held
+    )
 
 
 def thinned(recordings: Sequence[Recording], most: int) -> tuple[Recording, ...]:
     """Return at most ``most`` recordings, evenly drawn over surfaces and takes."""
-    ordered = sorted(recordings, key=lambda recording: (recording.surface, recording.scenario, recording.take))
-    places = np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round().astype(int)
+    ordered = sorted(
+        recordings,
+        key=lambda recording: (recording.surface, recording.scenario, recording.take),
+    )
+    places = (
+        np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round().astype(int)
+    )
     return tuple(ordered[place] for place in np.unique(places))
 
 
 def finetuning_recipe(
-    start: Path, strategy: Strategy, *, seed: int = 0, calibration: Calibration | None = None
+    start: Path,
+    strategy: Strategy,
+    *,
+    seed: int = 0,
+    calibration: Calibration | None = None,
 ) -> NetworkRecipe:
     """Return the recipe of a fine-tuning that begins with a model file of kind ``paper``.
 
@@ -92,9 +111,19 @@ def finetuning_recipe(
             f"{start}: of kind {card.kind}, but only kind paper can be fine-tuned; train the other kinds anew on both "
             "data sets, which takes a minute"
         )
-    variant: Variant = "one-channel" if card.channels == 1 else "fine-tuned" if strategy == "fine-tuned" else "general"
+    variant: Variant = (
+        "one-channel"
+        if card.channels == 1
+        else "fine-tuned"
+        if strategy == "fine-tuned"
+        else "general"
+    )
     settings = replace(
-        network_settings(variant), batch_size=BATCH_SIZE, epochs=1, least_steps=STEPS, learning_rate=LEARNING_RATE
+        network_settings(variant),
+        batch_size=BATCH_SIZE,
+        epochs=1,
+        least_steps=STEPS,
+        learning_rate=LEARNING_RATE,
     )
     if calibration:
         settings = settings.with_threshold(calibration.window_dbfs)
@@ -115,9 +144,14 @@ def train_on_both(
     """
     recordings = [*data.new, *data.replay]
     if {recording.label for recording in recordings} != set(SURFACE_LABELS):
-        raise DatasetError("new and general recordings together hold one label only; smooth and rough are needed")
+        raise DatasetError(
+            "new and general recordings together hold one label only; smooth and rough are needed"
+        )
     count = len(recordings)
-    return recipe.fit(recipe.read_windows(recordings, report=lambda done: reading(done, count)), report=report)
+    return recipe.fit(
+        recipe.read_windows(recordings, report=lambda done: reading(done, count)),
+        report=report,
+    )
 
 
 def mixtures(
@@ -126,17 +160,38 @@ def mixtures(
     """Yield the networks to choose from, with the share of the trained one in each."""
     before = read_weights(start)
     for share in FINETUNE_SHARES if strategy == "blend" else (1.0,):
-        yield share, {name: (share * trained[name] + (1 - share) * before[name]).astype(np.float32) for name in trained}
+        yield (
+            share,
+            {
+                name: (share * trained[name] + (1 - share) * before[name]).astype(
+                    np.float32
+                )
+                for name in trained
+            },
+        )
 
 
 def write_finetuned(
-    path: Path, recipe: NetworkRecipe, weights: dict[str, FloatArray], *, facts: dict[str, object]
+    path: Path,
+    recipe: NetworkRecipe,
+    weights: dict[str, FloatArray],
+    *,
+    facts: dict[str, object],
 ) -> None:
     """Write the fine-tuned model: the first one's card, with the facts of the fine-tuning added."""
     if recipe.start is None:
         raise ValueError("a fine-tuning starts from a model")
     card = read_model(recipe.start).card
     training = {**card.training, "finetuned": {"from": card.name, **facts}}
-    licence = "; ".join(filter(None, (card.licence, "fine-tuned on recordings of the user's own")))
-    card = replace(card, name=path.stem, gate=recipe.effective_gate, training=training, scores={}, licence=licence)
+    licence = "; ".join(
+        filter(None, (card.licence, "fine-tuned on recordings of the user's own"))
+    )
+    card = replace(
+        card,
+        name=path.stem,
+        gate=recipe.effective_gate,
+        training=training,
+        scores={},
+        licence=licence,
+    )
     write_model(path, card, weights)

@@ -20,7 +20,12 @@ from torch import nn
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FloatArray, Touch
-from tactophone.lab.training.export import RESIDUALS, SPECTRUM_BINS, Weights, channels_of
+from tactophone.lab.training.export import (
+    RESIDUALS,
+    SPECTRUM_BINS,
+    Weights,
+    channels_of,
+)
 from tactophone.lab.training.options import NETWORK_WINDOW_SIZE as SIZE
 from tactophone.lab.training.options import Labelling
 from tactophone.signal.perception.levels import LoudnessRule
@@ -60,7 +65,10 @@ class PaperNetwork(nn.Module):
 
 
 def weights_of(network: nn.Module) -> dict[str, FloatArray]:
-    return {name: value.detach().float().numpy().copy() for name, value in network.state_dict().items()}
+    return {
+        name: value.detach().float().numpy().copy()
+        for name, value in network.state_dict().items()
+    }
 
 
 def with_weights(weights: Weights) -> PaperNetwork:
@@ -69,7 +77,12 @@ def with_weights(weights: Weights) -> PaperNetwork:
     Raises `RuntimeError` if a layer is missing, unknown or of another shape; torch names it.
     """
     network = PaperNetwork(channels=channels_of(weights))
-    network.load_state_dict({name: torch.from_numpy(np.array(value, np.float32)) for name, value in weights.items()})
+    network.load_state_dict(
+        {
+            name: torch.from_numpy(np.array(value, np.float32))
+            for name, value in weights.items()
+        }
+    )
     return network
 
 
@@ -99,7 +112,10 @@ class Windows:
         return len(self.starts)
 
     def __str__(self) -> str:
-        shares = (f"{np.mean(self.labels == touch):.0%} {touch.name.lower()}" for touch in Touch)
+        shares = (
+            f"{np.mean(self.labels == touch):.0%} {touch.name.lower()}"
+            for touch in Touch
+        )
         return f"{len(self)} windows, {', '.join(shares)}"
 
     def take(self, which: NDArray[np.intp]) -> FloatArray:
@@ -109,14 +125,22 @@ class Windows:
 
 
 def find_windows(
-    signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling, size: int = SIZE
+    signals: Sequence[FloatArray],
+    labels: Sequence[Touch],
+    *,
+    rule: Labelling,
+    size: int = SIZE,
 ) -> Windows:
     """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that a labelling keeps.
 
     Raises `DatasetError` if no window of a label is loud enough to count as contact.
     """
-    loudness = [window_loudness(signal[:, 0], rule.loudness, size) for signal in signals]
-    thresholds = {touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)}
+    loudness = [
+        window_loudness(signal[:, 0], rule.loudness, size) for signal in signals
+    ]
+    thresholds = {
+        touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)
+    }
     starts, window_labels, offset = [], [], 0
     for signal, touch, loud in zip(signals, labels, loudness, strict=True):
         contact = loud > thresholds[touch]
@@ -125,28 +149,50 @@ def find_windows(
         starts.append((kept + offset).astype(np.int32))
         window_labels.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
         offset += len(signal)
-    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(window_labels), size)
+    windows = Windows(
+        np.concatenate(signals),
+        np.concatenate(starts),
+        np.concatenate(window_labels),
+        size,
+    )
     _require_contact(windows, labels, thresholds)
     return windows
 
 
 def window_loudness(contact: FloatArray, kind: LoudnessRule, size: int) -> FloatArray:
     """Loudness of the window at each start, from one running sum in double precision."""
-    power = np.square(contact, dtype=np.float64) if kind == "rms" else np.abs(contact, dtype=np.float64)
+    power = (
+        np.square(contact, dtype=np.float64)
+        if kind == "rms"
+        else np.abs(contact, dtype=np.float64)
+    )
     total = np.concatenate([[0.0], np.cumsum(power)])
     mean: NDArray[np.float64] = np.maximum(total[size:] - total[:-size], 0) / size
     return np.asarray(np.sqrt(mean) if kind == "rms" else mean, np.float32)
 
 
-def _threshold(touch: Touch, loudness: Sequence[FloatArray], labels: Sequence[Touch], rule: Labelling) -> float:
+def _threshold(
+    touch: Touch,
+    loudness: Sequence[FloatArray],
+    labels: Sequence[Touch],
+    rule: Labelling,
+) -> float:
     if not rule.relative:
         return rule.threshold
-    of_label = np.concatenate([loud for loud, label in zip(loudness, labels, strict=True) if label is touch])
-    mean = np.sqrt(np.mean(np.square(of_label))) if rule.loudness == "rms" else np.mean(of_label)
+    of_label = np.concatenate(
+        [loud for loud, label in zip(loudness, labels, strict=True) if label is touch]
+    )
+    mean = (
+        np.sqrt(np.mean(np.square(of_label)))
+        if rule.loudness == "rms"
+        else np.mean(of_label)
+    )
     return float(rule.threshold * mean)
 
 
-def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict[Touch, float]) -> None:
+def _require_contact(
+    windows: Windows, labels: Sequence[Touch], thresholds: dict[Touch, float]
+) -> None:
     for touch in sorted(set(labels)):
         if not np.any(windows.labels == touch):
             level = 20 * np.log10(thresholds[touch])
@@ -157,13 +203,17 @@ def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict
             )
 
 
-def grid(windows: Windows, *, hop: int, seed: int, epoch: int) -> tuple[NDArray[np.intp], np.random.Generator]:
+def grid(
+    windows: Windows, *, hop: int, seed: int, epoch: int
+) -> tuple[NDArray[np.intp], np.random.Generator]:
     """Return the windows of an epoch, a grid of starts at a random phase, and the generator that shuffles them."""
     rng = np.random.default_rng((seed, epoch))
     return np.flatnonzero(windows.starts % hop == rng.integers(hop)), rng
 
 
-def batches(windows: Windows, *, hop: int, size: int, seed: int, epoch: int) -> Iterator[NDArray[np.intp]]:
+def batches(
+    windows: Windows, *, hop: int, size: int, seed: int, epoch: int
+) -> Iterator[NDArray[np.intp]]:
     """Yield an epoch's windows in shuffled batches; the same seed gives the same batches."""
     which, rng = grid(windows, hop=hop, seed=seed, epoch=epoch)
     rng.shuffle(which)

@@ -32,7 +32,14 @@ CREST_INDEX = BAND_COUNT + 1
 """Bands and shapes of the waveform among the values that describe one channel of a window in texture features, their
 sum, and the index of the crest among them; clicks follow it. `tactophone.lab.training.features` computes them."""
 
-CUES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "median_octaves", "air_to_contact_db")
+CUES = (
+    "level_db",
+    "crest_db",
+    "transients_db",
+    "centroid_octaves",
+    "median_octaves",
+    "air_to_contact_db",
+)
 """The values of kind ``cues``, in order; octaves are over 1 Hz."""
 
 MEMORY = 0.1
@@ -68,7 +75,9 @@ Report = Callable[[int, int | None, str], None]
 """Progress of a training: steps done, steps in all if known, a note."""
 
 
-class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TrainingOptions(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
+):
     """What a user may choose for a training, by the names of `train`'s options; each recipe reads those that it has."""
 
     channels: Annotated[int, Meta(ge=1, le=2)] = 2
@@ -81,7 +90,9 @@ class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """The microphone that a model of one channel uses, where its recipe does not say."""
     tip: str = ""
     """The tip that the model is for; empty: that of the recordings, if they all name the same."""
-    contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = None
+    contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = (
+        None
+    )
     """Of the model's contact gate, in dBFS RMS; ``off``: every window is trained on and classified."""
     variant: Variant = "general"
     reference_code: bool = False
@@ -100,7 +111,12 @@ class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
         if self.opus_bitrate is None:
             return None
-        codec = Codec("opus", channels=channels, packet_size=480, bitrate_bps=1000 * self.opus_bitrate)
+        codec = Codec(
+            "opus",
+            channels=channels,
+            packet_size=480,
+            bitrate_bps=1000 * self.opus_bitrate,
+        )
         return replace(codec, bandwidth=bandwidth) if bandwidth else codec
 
 
@@ -153,16 +169,22 @@ class NetworkSettings:
         """Return the settings with contact from an RMS level in dBFS; unchanged where the threshold is relative."""
         if self.labelling.relative:
             return self
-        labelling = replace(self.labelling, loudness="rms", threshold=10 ** (level_dbfs / 20))
+        labelling = replace(
+            self.labelling, loudness="rms", threshold=10 ** (level_dbfs / 20)
+        )
         return replace(self, labelling=labelling)
 
 
-FAST_CHANGES: Mapping[str, int] = MappingProxyType({"batch_size": 1000, "least_steps": 500})
+FAST_CHANGES: Mapping[str, int] = MappingProxyType(
+    {"batch_size": 1000, "least_steps": 500}
+)
 """What the recipe ``paper-fast`` changes: smaller batches reach an equal score for a fifth of the processor time
 (`git show 7e771cb:benchmarks/training.py`), and five epochs of a few minutes of sound are too few to converge."""
 
 
-def network_settings(variant: Variant, *, reference_code: bool = False) -> NetworkSettings:
+def network_settings(
+    variant: Variant, *, reference_code: bool = False
+) -> NetworkSettings:
     """Return the settings of one of the paper's models; change parts with ``dataclasses.replace``.
 
     With ``reference_code`` they follow the authors' code where it differs from the paper's text.
@@ -174,9 +196,18 @@ def network_settings(variant: Variant, *, reference_code: bool = False) -> Netwo
     if reference_code:
         labelling = Labelling("mean_absolute", 1.0, relative=True, quiet_rough=False)
         return NetworkSettings(variant, True, channels, labelling, (1.0, 0.05, 0.05))
-    fixed, relative = Labelling("rms", 10 ** (LABEL_LEVEL_DBFS / 20)), Labelling("rms", 0.5, relative=True)
+    fixed, relative = (
+        Labelling("rms", 10 ** (LABEL_LEVEL_DBFS / 20)),
+        Labelling("rms", 0.5, relative=True),
+    )
     # The paper names no class weights.
-    return NetworkSettings(variant, False, channels, relative if variant == "fine-tuned" else fixed, (1.0, 1.0, 1.0))
+    return NetworkSettings(
+        variant,
+        False,
+        channels,
+        relative if variant == "fine-tuned" else fixed,
+        (1.0, 1.0, 1.0),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,13 +249,20 @@ class Recipe:
     """Property that every training recording must have, such as ``ra_um``."""
 
     def response_for(self, tip: str) -> Response:
-        return self.pad_response if self.pad_response and tip == DEFAULT_TIP else self.response
+        return (
+            self.pad_response
+            if self.pad_response and tip == DEFAULT_TIP
+            else self.response
+        )
 
 
 FEATURE_RATE = 16_000
 """Sample rate in Hz that all of these features are computed at."""
 
-WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {"texture": (512, Fraction(160)), "cues": (4096, Fraction(512, 3))}
+WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
+    "texture": (512, Fraction(160)),
+    "cues": (4096, Fraction(512, 3)),
+}
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
 
 _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)

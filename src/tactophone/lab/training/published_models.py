@@ -23,7 +23,11 @@ from tactophone.core.errors import ModelError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.lab.training.export import SPECTRUM_BINS, make_card, write_model
 from tactophone.lab.training.network import PaperNetwork, weights_of
-from tactophone.lab.training.options import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.lab.training.options import (
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    REFERENCE_GATE,
+)
 from tactophone.signal.perception.model_file import MAX_BYTES, Gate
 
 _EXPECTED = (
@@ -37,9 +41,14 @@ _BUFFER = "resampler."
 """The notebook's network holds its resampler's kernel, which is no parameter."""
 
 _FACTS = (
-    "rough_stones", "smooth_stones", "rough_stones_test", "smooth_stones_test", "rough_loudness_mean",
-    "smooth_loudness_mean", "training_time",
-)  # fmt: skip
+    "rough_stones",
+    "smooth_stones",
+    "rough_stones_test",
+    "smooth_stones_test",
+    "rough_loudness_mean",
+    "smooth_loudness_mean",
+    "training_time",
+)
 """What the notebook saves besides, kept in the model card."""
 
 _FACTOR = LIVE_SAMPLE_RATE // NETWORK_RATE
@@ -60,7 +69,10 @@ def import_published(source: Path, target: Path) -> None:
         if isinstance(value, torch.Tensor) and not name.startswith(_BUFFER)
     }
     _require_structure(source, weights)
-    size, factor = held.get("PART_SIZE", NETWORK_WINDOW_SIZE), held.get("RESAMPLE_FACTOR", _FACTOR)
+    size, factor = (
+        held.get("PART_SIZE", NETWORK_WINDOW_SIZE),
+        held.get("RESAMPLE_FACTOR", _FACTOR),
+    )
     if (size, factor) != (NETWORK_WINDOW_SIZE, _FACTOR):
         raise ModelError(
             f"{source}: for windows of {size} samples at 48 kHz / {factor}, but {NETWORK_WINDOW_SIZE} at 48 kHz / "
@@ -69,9 +81,17 @@ def import_published(source: Path, target: Path) -> None:
     threshold, gate = held.get("contact_threshold"), REFERENCE_GATE
     if isinstance(threshold, float | int) and 0 < threshold < 1:
         gate = Gate(round(20 * math.log10(threshold), 2), "mean_absolute")
-    card = make_card(weights, name=f"authors-{source.stem.replace('_', '-')}", gate=gate, licence=_LICENCE)
+    card = make_card(
+        weights,
+        name=f"authors-{source.stem.replace('_', '-')}",
+        gate=gate,
+        licence=_LICENCE,
+    )
     facts = {name: held[name] for name in _FACTS if name in held}
-    facts = {"source": f"{source.name}, of the paper's authors or their notebook", **facts}
+    facts = {
+        "source": f"{source.name}, of the paper's authors or their notebook",
+        **facts,
+    }
     write_model(target, replace(card, training=facts), weights, storage="float32")
 
 
@@ -86,11 +106,15 @@ def _read(path: Path) -> Mapping[str, Any]:
         )
     with zipfile.ZipFile(path) as archive:
         if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
-            raise ModelError(f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give {_EXPECTED}")
+            raise ModelError(
+                f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give {_EXPECTED}"
+            )
         # torch does not look at the checksums itself.
         names, damaged = archive.namelist(), archive.testzip()
     if damaged:
-        raise ModelError(f"{path}: damaged, its part {damaged} fails its checksum; download it again")
+        raise ModelError(
+            f"{path}: damaged, its part {damaged} fails its checksum; download it again"
+        )
     try:
         with warnings.catch_warnings():
             # torch calls TorchScript deprecated; the authors' files are as they are.
@@ -101,18 +125,32 @@ def _read(path: Path) -> Mapping[str, Any]:
             held = torch.load(path, map_location="cpu", weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError) as error:
         reason = str(error).strip().splitlines()[0]
-        raise ModelError(f"{path}: torch's restricted reader refuses it ({reason}); give {_EXPECTED}") from None
+        raise ModelError(
+            f"{path}: torch's restricted reader refuses it ({reason}); give {_EXPECTED}"
+        ) from None
     if not isinstance(held, Mapping):
-        raise ModelError(f"{path}: holds a {type(held).__name__}, but the notebook saves a dictionary")
+        raise ModelError(
+            f"{path}: holds a {type(held).__name__}, but the notebook saves a dictionary"
+        )
     return held
 
 
 def _require_structure(path: Path, found: Mapping[str, FloatArray]) -> None:
     """Raise a ModelError unless parameters are those of the paper's network, for one or two microphones."""
     shapes = {name: value.shape for name, value in found.items()}
-    expected = weights_of(PaperNetwork(1 if shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,) else 2))
+    expected = weights_of(
+        PaperNetwork(
+            1 if shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,) else 2
+        )
+    )
     names = sorted(shapes.keys() | expected.keys())
-    wrong = [name for name in names if shapes.get(name) != getattr(expected.get(name), "shape", None)]
+    wrong = [
+        name
+        for name in names
+        if shapes.get(name) != getattr(expected.get(name), "shape", None)
+    ]
     if wrong:
         listed = ", ".join(wrong[:6]) + (", ..." if len(wrong) > 6 else "")
-        raise ModelError(f"{path}: not the paper's network: {listed} missing, unknown or of another shape")
+        raise ModelError(
+            f"{path}: not the paper's network: {listed} missing, unknown or of another shape"
+        )

@@ -26,14 +26,18 @@ ConfiguredRecipe: TypeAlias = "FeatureRecipe | NetworkRecipe"
 """A recipe with its options: everything that decides a training but the recordings, and ``train``, which does it."""
 
 _CONFIRMED = Response(
-    DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5), memory=0.25, change_detection=False
+    DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5),
+    memory=0.25,
+    change_detection=False,
 )
 """*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
 quickly. Statistics that restart cost 0.02 of accuracy on real kinds left out. The hysteresis lies evenly around a half:
 it ends the false bumps of sound at the boundary, for 0.003 of what is rendered right there
 (docs/research/detector.md)."""
 
-_OF_PAD = Response(DecisionRule(rough_on=0.8, rough_off=0.5, confirm=3, abstain_from=0.5), memory=0.12)
+_OF_PAD = Response(
+    DecisionRule(rough_on=0.8, rough_off=0.5, confirm=3, abstain_from=0.5), memory=0.12
+)
 """Under the pad a stroke that turns every 0.2 s moves the probability, as its level swings by 20 dB: so rough begins at
 0.8, held for 30 ms, as few smooth windows do. A longer memory scores no better there and reports edges
 later. Under a stylus, of real kinds left out, such a memory and 0.8 already cost 0.09 of what
@@ -41,35 +45,59 @@ is rendered right (docs/research/detector.md)."""
 
 _LISTED = (
     Recipe(
-        "paper", "the paper's network and figures: spectral magnitudes of 256 ms into a residual MLP", "magnitudes",
-        version=1, shipped=True,
+        "paper",
+        "the paper's network and figures: spectral magnitudes of 256 ms into a residual MLP",
+        "magnitudes",
+        version=1,
+        shipped=True,
     ),
-    Recipe("paper-fast", "the same network, in smaller batches and at least 500 of them", "magnitudes", version=1),
     Recipe(
-        "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        response=_CONFIRMED, pad_response=_OF_PAD, version=10, augmentation=Augmentation(),
+        "paper-fast",
+        "the same network, in smaller batches and at least 500 of them",
+        "magnitudes",
+        version=1,
+    ),
+    Recipe(
+        "texture",
+        "short windows, running statistics of the touch, a calibrated linear classifier",
+        "texture",
+        response=_CONFIRMED,
+        pad_response=_OF_PAD,
+        version=10,
+        augmentation=Augmentation(),
         shipped=True,
     ),
     Recipe("level", "loudness against a threshold", "cues"),
     Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues"),
     Recipe("median-frequency", "frequency with half the power on either side", "cues"),
     Recipe(
-        "surface", "texture features to Ra by ridge regression, then a boundary", "texture", version=3, requires="ra_um"
+        "surface",
+        "texture features to Ra by ridge regression, then a boundary",
+        "texture",
+        version=3,
+        requires="ra_um",
     ),
     Recipe("logistic", "logistic regression on texture features", "texture", version=3),
-)  # fmt: skip
+)
 
-RECIPES: Mapping[str, Recipe] = MappingProxyType({recipe.name: recipe for recipe in _LISTED})
+RECIPES: Mapping[str, Recipe] = MappingProxyType(
+    {recipe.name: recipe for recipe in _LISTED}
+)
 """Every recipe by name."""
 
-FEATURE_RECIPES = tuple(name for name, recipe in RECIPES.items() if recipe.features != "magnitudes")
+FEATURE_RECIPES = tuple(
+    name for name, recipe in RECIPES.items() if recipe.features != "magnitudes"
+)
 """Names of the recipes that learn from features: all but the paper's network."""
 
 
 def configure(
-    name: str, options: TrainingOptions | None = None, *, start: Path | None = None,
+    name: str,
+    options: TrainingOptions | None = None,
+    *,
+    start: Path | None = None,
     calibration: Calibration | None = None,
-) -> ConfiguredRecipe:  # fmt: skip
+) -> ConfiguredRecipe:
     """Return the recipe of a name with its options, ready to train; imports what it needs.
 
     ``start`` is a model file to continue from, and ``calibration`` replaces the contact threshold; both for the
@@ -105,19 +133,31 @@ class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
         Raises `ConfigError`, which begins with ``where``, for an unknown recipe or key, or a value out of range.
         """
         try:
-            changed = msgspec.convert({**msgspec.structs.asdict(self), **entries}, RecipeFile, strict=False)
+            changed = msgspec.convert(
+                {**msgspec.structs.asdict(self), **entries}, RecipeFile, strict=False
+            )
         except msgspec.ValidationError as error:
-            hints = (did_you_mean(name, self.__struct_fields__) for name in entries if not hasattr(self, name))
-            raise ConfigError(f"{where}: {error}{next(hints, '')}; {self._help()}") from None
+            hints = (
+                did_you_mean(name, self.__struct_fields__)
+                for name in entries
+                if not hasattr(self, name)
+            )
+            raise ConfigError(
+                f"{where}: {error}{next(hints, '')}; {self._help()}"
+            ) from None
         if changed.recipe not in RECIPES:
             hint = did_you_mean(changed.recipe, RECIPES)
-            raise ConfigError(f"{where}: no recipe {changed.recipe}; there are {', '.join(RECIPES)}{hint}")
+            raise ConfigError(
+                f"{where}: no recipe {changed.recipe}; there are {', '.join(RECIPES)}{hint}"
+            )
         return changed
 
     @classmethod
     def _help(cls) -> str:
         return f"a recipe file is TOML and may hold {', '.join(cls.__struct_fields__)}"
 
-    def configured(self, *, start: Path | None = None, calibration: Calibration | None = None) -> ConfiguredRecipe:
+    def configured(
+        self, *, start: Path | None = None, calibration: Calibration | None = None
+    ) -> ConfiguredRecipe:
         """Return the recipe, which can train; ``start`` and ``calibration`` as in :func:`configure`."""
         return configure(self.recipe, self, start=start, calibration=calibration)

@@ -64,11 +64,15 @@ class Examples:
     def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
         """Return the windows of a mask or with these numbers."""
         importance = None if self.importance is None else self.importance[which]
-        return Examples(self.features[which], self.rough[which], self.surface[which], importance)
+        return Examples(
+            self.features[which], self.rough[which], self.surface[which], importance
+        )
 
     def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
         """Return at most ``most`` windows, evenly drawn."""
-        return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
+        return self.where(
+            np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most)))
+        )
 
     def weights(self) -> Floats:
         return even_weights(self.rough, self.surface, self.importance)
@@ -83,12 +87,18 @@ class Examples:
         return np.asarray(np.nan_to_num((self.features - mean) / scale))
 
 
-def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp], importance: Floats | None = None) -> Floats:
+def even_weights(
+    rough: NDArray[np.bool_],
+    surface: NDArray[np.intp],
+    importance: Floats | None = None,
+) -> Floats:
     """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1.
 
     With an importance, ``(windows,)``, the surfaces of a class weigh as it says; it may differ within a surface.
     """
-    weights = np.ones(len(rough)) if importance is None else importance.astype(np.float64)
+    weights = (
+        np.ones(len(rough)) if importance is None else importance.astype(np.float64)
+    )
     for label in (False, True):
         for number in np.unique(surface[rough == label]):
             here = (surface == number) & (rough == label)
@@ -97,7 +107,9 @@ def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp], importance
     return weights
 
 
-def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator[NDArray[np.bool_]]:
+def inner_folds(
+    rough: NDArray[np.bool_], surface: NDArray[np.intp]
+) -> Iterator[NDArray[np.bool_]]:
     """Yield masks of the windows held out in each inner fold: whole surfaces, of both classes where possible."""
     fold_of = {
         int(number): place % INNER_FOLDS
@@ -111,7 +123,9 @@ def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator
             yield held_out
 
 
-NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp))
+NO_EXAMPLES = Examples(
+    np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp)
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,15 +150,27 @@ class TrainingSet:
         """Return the features that the model's graph computes, shape ``(windows, features)`` for each track."""
         if self.spec.kind != "texture":
             return [track.description for track in tracks]
-        moments = accumulate(tracks, self.threshold_dbfs, self.change_metric, fading=self.spec.fading)
-        return [each.features(self.prior, track.present) for each, track in zip(moments, tracks, strict=True)]
+        moments = accumulate(
+            tracks, self.threshold_dbfs, self.change_metric, fading=self.spec.fading
+        )
+        return [
+            each.features(self.prior, track.present)
+            for each, track in zip(moments, tracks, strict=True)
+        ]
 
     def whole(self, classifier: onnx.ModelProto) -> onnx.ModelProto:
         """Return the graph of a model file: the features, then the classifier."""
-        from tactophone.lab.training.features import CONSTANTS, front  # here, as it needs torch
+        from tactophone.lab.training.features import (
+            CONSTANTS,
+            front,
+        )  # here, as it needs torch
 
         values = self.prior, self.change_metric, np.array(self.spec.fading)
-        constants = dict(zip(CONSTANTS, values, strict=True)) if self.spec.kind == "texture" else {}
+        constants = (
+            dict(zip(CONSTANTS, values, strict=True))
+            if self.spec.kind == "texture"
+            else {}
+        )
         return join(front(self.spec, constants), classifier)
 
 
@@ -166,10 +192,18 @@ def build_training_set(
     plain = tracks = extract_features(recordings, spec)
     # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
     at_rate = (
-        [each for each in recordings if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE] if codecs else []
+        [
+            each
+            for each in recordings
+            if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE
+        ]
+        if codecs
+        else []
     )
     for codec in codecs:
-        tracks = tracks + extract_features(at_rate or recordings, replace(spec, codec=codec))
+        tracks = tracks + extract_features(
+            at_rate or recordings, replace(spec, codec=codec)
+        )
     for number in range(1, augmentation.copies + 1 if augmentation else 1):
         copy = replace(spec, augmentation=augmentation, copy=(seed, number))
         tracks = tracks + extract_features(recordings, copy)
@@ -178,27 +212,53 @@ def build_training_set(
     sizes = [int(mask.sum()) for mask in masks]
     rough = np.repeat([track.recording.rough for track in tracks], sizes)
     if not 0 < rough.sum() < len(rough):
-        found = f"on {'rough' if rough.any() else 'smooth'} surfaces alone" if len(rough) else "nowhere"
+        found = (
+            f"on {'rough' if rough.any() else 'smooth'} surfaces alone"
+            if len(rough)
+            else "nowhere"
+        )
         raise DatasetError(
             f"{len(recordings)} recording(s) to train on: contact was found {found}; training needs rough and smooth "
             "surfaces: label and record more"
         )
-    every = np.concatenate([track.description[mask] for track, mask in zip(tracks, masks, strict=True)], dtype=float)
+    every = np.concatenate(
+        [track.description[mask] for track, mask in zip(tracks, masks, strict=True)],
+        dtype=float,
+    )
     prior = np.stack((every.mean(axis=0), np.square(every).mean(axis=0))).round(6)
     change_metric = np.zeros((spec.channels, spec.values, spec.values))
     if spec.change_detection and spec.kind == "texture":
-        change_metric = fit_change_metric(mean_shifts(tracks, threshold_dbfs, fading=spec.fading))
+        change_metric = fit_change_metric(
+            mean_shifts(tracks, threshold_dbfs, fading=spec.fading)
+        )
     # The features of the examples follow from the prior and the metric, so these come first.
-    unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
-    features = [rows[mask] for rows, mask in zip(unfilled.features(tracks), masks, strict=True)]
+    unfilled = TrainingSet(
+        spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip
+    )
+    features = [
+        rows[mask] for rows, mask in zip(unfilled.features(tracks), masks, strict=True)
+    ]
     names = sorted({kin_of(track.recording) for track in tracks})
-    surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
+    surface = np.repeat(
+        [names.index(kin_of(track.recording)) for track in tracks], sizes
+    )
     simulated = np.array([is_simulation(track.recording) for track in tracks])
     # A simulated surface counts less, but only beside real ones.
-    weights = np.ones(len(tracks)) if simulated.all() else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
+    weights = (
+        np.ones(len(tracks))
+        if simulated.all()
+        else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
+    )
     importance = np.repeat(weights, sizes)
-    height = np.repeat([np.log10(float(track.recording.known("ra_um") or "nan")) for track in tracks], sizes)
-    return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface, importance), height=height)
+    height = np.repeat(
+        [np.log10(float(track.recording.known("ra_um") or "nan")) for track in tracks],
+        sizes,
+    )
+    return replace(
+        unfilled,
+        examples=Examples(np.concatenate(features), rough, surface, importance),
+        height=height,
+    )
 
 
 def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
@@ -217,5 +277,9 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
     ridge = (RIDGE * variance + MIN_VARIANCE) * np.eye(moved.shape[2])
     whitening = np.linalg.cholesky(np.linalg.inv(covariance + ridge))
     # Of each window the larger of its channels' distances counts, as in the live detection.
-    distance = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
-    return np.asarray((whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5))
+    distance = (
+        np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
+    )
+    return np.asarray(
+        (whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5)
+    )

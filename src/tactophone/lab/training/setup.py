@@ -91,8 +91,16 @@ class Correction:
 
     def logit(self, sound: ObjectSound) -> Floats:
         """Return the logit of each window."""
-        standard = np.nan_to_num(np.clip((sound.features - self.centre) / self.scale, -LARGEST_SHIFT, LARGEST_SHIFT))
-        return np.asarray(self.slope * _bounded(sound.logit) + standard @ self.weights + self.bias)
+        standard = np.nan_to_num(
+            np.clip(
+                (sound.features - self.centre) / self.scale,
+                -LARGEST_SHIFT,
+                LARGEST_SHIFT,
+            )
+        )
+        return np.asarray(
+            self.slope * _bounded(sound.logit) + standard @ self.weights + self.bias
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +147,13 @@ class SetUpFit:
 
 
 def collect(
-    model: Model, samples: FloatArray, *, sample_rate: int, threshold_dbfs: float, name: str, rough: bool
+    model: Model,
+    samples: FloatArray,
+    *,
+    sample_rate: int,
+    threshold_dbfs: float,
+    name: str,
+    rough: bool,
 ) -> ObjectSound:
     """Return the windows in contact of one object, whose sound has the shape ``(samples, channels)``.
 
@@ -155,7 +169,9 @@ def collect(
         if prediction.level_dbfs >= threshold_dbfs and not prediction.faulty:
             nonlocal unknown
             unknown += prediction.probabilities[0] >= model.card.decision.abstain_from
-            _, p_smooth, p_rough = (max(probability, 1e-9) for probability in prediction.probabilities)
+            _, p_smooth, p_rough = (
+                max(probability, 1e-9) for probability in prediction.probabilities
+            )
             features.append(window.copy())
             logits.append(math.log(p_rough / p_smooth))
 
@@ -165,7 +181,9 @@ def collect(
         raise ModelError(
             f"{name}: no contact in it; slide faster or press harder, or turn the contact microphone's gain up"
         )
-    return ObjectSound(name, rough, np.array(features), np.array(logits), unknown / len(logits))
+    return ObjectSound(
+        name, rough, np.array(features), np.array(logits), unknown / len(logits)
+    )
 
 
 def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> SetUpFit:
@@ -178,23 +196,49 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
     unknown = float(np.mean([sound.unknown for sound in sounds]))
-    wrong = {sound.name: proves_wrong(sound, error=BOUNDARY_ERROR / len(sounds)) for sound in sounds}
-    by_class = [np.mean([wrong[sound.name] for sound in sounds if sound.rough is rough]) for rough in (False, True)]
+    wrong = {
+        sound.name: proves_wrong(sound, error=BOUNDARY_ERROR / len(sounds))
+        for sound in sounds
+    }
+    by_class = [
+        np.mean([wrong[sound.name] for sound in sounds if sound.rough is rough])
+        for rough in (False, True)
+    ]
     if max(by_class) <= 0.5:
         shares = [(sound, _share(sound.logit, sound.rough)) for sound in sounds]
-        kept = tuple(LeftOut(sound.name, sound.rough, share, share) for sound, share in shares)
+        kept = tuple(
+            LeftOut(sound.name, sound.rough, share, share) for sound, share in shares
+        )
         count = sounds[0].features.shape[1]
-        unchanged = Correction(np.zeros(count), np.ones(count), np.zeros(count), 1.0, 0.0)
+        unchanged = Correction(
+            np.zeros(count), np.ones(count), np.zeros(count), 1.0, 0.0
+        )
         return SetUpFit(unchanged, SHIPPED_BOUNDARY, kept, unknown)
     own = "impulses" if tip in HARD_TIPS else "model"
-    names = [own] if tip in TIPS and not TIPS[tip].impulses else [own, *(name for name in SCORES if name != own)]
-    left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
-    right = {name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)] for name in names}
+    names = (
+        [own]
+        if tip in TIPS and not TIPS[tip].impulses
+        else [own, *(name for name in SCORES if name != own)]
+    )
+    left_out = {
+        name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds)
+        for name in names
+    }
+    right = {
+        name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)]
+        for name in names
+    }
     # The first of those that are equal: with nothing to choose by, the tip's own.
     score = max(
-        names, key=lambda name: (np.mean(right[name]) if right[name] else 0.0) + BOUNDARY_MARGIN * (name == own)
+        names,
+        key=lambda name: (
+            (np.mean(right[name]) if right[name] else 0.0)
+            + BOUNDARY_MARGIN * (name == own)
+        ),
     )
-    return SetUpFit(fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown)
+    return SetUpFit(
+        fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown
+    )
 
 
 def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
@@ -203,13 +247,19 @@ def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
     A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
     `MOST_WRONG` of them must be besides.
     """
-    pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // FIT_PIECE))
+    pieces = np.array_split(
+        (sound.logit > 0) != sound.rough, max(1, len(sound.logit) // FIT_PIECE)
+    )
     wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
-    chance = sum(math.comb(count, more) for more in range(wrong, count + 1)) / 2.0**count
+    chance = (
+        sum(math.comb(count, more) for more in range(wrong, count + 1)) / 2.0**count
+    )
     return bool(chance <= error and wrong >= MOST_WRONG * count)
 
 
-def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) -> Correction:
+def fit_boundary(
+    sounds: Sequence[ObjectSound], score: str, *, channels: int
+) -> Correction:
     """Fit the boundary of a score: midway between the facing tails of the two classes.
 
     A mean of tails, each over the objects of a class, and deviations within an object: neither depends on how long an
@@ -219,14 +269,24 @@ def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) ->
     impulses, model = SCORES[score]
     features = [np.nan_to_num(sound.features).astype(np.float64) for sound in sounds]
     centre = np.mean([each.mean(axis=0) for each in features], axis=0)
-    scale = np.maximum(np.sqrt(np.mean([each.var(axis=0) for each in features], axis=0)), MIN_SCALE)
+    scale = np.maximum(
+        np.sqrt(np.mean([each.var(axis=0) for each in features], axis=0)), MIN_SCALE
+    )
     columns = impulse_columns(features[0].shape[1], channels)
     weights = np.zeros(len(centre))
     weights[columns] = impulses / len(columns)
     spread = math.sqrt(np.mean([_bounded(sound.logit).var() for sound in sounds]))
-    unbiased = Correction(centre, scale, weights, model / max(spread, MIN_LOGIT_SCALE), 0.0)
+    unbiased = Correction(
+        centre, scale, weights, model / max(spread, MIN_LOGIT_SCALE), 0.0
+    )
     smooth, rough = (
-        np.mean([np.quantile(unbiased.logit(sound), tail) for sound in sounds if sound.rough is label])
+        np.mean(
+            [
+                np.quantile(unbiased.logit(sound), tail)
+                for sound in sounds
+                if sound.rough is label
+            ]
+        )
         for label, tail in ((False, 1 - FIT_TAIL), (True, FIT_TAIL))
     )
     return replace(unbiased, bias=float(-(smooth + rough) / 2))
@@ -246,21 +306,30 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     """
     values, rest = divmod(features, 2 * channels)
     if rest or values not in (BAND_VALUES, BAND_VALUES + 1):
-        raise ModelError("only models of kind texture can be fitted to a set-up; choose one with --model")
+        raise ModelError(
+            "only models of kind texture can be fitted to a set-up; choose one with --model"
+        )
     return 2 * values * (channels - 1) + np.array([CREST_INDEX, CREST_INDEX + 1])
 
 
-def _leave_out(sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int) -> LeftOut:
+def _leave_out(
+    sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int
+) -> LeftOut:
     before, after = _share(sound.logit, sound.rough), math.nan
     rest = [other for other in sounds if other is not sound]
     # Without this object all others may be smooth, or all rough: then there is no boundary to fit.
     if {other.rough for other in rest} == {False, True}:
-        after = _share(fit_boundary(rest, score, channels=channels).logit(sound), sound.rough)
+        after = _share(
+            fit_boundary(rest, score, channels=channels).logit(sound), sound.rough
+        )
     return LeftOut(sound.name, sound.rough, before, after)
 
 
 def _balanced(shares: Sequence[tuple[bool, float]]) -> float:
-    smooth, rough = (float(np.mean([share for label, share in shares if label is which])) for which in (False, True))
+    smooth, rough = (
+        float(np.mean([share for label, share in shares if label is which]))
+        for which in (False, True)
+    )
     return (smooth + rough) / 2
 
 
@@ -278,10 +347,16 @@ def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
     changed.CopyFrom(graph)
     readers = [node for node in changed.graph.node if "logit" in node.input]
     tensors = {
-        "own:centre": correction.centre, "own:scale": correction.scale, "own:weights": correction.weights[:, None],
-        "own:slope": [correction.slope], "own:bias": [correction.bias],
-        "own:most": LARGEST_SHIFT, "own:least": -LARGEST_SHIFT, "own:high": LOGIT_LIMIT, "own:low": -LOGIT_LIMIT,
-    }  # fmt: skip
+        "own:centre": correction.centre,
+        "own:scale": correction.scale,
+        "own:weights": correction.weights[:, None],
+        "own:slope": [correction.slope],
+        "own:bias": [correction.bias],
+        "own:most": LARGEST_SHIFT,
+        "own:least": -LARGEST_SHIFT,
+        "own:high": LOGIT_LIMIT,
+        "own:low": -LOGIT_LIMIT,
+    }
     nodes = [
         helper.make_node("Clip", ["logit", "own:low", "own:high"], ["own:bounded"]),
         helper.make_node("Mul", ["own:bounded", "own:slope"], ["own:scaled"]),
@@ -289,38 +364,65 @@ def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
         helper.make_node("Where", ["missing", "own:centre", "whole"], ["own:whole"]),
         helper.make_node("Sub", ["own:whole", "own:centre"], ["own:off"]),
         helper.make_node("Div", ["own:off", "own:scale"], ["own:wide"]),
-        helper.make_node("Clip", ["own:wide", "own:least", "own:most"], ["own:standard"]),
+        helper.make_node(
+            "Clip", ["own:wide", "own:least", "own:most"], ["own:standard"]
+        ),
         helper.make_node("MatMul", ["own:standard", "own:weights"], ["own:shift"]),
         helper.make_node("Add", ["own:scaled", "own:shift"], ["own:sum"]),
         helper.make_node("Add", ["own:sum", "own:bias"], ["own:logit"]),
     ]
     for reader in readers:
-        reader.input[:] = ["own:logit" if name == "logit" else name for name in reader.input]
+        reader.input[:] = [
+            "own:logit" if name == "logit" else name for name in reader.input
+        ]
     # Nodes must stand in the order of their use.
     place = min(list(changed.graph.node).index(reader) for reader in readers)
     ordered = [*changed.graph.node[:place], *nodes, *changed.graph.node[place:]]
     del changed.graph.node[:]
     changed.graph.node.extend(ordered)
-    stored = [numpy_helper.from_array(np.asarray(value, np.float32), name) for name, value in tensors.items()]
+    stored = [
+        numpy_helper.from_array(np.asarray(value, np.float32), name)
+        for name, value in tensors.items()
+    ]
     changed.graph.initializer.extend(stored)
     onnx.checker.check_model(changed)
     return changed
 
 
-def write_set_up(path: Path, start: Path, model: Model, fit: SetUpFit, *, threshold_dbfs: float, tip: str) -> None:
+def write_set_up(
+    path: Path,
+    start: Path,
+    model: Model,
+    fit: SetUpFit,
+    *,
+    threshold_dbfs: float,
+    tip: str,
+) -> None:
     """Write the model of a set-up: that of ``start``, with tip, contact threshold, boundary and scores changed."""
     card = model.card
-    facts = {"from": card.name, "score": fit.score, "objects": [entry.name for entry in fit.left_out]}
-    estimates = {entry.name: round(entry.after, 3) for entry in fit.left_out if not math.isnan(entry.after)}
+    facts = {
+        "from": card.name,
+        "score": fit.score,
+        "objects": [entry.name for entry in fit.left_out],
+    }
+    estimates = {
+        entry.name: round(entry.after, 3)
+        for entry in fit.left_out
+        if not math.isnan(entry.after)
+    }
     card = replace(
         card,
         name=path.stem,
         gate=Gate(round(threshold_dbfs, 2), card.gate.rule),
-        decision=card.decision if fit.abstains else replace(card.decision, abstain_from=NEVER_ABSTAIN),
+        decision=card.decision
+        if fit.abstains
+        else replace(card.decision, abstain_from=NEVER_ABSTAIN),
         settings={**card.settings, "tip": tip},
         training={**card.training, "set_up": facts},
         scores={"objects left out": estimates},
-        licence="; ".join(filter(None, (card.licence, "fitted to recordings of the user's own"))),
+        licence="; ".join(
+            filter(None, (card.licence, "fitted to recordings of the user's own"))
+        ),
     )
     graph = onnx.load(str(start))
     write_graph(path, graph if fit.keeps else corrected(graph, fit.correction), card)

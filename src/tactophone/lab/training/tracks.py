@@ -17,7 +17,14 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.lab.dataset.values import Recording
-from tactophone.lab.training.options import FEATURE_RATE, MIN_VARIANCE, NETWORK_RATE, SILENT_POWER, WINDOWS, FeatureSpec
+from tactophone.lab.training.options import (
+    FEATURE_RATE,
+    MIN_VARIANCE,
+    NETWORK_RATE,
+    SILENT_POWER,
+    WINDOWS,
+    FeatureSpec,
+)
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
 from tactophone.signal.perception.resample import Resampler
@@ -63,13 +70,20 @@ class FeatureTrack:
 
     def touching(self) -> NDArray[np.bool_]:
         """Whether the segments label each window's end as contact; true throughout where there are no segments."""
-        return self._in_contact(self.end) if self.recording.segments else np.ones(len(self.end), bool)
+        return (
+            self._in_contact(self.end)
+            if self.recording.segments
+            else np.ones(len(self.end), bool)
+        )
 
     def quiet(self) -> NDArray[np.bool_]:
         """Whether each window lies in a segment without contact; false where there are no segments."""
         quiet = [each for each in self.recording.segments if not each.contact]
         inside = [(self.start >= each.start) & (self.end <= each.end) for each in quiet]
-        return np.asarray(np.any([np.zeros(len(self.end), bool), *inside], axis=0) & ~self._in_contact(self.start))
+        return np.asarray(
+            np.any([np.zeros(len(self.end), bool), *inside], axis=0)
+            & ~self._in_contact(self.start)
+        )
 
     def _in_contact(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
         touches = [each for each in self.recording.segments if each.contact]
@@ -117,7 +131,9 @@ def read_signals(
     """
     signals = []
     for done, recording in enumerate(recordings, 1):
-        signals.append(_read(recording, _changed_ns(recording), channels, rate, codec, microphone))
+        signals.append(
+            _read(recording, _changed_ns(recording), channels, rate, codec, microphone)
+        )
         report(done)
     return signals
 
@@ -125,13 +141,23 @@ def read_signals(
 # A cross-validation reads every file in every fold; at 2 kHz the paper's whole set takes 67 MB.
 @functools.lru_cache(maxsize=1 << 14)
 def _read(
-    recording: Recording, changed_ns: int, channels: int, rate: int, codec: Codec | None, microphone: str
+    recording: Recording,
+    changed_ns: int,
+    channels: int,
+    rate: int,
+    codec: Codec | None,
+    microphone: str,
 ) -> FloatArray:
     return _read_at(recording, channels, rate, codec, microphone)
 
 
 def _read_at(
-    recording: Recording, channels: int, rate: int, codec: Codec | None, microphone: str, speed: float = 1.0
+    recording: Recording,
+    channels: int,
+    rate: int,
+    codec: Codec | None,
+    microphone: str,
+    speed: float = 1.0,
 ) -> FloatArray:
     blocks = list(recording.blocks(channels=channels, single=microphone))
     if not blocks:
@@ -155,9 +181,14 @@ def _read_at(
     return signal
 
 
-def extract_features(recordings: Sequence[Recording], spec: FeatureSpec) -> list[FeatureTrack]:
+def extract_features(
+    recordings: Sequence[Recording], spec: FeatureSpec
+) -> list[FeatureTrack]:
     """Extract the features of recordings; those extracted before come from a cache."""
-    return [_extract_track(recording, _changed_ns(recording), spec) for recording in recordings]
+    return [
+        _extract_track(recording, _changed_ns(recording), spec)
+        for recording in recordings
+    ]
 
 
 def _changed_ns(recording: Recording) -> int:
@@ -165,40 +196,71 @@ def _changed_ns(recording: Recording) -> int:
 
 
 @functools.lru_cache(maxsize=1 << 13)
-def _extract_track(recording: Recording, changed_ns: int, spec: FeatureSpec) -> FeatureTrack:
+def _extract_track(
+    recording: Recording, changed_ns: int, spec: FeatureSpec
+) -> FeatureTrack:
     number = spec.copy[1]
     if number and spec.augmentation:
-        rng = np.random.default_rng([*spec.copy, zlib.crc32(f"{recording.surface} {recording.path.name}".encode())])
+        rng = np.random.default_rng(
+            [
+                *spec.copy,
+                zlib.crc32(f"{recording.surface} {recording.path.name}".encode()),
+            ]
+        )
         speed = spec.augmentation.draw_speed(rng)
         # Not kept: a copy is described once.
-        signal = _read_at(recording, spec.channels, FEATURE_RATE, spec.codec, spec.microphone, speed)
+        signal = _read_at(
+            recording, spec.channels, FEATURE_RATE, spec.codec, spec.microphone, speed
+        )
         signal = spec.augmentation.vary(signal, FEATURE_RATE, rng)
-        segments = (replace(each, start=each.start / speed, end=each.end / speed) for each in recording.segments)
+        segments = (
+            replace(each, start=each.start / speed, end=each.end / speed)
+            for each in recording.segments
+        )
         recording = replace(recording, segments=tuple(segments))
     else:
         (signal,) = read_signals(
-            [recording], channels=spec.channels, rate=FEATURE_RATE, codec=spec.codec, microphone=spec.microphone
+            [recording],
+            channels=spec.channels,
+            rate=FEATURE_RATE,
+            codec=spec.codec,
+            microphone=spec.microphone,
         )
     size, hop = WINDOWS[spec.kind]
     count = max(0, int((len(signal) - size) / hop) + 1)
     # The hop may be a fraction of a sample; each start is rounded down, as in the live stage.
     starts = np.arange(count) * hop.numerator // hop.denominator
-    windows = sliding_window_view(np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0)
+    windows = sliding_window_view(
+        np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0
+    )
     windows = windows[starts].swapaxes(1, 2)
     level_dbfs = banded_levels(windows[:, :, CONTACT])
     present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
     start, end = starts / FEATURE_RATE, (starts + size) / FEATURE_RATE
     from tactophone.lab.training import features  # here, as it needs torch
 
-    return FeatureTrack(recording, features.describe(windows, spec), level_dbfs, start, end, present, number > 0)
+    return FeatureTrack(
+        recording,
+        features.describe(windows, spec),
+        level_dbfs,
+        start,
+        end,
+        present,
+        number > 0,
+    )
 
 
 def banded_levels(windows: FloatArray) -> NDArray[np.float64]:
     """Return :func:`signal.perception.levels.banded_dbfs` of many windows ``(windows, samples)``, at once."""
     size = windows.shape[1]
     taper = np.hanning(size + 1)[:-1].astype(np.float32)
-    spectra = (np.fft.rfft(part * taper)[:, size // 64 : size // 4] for part in _pieces(windows))
-    powers = np.concatenate([np.square(np.abs(each)).sum(axis=1, dtype=np.float64) for each in spectra])
+    spectra = (
+        np.fft.rfft(part * taper)[:, size // 64 : size // 4]
+        for part in _pieces(windows)
+    )
+    powers = np.concatenate(
+        [np.square(np.abs(each)).sum(axis=1, dtype=np.float64) for each in spectra]
+    )
     levels = 10 * np.log10(2 * powers / (3 / 8 * size * size) + 1e-30)
     return np.asarray(np.maximum(levels, ZERO_DBFS))
 
@@ -217,28 +279,46 @@ ALWAYS_DBFS = -120.0
 def noise_level(tracks: Sequence[FeatureTrack]) -> float:
     """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
-    return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
+    return (
+        float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS)))
+        if len(quiet)
+        else ALWAYS_DBFS
+    )
 
 
 def accumulate(
-    tracks: Sequence[FeatureTrack], threshold_dbfs: float, change_metric: ChangeMetric, *, fading: float
+    tracks: Sequence[FeatureTrack],
+    threshold_dbfs: float,
+    change_metric: ChangeMetric,
+    *,
+    fading: float,
 ) -> list[RunningMoments]:
     """Return the running statistics of tracks; contact begins at the threshold."""
     found = []
-    for track, (_, states) in zip(tracks, _run(tracks, threshold_dbfs, change_metric, fading), strict=True):
+    for track, (_, states) in zip(
+        tracks, _run(tracks, threshold_dbfs, change_metric, fading), strict=True
+    ):
         # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
         moments = states["running"].reshape(-1, 2, *track.description.shape[1:])
-        found.append(RunningMoments(np.moveaxis(moments, 1, 0).copy(), 1 - states["evidence"][:, 0]))
+        found.append(
+            RunningMoments(
+                np.moveaxis(moments, 1, 0).copy(), 1 - states["evidence"][:, 0]
+            )
+        )
     return found
 
 
-def mean_shifts(tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading: float) -> list[NDArray[np.float32]]:
+def mean_shifts(
+    tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading: float
+) -> list[NDArray[np.float32]]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
     from tactophone.lab.training.features import BEFORE, STATISTICS_SETTLED, shift_of
 
     channels, values = tracks[0].description.shape[1:]
     shifts = []
-    for loud, states in _run(tracks, threshold_dbfs, np.zeros((channels, values, values)), fading):
+    for loud, states in _run(
+        tracks, threshold_dbfs, np.zeros((channels, values, values)), fading
+    ):
         settled = loud & (states["count"][:, 0] >= BEFORE + STATISTICS_SETTLED)
         shift = shift_of({name: each[settled] for name, each in states.items()})
         shifts.append(shift.reshape(-1, channels, values).astype(np.float32))
@@ -246,10 +326,17 @@ def mean_shifts(tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading
 
 
 def _run(
-    tracks: Sequence[FeatureTrack], threshold_dbfs: float, change_metric: ChangeMetric, fading: float
+    tracks: Sequence[FeatureTrack],
+    threshold_dbfs: float,
+    change_metric: ChangeMetric,
+    fading: float,
 ) -> Iterator[tuple[NDArray[np.bool_], Mapping[str, NDArray[np.float64]]]]:
     from tactophone.lab.training.features import run_statistics
 
     loud = [track.loud(threshold_dbfs) for track in tracks]
     descriptions = [track.description for track in tracks]
-    return zip(loud, run_statistics(descriptions, loud, change_metric, fading=fading), strict=True)
+    return zip(
+        loud,
+        run_statistics(descriptions, loud, change_metric, fading=fading),
+        strict=True,
+    )

@@ -105,12 +105,19 @@ class Run:
         torch.set_float32_matmul_precision(float32_products())
         torch.use_deterministic_algorithms(True)
         torch.set_flush_denormal(True)
-        self._windows, self._settings, self._seed, self._path = windows, settings, seed, checkpoint_path
+        self._windows, self._settings, self._seed, self._path = (
+            windows,
+            settings,
+            seed,
+            checkpoint_path,
+        )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             new = make_network or partial(PaperNetwork, settings.channels)
             self.network = with_weights(initial) if initial else new()
-        self._optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, fused=True)
+        self._optimiser = torch.optim.Adam(
+            self.network.parameters(), lr=settings.learning_rate, fused=True
+        )
         self._identity = _identity(windows, settings, seed=seed, initial=initial)
         self._skip = self._restore()
 
@@ -119,19 +126,31 @@ class Run:
         epochs = _epoch_sizes(windows, settings, seed)
         loss, written, step = float("nan"), time.monotonic(), 0
         for epoch in range(len(epochs)):
-            for which in batches(windows, hop=settings.hop, size=settings.batch_size, seed=seed, epoch=epoch):
+            for which in batches(
+                windows,
+                hop=settings.hop,
+                size=settings.batch_size,
+                seed=seed,
+                epoch=epoch,
+            ):
                 step += 1
                 # A resumed run skips the steps of its checkpoint.
                 if step <= self._skip:
                     continue
                 new = self._train_batch(which, step - 1)
-                loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
+                loss = (
+                    new
+                    if np.isnan(loss)
+                    else _SMOOTHING * loss + (1 - _SMOOTHING) * new
+                )
                 yield Progress(step, sum(epochs), loss)
                 if self._path and time.monotonic() - written > CHECKPOINT_EVERY:
                     self._save(self._path, step)
                     written = time.monotonic()
 
-    def complete(self, report: Callable[[Progress], None] = ignore) -> dict[str, FloatArray]:
+    def complete(
+        self, report: Callable[[Progress], None] = ignore
+    ) -> dict[str, FloatArray]:
         """Train to the end, calling ``report`` after each batch; return the network's parameters."""
         for progress in self:
             report(progress)
@@ -144,10 +163,14 @@ class Run:
         samples += self._settings.noise * rng.standard_normal(samples.shape, np.float32)
         labels = torch.from_numpy(self._windows.labels[which].astype(np.int64))
         self._optimiser.zero_grad(set_to_none=True)
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._settings.precision == "bfloat16"):
+        with torch.autocast(
+            "cpu", torch.bfloat16, enabled=self._settings.precision == "bfloat16"
+        ):
             log_probabilities = self.network(magnitudes(torch.from_numpy(samples)))
         weight = torch.tensor(self._settings.class_weights)
-        loss = nn.functional.nll_loss(log_probabilities.float(), labels, weight=weight, reduction="sum")
+        loss = nn.functional.nll_loss(
+            log_probabilities.float(), labels, weight=weight, reduction="sum"
+        )
         loss = loss / weight[labels].sum()
         loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
         self._optimiser.step()
@@ -155,9 +178,14 @@ class Run:
 
     def _save(self, path: Path, steps: int) -> None:
         """Write a checkpoint: what training changes, and after how many batches."""
-        state = {"network": self.network.state_dict(), "optimiser": self._optimiser.state_dict()}
+        state = {
+            "network": self.network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+        }
         with atomic_write(path) as unfinished:
-            torch.save({"identity": self._identity, "steps": steps, **state}, unfinished)
+            torch.save(
+                {"identity": self._identity, "steps": steps, **state}, unfinished
+            )
 
     def _restore(self) -> int:
         """Continue from the checkpoint, if there is one; return the batches done before it.
@@ -170,7 +198,15 @@ class Run:
             # Numbers, text and tensors alone: no code of the file runs.
             held = torch.load(self._path, weights_only=True)
             identity, steps = held["identity"], int(held["steps"])
-        except (OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, pickle.UnpicklingError) as error:
+        except (
+            OSError,
+            EOFError,
+            RuntimeError,
+            ValueError,
+            TypeError,
+            KeyError,
+            pickle.UnpicklingError,
+        ) as error:
             raise ModelError(
                 f"{self._path}: not a checkpoint of Tactophone ({error}); delete it to start over"
             ) from error
@@ -193,9 +229,16 @@ def _epoch_sizes(windows: Windows, settings: NetworkSettings, seed: int) -> list
     return steps
 
 
-def _identity(windows: Windows, settings: NetworkSettings, *, seed: int, initial: Weights | None) -> str:
+def _identity(
+    windows: Windows, settings: NetworkSettings, *, seed: int, initial: Weights | None
+) -> str:
     total = hashlib.sha256(repr((asdict(settings), seed)).encode())
-    for array in (windows.signal, windows.starts, windows.labels, *(initial or {}).values()):
+    for array in (
+        windows.signal,
+        windows.starts,
+        windows.labels,
+        *(initial or {}).values(),
+    ):
         total.update(np.ascontiguousarray(array).data)
     return total.hexdigest()
 
@@ -253,16 +296,26 @@ class NetworkRecipe:
     @property
     def effective_gate(self) -> Gate:
         """The gate that the model will have: the paper's level, or its authors' test threshold."""
-        return self.gate or (REFERENCE_GATE if self.settings.reference_code else Gate(LABEL_LEVEL_DBFS))
+        return self.gate or (
+            REFERENCE_GATE if self.settings.reference_code else Gate(LABEL_LEVEL_DBFS)
+        )
 
-    def read_windows(self, recordings: Sequence[Recording], *, report: Callable[[int], None] = ignore) -> Windows:
+    def read_windows(
+        self, recordings: Sequence[Recording], *, report: Callable[[int], None] = ignore
+    ) -> Windows:
         """Read labelled recordings and return the windows that the labelling keeps."""
-        signals = read_signals(recordings, channels=self.channels, codec=self.codec, report=report)
+        signals = read_signals(
+            recordings, channels=self.channels, codec=self.codec, report=report
+        )
         labels = [recording.label or Touch.NONE for recording in recordings]
         return find_windows(signals, labels, rule=self.settings.labelling)
 
     def fit(
-        self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = ignore
+        self,
+        windows: Windows,
+        *,
+        checkpoint: Path | None = None,
+        report: Callable[[Progress], None] = ignore,
     ) -> dict[str, FloatArray]:
         """Train on windows; see :class:`Run`.
 
@@ -270,7 +323,10 @@ class NetworkRecipe:
         windows of a new model are of one class alone.
         """
         initial = read_weights(self.start) if self.start else None
-        if initial is None and len(found := set(windows.labels.tolist()) - {Touch.NONE}) < 2:
+        if (
+            initial is None
+            and len(found := set(windows.labels.tolist()) - {Touch.NONE}) < 2
+        ):
             names = " and ".join(Touch(label).name.lower() for label in found)
             raise DatasetError(
                 f"contact was found on {names} surfaces alone; training needs rough and smooth ones: label and record "
@@ -281,10 +337,18 @@ class NetworkRecipe:
                 f"{self.start}: has {channels_of(initial)} channel(s), but the variant {self.settings.variant} has "
                 f"{self.channels}; start from another model or choose another variant"
             )
-        run = Run(windows, self.settings, seed=self.seed, checkpoint_path=checkpoint, initial=initial)
+        run = Run(
+            windows,
+            self.settings,
+            seed=self.seed,
+            checkpoint_path=checkpoint,
+            initial=initial,
+        )
         return run.complete(report)
 
-    def write(self, path: Path, weights: dict[str, FloatArray], dataset: Dataset) -> None:
+    def write(
+        self, path: Path, weights: dict[str, FloatArray], dataset: Dataset
+    ) -> None:
         """Write the model file, named after the file, with the facts of its training."""
         facts: dict[str, Any] = {
             "recipe": self.settings.name,
@@ -295,11 +359,20 @@ class NetworkRecipe:
             "sha256": dataset.fingerprint,
         }
         if self.codec:
-            facts["codec"] = f"{self.codec.name}, {self.codec.bitrate_bps} bit/s, to {self.codec.bandwidth:g} Hz"
+            facts["codec"] = (
+                f"{self.codec.name}, {self.codec.bitrate_bps} bit/s, to {self.codec.bandwidth:g} Hz"
+            )
         if self.start:
             facts["start"] = self.start.name
-        card = make_card(weights, name=path.stem, gate=self.effective_gate, licence=licence_of(dataset))
-        write_model(path, replace(card, scores=caveats_of(dataset), training=facts), weights)
+        card = make_card(
+            weights,
+            name=path.stem,
+            gate=self.effective_gate,
+            licence=licence_of(dataset),
+        )
+        write_model(
+            path, replace(card, scores=caveats_of(dataset), training=facts), weights
+        )
 
     def train(
         self,
@@ -312,13 +385,20 @@ class NetworkRecipe:
     ) -> None:
         """Train on a data set and write the model file."""
         count = len(dataset.recordings)
-        windows = self.read_windows(dataset.recordings, report=lambda done: report(done, count, "reading"))
+        windows = self.read_windows(
+            dataset.recordings, report=lambda done: report(done, count, "reading")
+        )
         log(f"{count} recordings, {len(dataset.surfaces)} surfaces: {windows}")
 
         settings = self.settings
-        count = max(settings.least_steps, settings.epochs * -(-len(windows) // (settings.hop * settings.batch_size)))
+        count = max(
+            settings.least_steps,
+            settings.epochs * -(-len(windows) // (settings.hop * settings.batch_size)),
+        )
         if count < FEW_BATCHES:
-            log(f"warning: {count} batches are too few to converge; raise least_steps, or lower batch_size")
+            log(
+                f"warning: {count} batches are too few to converge; raise least_steps, or lower batch_size"
+            )
 
         def show(progress: Progress) -> None:
             report(progress.steps, progress.total, f"loss {progress.loss:.4f}")
@@ -327,20 +407,40 @@ class NetworkRecipe:
 
 
 def network_recipe(
-    recipe: Recipe, options: TrainingOptions, *, start: Path | None = None, calibration: Calibration | None = None
+    recipe: Recipe,
+    options: TrainingOptions,
+    *,
+    start: Path | None = None,
+    calibration: Calibration | None = None,
 ) -> NetworkRecipe:
     """Return ``paper`` or ``paper-fast`` with its options, which name a variant and change settings."""
     names = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
-    changes = {name: value for name in names if (value := getattr(options, name)) is not None}
+    changes = {
+        name: value for name in names if (value := getattr(options, name)) is not None
+    }
     settings = replace(
         network_settings(options.variant, reference_code=options.reference_code),
         precision=options.precision,
         **{**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **changes},
     )
     threshold = options.contact_threshold
-    gate = None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold)
+    gate = (
+        None
+        if threshold is None
+        else OPEN_GATE
+        if threshold == "off"
+        else Gate(threshold)
+    )
     if gate == OPEN_GATE:
-        settings = replace(settings, labelling=replace(settings.labelling, threshold=0.0, relative=False))
+        settings = replace(
+            settings,
+            labelling=replace(settings.labelling, threshold=0.0, relative=False),
+        )
     if calibration:
-        settings, gate = settings.with_threshold(calibration.window_dbfs), Gate(calibration.threshold_dbfs)
-    return NetworkRecipe(settings, options.seed, options.codec(settings.channels), start, gate)
+        settings, gate = (
+            settings.with_threshold(calibration.window_dbfs),
+            Gate(calibration.threshold_dbfs),
+        )
+    return NetworkRecipe(
+        settings, options.seed, options.codec(settings.channels), start, gate
+    )

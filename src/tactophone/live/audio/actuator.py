@@ -14,7 +14,12 @@ import numpy as np
 from tactophone.core.errors import DeviceError
 from tactophone.core.processes import make_room
 from tactophone.core.types import FloatArray
-from tactophone.live.audio.device import Device, Process, ThreadedDevice, open_at_live_rate
+from tactophone.live.audio.device import (
+    Device,
+    Process,
+    ThreadedDevice,
+    open_at_live_rate,
+)
 from tactophone.live.audio.gamepad import GamepadDevice
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
@@ -52,7 +57,14 @@ class ClockedDevice(ThreadedDevice):
 
     _LONGEST_DELAY = 2.0
 
-    def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
+    def __init__(
+        self,
+        process: Process,
+        *,
+        period: int,
+        path: Path | None = None,
+        outputs: int = 1,
+    ) -> None:
         super().__init__(process, thread="actuator")
         self.latency = period / self.sample_rate
         self.fault = ""
@@ -69,7 +81,9 @@ class ClockedDevice(ThreadedDevice):
         try:
             if self._path:
                 make_room(self._path)
-            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
+            return soundfile.SoundFile(
+                self._path, "w", self.sample_rate, self._outputs, "FLOAT"
+            )
         except (OSError, soundfile.LibsndfileError) as error:
             raise DeviceError(
                 f"{self._path} cannot be written ({error}): choose another file for output.device"
@@ -94,7 +108,11 @@ class ClockedDevice(ThreadedDevice):
 
 
 def jack_hand_actuator(
-    render: RenderHand, *, ports: Mapping[str, str], server: str = "", name: str = "tactophone-operator"
+    render: RenderHand,
+    *,
+    ports: Mapping[str, str],
+    server: str = "",
+    name: str = "tactophone-operator",
 ) -> Actuator:
     """Play each finger on a JACK port, by the name of the client's own port; ``"-"`` leaves one unconnected."""
     wires = {own: port.removeprefix("-") for own, port in ports.items()}
@@ -102,7 +120,9 @@ def jack_hand_actuator(
     return Actuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
 
 
-def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> Actuator:
+def portaudio_hand_actuator(
+    render: RenderHand, *, device: str = "", channels: Sequence[int]
+) -> Actuator:
     """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
 
     ``channels``: counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by
@@ -110,20 +130,33 @@ def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: S
     bass.
     """
     highest = max(channels)
-    process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
+    process, opened = (
+        _outputs(render, channels),
+        1 if highest == 1 else highest + highest % 2,
+    )
     return Actuator(PortAudioStream(process, "output", device=device, channels=opened))
 
 
 def gamepad_actuator(
-    render: Render, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
+    render: Render,
+    *,
+    device: str = "",
+    roughness: Callable[[], float],
+    ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
-) -> Actuator:  # fmt: skip
+) -> Actuator:
     """Turn the motors of a gamepad; arguments as of `tactophone.live.audio.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
-    return Actuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
+    return Actuator(
+        GamepadDevice(
+            process, device=device, roughness=roughness, ceiling=ceiling, find=find
+        )
+    )
 
 
-def clocked_hand_actuator(render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None) -> Actuator:
+def clocked_hand_actuator(
+    render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None
+) -> Actuator:
     """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
     process = _outputs(render, range(1, fingers + 1))
     return Actuator(ClockedDevice(process, period=period, path=path, outputs=fingers))

@@ -130,7 +130,9 @@ class StreamDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        return self._absent if time.monotonic() - self._received_at > SILENT_AFTER else ""
+        return (
+            self._absent if time.monotonic() - self._received_at > SILENT_AFTER else ""
+        )
 
     def open(self) -> None:
         """Start to read; sound that arrived before is out of date and dropped."""

@@ -38,7 +38,12 @@ class DummyServer:
     """
 
     def __init__(
-        self, period: int = 128, *, sample_rate: int = LIVE_SAMPLE_RATE, outputs: int = 2, synchronous: bool = True
+        self,
+        period: int = 128,
+        *,
+        sample_rate: int = LIVE_SAMPLE_RATE,
+        outputs: int = 2,
+        synchronous: bool = True,
     ) -> None:
         self.name = f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate
@@ -59,9 +64,27 @@ class DummyServer:
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
-        command = ["jackd", "-n", self.name, "-p", _MOST_PORTS, *schedule, *self._mode, "-d", "dummy"]
+        command = [
+            "jackd",
+            "-n",
+            self.name,
+            "-p",
+            _MOST_PORTS,
+            *schedule,
+            *self._mode,
+            "-d",
+            "dummy",
+        ]
         self._process = subprocess.Popen(
-            [*command, "-r", str(self.sample_rate), "-p", str(self.period), "-P", str(self._outputs)],
+            [
+                *command,
+                "-r",
+                str(self.sample_rate),
+                "-p",
+                str(self.period),
+                "-P",
+                str(self._outputs),
+            ],
             stdout=self._log,
             stderr=self._log,
             start_new_session=True,  # Ctrl-C reaches this process alone, which stops the server
@@ -74,7 +97,9 @@ class DummyServer:
                 return
             time.sleep(_BETWEEN_ATTEMPTS)
         self.stop()
-        raise DeviceError(f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}")
+        raise DeviceError(
+            f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}"
+        )
 
     def stop(self) -> None:
         if self._process is not None and self._process.poll() is None:

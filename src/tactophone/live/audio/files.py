@@ -10,7 +10,14 @@ import soundfile
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource, Source
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    ChangedSource,
+    FloatArray,
+    LabelledSource,
+    Source,
+)
 
 FILE_LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
@@ -35,7 +42,9 @@ class FileSource:
         damaged.
     """
 
-    def __init__(self, path: Path | str, *, block_size: int = 4096, loop: bool = False) -> None:
+    def __init__(
+        self, path: Path | str, *, block_size: int = 4096, loop: bool = False
+    ) -> None:
         self.path = Path(path)
         self._block_size, self._loop = block_size, loop
         self._file: soundfile.SoundFile | None = None
@@ -73,10 +82,14 @@ class FileSource:
 
     def _read(self, file: soundfile.SoundFile, start: int) -> FloatArray:
         try:
-            samples: FloatArray = file.read(self._block_size, dtype="float32", always_2d=True)
+            samples: FloatArray = file.read(
+                self._block_size, dtype="float32", always_2d=True
+            )
             return samples
         except soundfile.LibsndfileError as error:
-            raise DatasetError(f"{self.path}: damaged {start / self.sample_rate:.1f} s in ({error})") from error
+            raise DatasetError(
+                f"{self.path}: damaged {start / self.sample_rate:.1f} s in ({error})"
+            ) from error
 
     def _opened(self) -> soundfile.SoundFile:
         if not self.path.is_file():
@@ -85,7 +98,9 @@ class FileSource:
         try:
             return soundfile.SoundFile(self.path)
         except soundfile.LibsndfileError as error:
-            raise DatasetError(f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file") from error
+            raise DatasetError(
+                f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file"
+            ) from error
 
     def _check_format(self) -> None:
         if self.channels > len(MICROPHONES):
@@ -109,12 +124,21 @@ class RecordedSource(ChangedSource):
     """
 
     def __init__(
-        self, source: Source, *, duration: float, resample: Callable[[FloatArray], FloatArray],
+        self,
+        source: Source,
+        *,
+        duration: float,
+        resample: Callable[[FloatArray], FloatArray],
         label_at: Callable[[float], int],
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(source)
         self.sample_rate = LIVE_SAMPLE_RATE
-        self._resample, self._label_at, self._time, self._duration = resample, label_at, 0.0, duration
+        self._resample, self._label_at, self._time, self._duration = (
+            resample,
+            label_at,
+            0.0,
+            duration,
+        )
 
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
@@ -138,7 +162,10 @@ class CombinedSource:
     def __init__(self, sources: Sequence[LabelledSource]) -> None:
         self._sources = list(sources)
         self._resources = ExitStack()
-        self.sample_rate, self.channels = self._sources[0].sample_rate, len(MICROPHONES) * len(self._sources)
+        self.sample_rate, self.channels = (
+            self._sources[0].sample_rate,
+            len(MICROPHONES) * len(self._sources),
+        )
 
     def __enter__(self) -> Self:
         for source in self._sources:
@@ -152,8 +179,13 @@ class CombinedSource:
         # The first to end ends the hand, so nothing is checked for equal length.
         for blocks in zip(*self._sources, strict=False):
             size = min(block.size for block in blocks)
-            missing = (((0, 0), (0, len(MICROPHONES) - block.channels)) for block in blocks)
-            parts = [np.pad(block.samples[:size], each) for block, each in zip(blocks, missing, strict=True)]
+            missing = (
+                ((0, 0), (0, len(MICROPHONES) - block.channels)) for block in blocks
+            )
+            parts = [
+                np.pad(block.samples[:size], each)
+                for block, each in zip(blocks, missing, strict=True)
+            ]
             samples = np.concatenate(parts, axis=1)
             yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
 

@@ -29,7 +29,9 @@ _PERIOD = round(REFRESH * LIVE_SAMPLE_RATE / 10)
 _FULL = 0xFFFF
 
 
-def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[float, float]:
+def motor_levels(
+    amplitude: float, roughness: float, ceiling: float
+) -> tuple[float, float]:
     """Return the levels, 0 to 1, of the strong (slow) motor and of the weak (fast) one; never above the ceiling.
 
     Rough turns the strong motor, smooth the weak one, and both share what lies between.
@@ -59,9 +61,14 @@ class GamepadDevice(ThreadedDevice):
     latency = REFRESH
 
     def __init__(
-        self, process: Process, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
+        self,
+        process: Process,
+        *,
+        device: str = "",
+        roughness: Callable[[], float],
+        ceiling: Callable[[], float],
         find: Callable[[], list[Any]] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(process, thread="actuator")
         self._device, self._find = device, find or _pads
         self._roughness, self._ceiling = roughness, ceiling
@@ -70,7 +77,11 @@ class GamepadDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        return "" if self._pad else "the gamepad is gone: connect it again, and the vibration returns"
+        return (
+            ""
+            if self._pad
+            else "the gamepad is gone: connect it again, and the vibration returns"
+        )
 
     def open(self) -> None:
         self._pad = self._choose()
@@ -96,8 +107,13 @@ class GamepadDevice(ThreadedDevice):
             if part in pad.name.lower() or self._device == pad.path:
                 self._effect = -1
                 return pad
-        listed = "; ".join(f"{pad.path} {pad.name}" for pad in pads) or "none (may this user read /dev/input?)"
-        raise DeviceError(f"no gamepad with motors matches {self._device or 'any'!r}; there are: {listed}")
+        listed = (
+            "; ".join(f"{pad.path} {pad.name}" for pad in pads)
+            or "none (may this user read /dev/input?)"
+        )
+        raise DeviceError(
+            f"no gamepad with motors matches {self._device or 'any'!r}; there are: {listed}"
+        )
 
     def _run(self) -> None:
         waveform = np.zeros((1, _PERIOD), np.float32)
@@ -124,10 +140,14 @@ class GamepadDevice(ThreadedDevice):
         try:
             from evdev import ecodes, ff
 
-            rumble = ff.EffectType(ff_rumble_effect=ff.Rumble(round(strong * _FULL), round(weak * _FULL)))
+            rumble = ff.EffectType(
+                ff_rumble_effect=ff.Rumble(round(strong * _FULL), round(weak * _FULL))
+            )
             replay = ff.Replay(round(1000 * EFFECT), 0)
             # An upload with the id of a playing effect replaces it; playing it again starts its time anew.
-            effect = ff.Effect(ecodes.FF_RUMBLE, self._effect, 0, ff.Trigger(0, 0), replay, rumble)
+            effect = ff.Effect(
+                ecodes.FF_RUMBLE, self._effect, 0, ff.Trigger(0, 0), replay, rumble
+            )
             self._effect = pad.upload_effect(effect)
             pad.write(ecodes.EV_FF, self._effect, 1)
         except OSError:
@@ -139,7 +159,9 @@ def _pads() -> list[Any]:
     try:
         import evdev
     except ImportError:
-        raise DeviceError("evdev is not installed: `pip install 'tactophone[gamepad]'`") from None
+        raise DeviceError(
+            "evdev is not installed: `pip install 'tactophone[gamepad]'`"
+        ) from None
     found = []
     for path in evdev.list_devices():
         pad = evdev.InputDevice(path)

@@ -68,7 +68,9 @@ class _Counter:
     """Counts calls of libjack by a function of the C library, without Python and its lock."""
 
     def __init__(self) -> None:
-        self._memory = (ctypes.c_int64 * 4)()  # as long as a semaphore, which begins with its value
+        self._memory = (
+            ctypes.c_int64 * 4
+        )()  # as long as a semaphore, which begins with its value
 
     @property
     def value(self) -> int:
@@ -77,9 +79,13 @@ class _Counter:
     def count(self, client: Any, registration: str) -> None:
         """Count what libjack calls back for a client; ``registration`` is libjack's function that registers it."""
         jack = _jack()
-        increment = _address("OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post")
+        increment = _address(
+            "OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post"
+        )
         pointer = ctypes.c_void_p(int(jack._ffi.cast("uintptr_t", client._ptr)))
-        getattr(ctypes.CDLL(jack._libname), registration)(pointer, increment, self._memory)
+        getattr(ctypes.CDLL(jack._libname), registration)(
+            pointer, increment, self._memory
+        )
         client._keepalive.append(self)
 
 
@@ -160,7 +166,9 @@ class JackClient:
             found = f"{f'no JACK server {self._server}'.rstrip()}: {advice}"
             if is_pipewire():
                 found = "PipeWire does not answer: start it (`systemctl --user start pipewire`)"
-            raise DeviceError(f"{found}, or choose portaudio; no hardware: --source finger, --actuator none") from None
+            raise DeviceError(
+                f"{found}, or choose portaudio; no hardware: --source finger, --actuator none"
+            ) from None
         self._connect_ports()
         if self._unconnected:
             unconnected = self._unconnected
@@ -187,7 +195,9 @@ class JackClient:
         if client is None:
             return
         self._losses += self._shutdowns.value > 0
-        leaving = threading.Thread(target=_leave, args=(client, self._cycle), daemon=True)
+        leaving = threading.Thread(
+            target=_leave, args=(client, self._cycle), daemon=True
+        )
         _LEAVING.append(leaving)
         leaving.start()
         leaving.join(_LEAVING_LIMIT)
@@ -216,7 +226,9 @@ class JackClient:
             if leaving.is_alive():
                 raise jack.JackError("a client has not left yet")
             _LEAVING.remove(leaving)
-        client = jack.Client(self._name, servername=self._server or None, no_start_server=True)
+        client = jack.Client(
+            self._name, servername=self._server or None, no_start_server=True
+        )
         for name in self._inputs:
             client.inports.register(name)
         for name in self._outputs:
@@ -224,19 +236,31 @@ class JackClient:
         self._shutdowns = _Counter()  # its own: that of one which left may still count
         self._xruns.count(client, "jack_set_xrun_callback")
         self._changes.count(client, "jack_set_graph_order_callback")
-        self._shutdowns.count(client, "jack_on_shutdown")  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
-        self._client, self._rate, self._cycle = client, self._rate or client.samplerate, None
+        self._shutdowns.count(
+            client, "jack_on_shutdown"
+        )  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
+        self._client, self._rate, self._cycle = (
+            client,
+            self._rate or client.samplerate,
+            None,
+        )
         _OPEN.add(self)
         self._other_rate = ""
         if client.samplerate != self._rate:
             advice = f"start it with that rate (jackd ... -r {self._rate})"
             if is_pipewire():
                 advice = f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
-            found, wanted = f"{self._named()} runs at {client.samplerate} Hz now", f"{self._rate} Hz is needed"
+            found, wanted = (
+                f"{self._named()} runs at {client.samplerate} Hz now",
+                f"{self._rate} Hz is needed",
+            )
             self._other_rate = f"{found}, but {wanted}: {advice}"
             return
         if self._process is not None:
-            inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
+            inputs, outputs = (
+                _Arrays(jack, client.inports),
+                _Arrays(jack, client.outports),
+            )
             self._cycle = _Cycle(self, self._process, inputs, outputs)
             client.set_process_callback(self._cycle)
         client.activate()
@@ -254,7 +278,9 @@ class JackClient:
         try:
             self._client.connect(*ends)
         except _jack().JackError:
-            candidates = [other.name for other in self.ports() if other.is_output == port.is_input]
+            candidates = [
+                other.name for other in self.ports() if other.is_output == port.is_input
+            ]
             self._unconnected = (
                 f"{port.name}: there is no JACK port {target} to connect to; there are "
                 f"{', '.join(candidates) or 'none'}: choose one in the settings"
@@ -262,16 +288,25 @@ class JackClient:
             self._connected_at = -1
 
     def _named(self) -> str:
-        return "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
+        return (
+            "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
+        )
 
 
 class _Cycle:
     """The callback of one client of a `JackClient`; once ``asked``, it writes silence, and its thread ends."""
 
-    def __init__(self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays") -> None:
+    def __init__(
+        self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays"
+    ) -> None:
         self.asked = False
         self.called_at = time.monotonic()
-        self._owner, self._process, self._inputs, self._outputs = owner, process, inputs, outputs
+        self._owner, self._process, self._inputs, self._outputs = (
+            owner,
+            process,
+            inputs,
+            outputs,
+        )
         self._shutdowns, self._thread = owner._shutdowns, 0
 
     def __call__(self, size: int) -> None:
@@ -333,7 +368,9 @@ class _Arrays:
             buffer = self._buffer_of(port, size)
             array = self._arrays.get(buffer)
             if array is None or len(array) != size:
-                array = self._arrays[buffer] = np.frombuffer(self._ffi.buffer(buffer, 4 * size), np.float32)
+                array = self._arrays[buffer] = np.frombuffer(
+                    self._ffi.buffer(buffer, 4 * size), np.float32
+                )
             found.append(array)
         return found
 
@@ -348,7 +385,9 @@ def _jack() -> Any:
             "JACK-Client is not installed: `pip install 'tactophone[jack]'`, or choose portaudio"
         ) from None
     except OSError:
-        raise DeviceError("libjack is not installed: `apt install jackd2`, or choose portaudio") from None
+        raise DeviceError(
+            "libjack is not installed: `apt install jackd2`, or choose portaudio"
+        ) from None
     # A function of the C library that does nothing: libjack's threads call it too, and must not enter Python.
     for name in ("jack_set_error_function", "jack_set_info_function"):
         getattr(ctypes.CDLL(jack._libname), name)(_address("strlen"))
@@ -399,7 +438,10 @@ def _shut_down(process: int, descriptor: int, link: str) -> bool:
     with socket.socket(fileno=copy) as shared:
         if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
             return False
-        if not any(_SOCKET_NAME in str(name) for name in (shared.getsockname(), shared.getpeername())):
+        if not any(
+            _SOCKET_NAME in str(name)
+            for name in (shared.getsockname(), shared.getpeername())
+        ):
             return False
         shared.shutdown(socket.SHUT_RDWR)
     return True

@@ -53,4 +53,7 @@ def paced(
         elif late < 0:
             sleep(-late)
         yield replace(block, start=block.start + moved) if moved else block
-        asked, skipping_until = clock(), None  # the time that the caller took is no part of a read
+        asked, skipping_until = (
+            clock(),
+            None,
+        )  # the time that the caller took is no part of a read

@@ -33,10 +33,20 @@ class PortAudioStream:
     sample_rate = LIVE_SAMPLE_RATE
 
     def __init__(
-        self, process: Process, direction: Literal["input", "output"], *, device: str = "", channels: int = 1
+        self,
+        process: Process,
+        direction: Literal["input", "output"],
+        *,
+        device: str = "",
+        channels: int = 1,
     ) -> None:
         self.xruns = self.process_faults = self.losses = 0
-        self._process, self._direction, self._device, self._channels = process, direction, device, channels
+        self._process, self._direction, self._device, self._channels = (
+            process,
+            direction,
+            device,
+            channels,
+        )
         self._system = ""
         self._stream: Any = None
 
@@ -48,7 +58,9 @@ class PortAudioStream:
     def fault(self) -> str:
         if self._stream is None or not self._stream.active:
             which = self._device or "the default device"
-            return f"PortAudio lost {which}: plug it in again, and the stream reconnects"
+            return (
+                f"PortAudio lost {which}: plug it in again, and the stream reconnects"
+            )
         return ""
 
     def open(self) -> None:
@@ -70,7 +82,9 @@ class PortAudioStream:
 
         On top of JACK this is impossible: PortAudio aborts the whole process when it ends after its JACK server.
         """
-        if (self._stream is not None and self._stream.active) or self._system.startswith("JACK"):
+        if (
+            self._stream is not None and self._stream.active
+        ) or self._system.startswith("JACK"):
             return
         if self._stream is not None:
             self.losses += 1
@@ -90,17 +104,28 @@ class PortAudioStream:
 
     def _choose(self, sound: Any) -> PortAudioDevice:
         """Return the only device that matches; several or none are an error that lists them."""
-        known = [device for device in devices() if getattr(device, f"{self._direction}s") >= self._channels]
+        known = [
+            device
+            for device in devices()
+            if getattr(device, f"{self._direction}s") >= self._channels
+        ]
         if not self._device:
             default = sound.default.device[self._direction]
             matching = [device for device in known if device.index == default]
         elif self._device.isdigit():
             matching = [device for device in known if device.index == int(self._device)]
         else:
-            matching = [device for device in known if self._device.lower() in device.name.lower()]
+            matching = [
+                device
+                for device in known
+                if self._device.lower() in device.name.lower()
+            ]
         if len(matching) == 1:
             return matching[0]
-        listed = "; ".join(f"{device.index} {device.name} ({device.system})" for device in matching or known)
+        listed = "; ".join(
+            f"{device.index} {device.name} ({device.system})"
+            for device in matching or known
+        )
         raise DeviceError(
             f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, but "
             f"exactly one with {self._channels} channels must; there are: {listed or 'none'}"
@@ -109,9 +134,14 @@ class PortAudioStream:
     def _make(self, sound: Any, index: int) -> Any:
         opened = sound.InputStream if self._direction == "input" else sound.OutputStream
         return opened(
-            device=index, channels=self._channels, samplerate=self.sample_rate, blocksize=0, latency="low",
-            dtype="float32", callback=self._call,
-        )  # fmt: skip
+            device=index,
+            channels=self._channels,
+            samplerate=self.sample_rate,
+            blocksize=0,
+            latency="low",
+            dtype="float32",
+            callback=self._call,
+        )
 
     def _call(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
         self.xruns += bool(flags)
@@ -129,20 +159,28 @@ def devices() -> list[PortAudioDevice]:
     systems = [system["name"] for system in sound.query_hostapis()]
     return [
         PortAudioDevice(
-            index=int(entry["index"]), name=str(entry["name"]), system=systems[entry["hostapi"]],
-            inputs=int(entry["max_input_channels"]), outputs=int(entry["max_output_channels"]),
-            sample_rate=float(entry["default_samplerate"]), input_latency=float(entry["default_low_input_latency"]),
+            index=int(entry["index"]),
+            name=str(entry["name"]),
+            system=systems[entry["hostapi"]],
+            inputs=int(entry["max_input_channels"]),
+            outputs=int(entry["max_output_channels"]),
+            sample_rate=float(entry["default_samplerate"]),
+            input_latency=float(entry["default_low_input_latency"]),
             output_latency=float(entry["default_low_output_latency"]),
         )
         for entry in sound.query_devices()
-    ]  # fmt: skip
+    ]
 
 
 def _sounddevice() -> Any:
     try:
         import sounddevice
     except ImportError:
-        raise DeviceError("sounddevice is not installed: `pip install 'tactophone[portaudio]'`") from None
+        raise DeviceError(
+            "sounddevice is not installed: `pip install 'tactophone[portaudio]'`"
+        ) from None
     except OSError:
-        raise DeviceError("libportaudio2 is not installed: `apt install libportaudio2`") from None
+        raise DeviceError(
+            "libportaudio2 is not installed: `apt install libportaudio2`"
+        ) from None
     return sounddevice

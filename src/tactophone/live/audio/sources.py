@@ -16,8 +16,19 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Source, joined
-from tactophone.live.audio.device import Device, Process, StreamDevice, open_at_live_rate
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    FloatArray,
+    Source,
+    joined,
+)
+from tactophone.live.audio.device import (
+    Device,
+    Process,
+    StreamDevice,
+    open_at_live_rate,
+)
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
 
@@ -47,7 +58,13 @@ class LiveSource:
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(self, open_device: Callable[[Process], Device], *, channels: int, order: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        open_device: Callable[[Process], Device],
+        *,
+        channels: int,
+        order: Sequence[int] = (),
+    ) -> None:
         self.overflows = self.period = 0
         self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
         # Each is written by one thread alone: samples queued by the device's, samples taken by the reader's.
@@ -57,7 +74,11 @@ class LiveSource:
         self._idle, self._needed = False, _any
         self.channels = channels
         self._open = False
-        self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
+        self._order = [
+            (channel, place)
+            for channel, place in enumerate(order or range(channels))
+            if place >= 0
+        ]
         self.device = open_device(self._enqueue)
 
     def __enter__(self) -> Self:
@@ -90,7 +111,9 @@ class LiveSource:
             while not self._queue.empty():
                 following = self._queue.get()
                 if following is None:
-                    self._queue.put(None)  # the end, which the iteration is to see after this sound
+                    self._queue.put(
+                        None
+                    )  # the end, which the iteration is to see after this sound
                     break
                 blocks = [*blocks, *self._take(following)]
             yield from joined(blocks)
@@ -123,16 +146,22 @@ class LiveSource:
         for channel, place in self._order:
             samples[:, channel] = inputs[place]
         self._queued += self.period
-        self._held.append(AudioBlock(samples, sample_rate=self.sample_rate, start=start))
+        self._held.append(
+            AudioBlock(samples, sample_rate=self.sample_rate, start=start)
+        )
         if not self._idle or self._position - self._held[0].start >= self._needed():
             self._queue.put(self._held)
             self._held = []
 
 
 def jack_source(
-    *, contact: str = "system:capture_1", air: str = "system:capture_2",
-    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}), server: str = "", name: str = "tactophone-robot",
-) -> LiveSource:  # fmt: skip
+    *,
+    contact: str = "system:capture_1",
+    air: str = "system:capture_2",
+    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+    server: str = "",
+    name: str = "tactophone-robot",
+) -> LiveSource:
     """Open the microphones at the ports of a JACK server.
 
     Parameters
@@ -155,13 +184,17 @@ def jack_source(
     if not fingers:
         order = order[: len(targets)]
     return LiveSource(
-        lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
+        lambda process: JackClient(
+            name, process, inputs=targets, outputs={}, server=server
+        ),
         channels=len(order),
         order=order,
     )
 
 
-def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = ()) -> LiveSource:
+def portaudio_source(
+    device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = ()
+) -> LiveSource:
     """Open the microphones on a PortAudio device.
 
     Parameters
@@ -174,9 +207,13 @@ def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[t
         Of a hand: contact and air channel of each finger, counted from 1, in place of the first two; an air channel of
         0 is silence.
     """
-    order = [channel - 1 for pair in fingers for channel in pair] or list(range(channels))
+    order = [channel - 1 for pair in fingers for channel in pair] or list(
+        range(channels)
+    )
     return LiveSource(
-        lambda process: PortAudioStream(process, "input", device=device, channels=max(order) + 1),
+        lambda process: PortAudioStream(
+            process, "input", device=device, channels=max(order) + 1
+        ),
         channels=len(order),
         order=order,
     )
@@ -184,7 +221,9 @@ def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[t
 
 def browser_source(sound: Connection) -> LiveSource:
     """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
-    return LiveSource(lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1)
+    return LiveSource(
+        lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1
+    )
 
 
 def open_device(settings: Settings) -> Source:
@@ -192,19 +231,34 @@ def open_device(settings: Settings) -> Source:
 
     Those of a hand are at one JACK server, or on one PortAudio device.
     """
-    capture, process, hand = settings.capture, settings.process, dict[str, tuple[str, str]]()
+    capture, process, hand = (
+        settings.capture,
+        settings.process,
+        dict[str, tuple[str, str]](),
+    )
     if settings.is_hand:
-        pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
+        pairs = [
+            (own.capture.contact, own.capture.air) for own in each_finger(settings)
+        ]
         hand = dict(zip(names_of(settings), pairs, strict=True))
     match capture.source:
         case "jack":
             name = process.name or "tactophone-robot"
             return jack_source(
-                contact=capture.contact, air=capture.air, fingers=hand, server=process.jack_server, name=name
+                contact=capture.contact,
+                air=capture.air,
+                fingers=hand,
+                server=process.jack_server,
+                name=name,
             )
         case "portaudio":
-            channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in hand.values()]
-            return portaudio_source(capture.device, channels=2 if capture.air else 1, fingers=channels)
+            channels = [
+                (_channel(contact), _channel(air) if air else 0)
+                for contact, air in hand.values()
+            ]
+            return portaudio_source(
+                capture.device, channels=2 if capture.air else 1, fingers=channels
+            )
         case "microphone" if not hand:
             return portaudio_source(capture.device, channels=1)
     raise ConfigError(
@@ -218,5 +272,7 @@ def _channel(text: str) -> int:
     """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
     number = text.removeprefix("system:capture_")
     if not number.isdecimal() or not int(number):
-        raise ConfigError(f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3")
+        raise ConfigError(
+            f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3"
+        )
     return int(number)

@@ -55,7 +55,10 @@ def _jack(server: str) -> SurveyedDevice:
     system = "JACK by PipeWire" if is_pipewire() else "JACK"
     outputs = [port.name for port in ports if port.is_output]
     inputs = [port.name for port in ports if not port.is_output]
-    microphones = [f"capture.{name}={port}" for name, port in zip(MICROPHONES, outputs, strict=False)]
+    microphones = [
+        f"capture.{name}={port}"
+        for name, port in zip(MICROPHONES, outputs, strict=False)
+    ]
     return SurveyedDevice(
         system,
         server or "default server",
@@ -71,7 +74,8 @@ def _jack(server: str) -> SurveyedDevice:
             *(f"output.port={port}" for port in ([coil] if coil else inputs[:1])),
             *(["rendering.profile=dualsense"] if coil else []),
         ),
-        note=f"periods of {period} samples, {1000 * period / rate:.1f} ms" + (_DUALSENSE_NOTE if coil else ""),
+        note=f"periods of {period} samples, {1000 * period / rate:.1f} ms"
+        + (_DUALSENSE_NOTE if coil else ""),
     )
 
 
@@ -88,9 +92,18 @@ def _portaudio() -> Iterator[SurveyedDevice]:
 
 def _assess(device: PortAudioDevice) -> SurveyedDevice:
     rate = round(device.sample_rate)
-    latency = max(device.input_latency * bool(device.inputs), device.output_latency * bool(device.outputs))
-    dualsense = bool(DUALSENSE.search(device.name)) and device.outputs > DUALSENSE_CHANNEL
-    slow = f"slow: adds {1000 * latency:.0f} ms" if latency > SURVEY_TOO_SLOW else f"adds {1000 * latency:.1f} ms"
+    latency = max(
+        device.input_latency * bool(device.inputs),
+        device.output_latency * bool(device.outputs),
+    )
+    dualsense = (
+        bool(DUALSENSE.search(device.name)) and device.outputs > DUALSENSE_CHANNEL
+    )
+    slow = (
+        f"slow: adds {1000 * latency:.0f} ms"
+        if latency > SURVEY_TOO_SLOW
+        else f"adds {1000 * latency:.1f} ms"
+    )
     return SurveyedDevice(
         f"PortAudio, {device.system}",
         device.name,
@@ -124,7 +137,11 @@ def _dualsense_port(names: Sequence[str]) -> str:
 
 
 def _rate_problem(rate: int) -> str:
-    return "" if rate == LIVE_SAMPLE_RATE else f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
+    return (
+        ""
+        if rate == LIVE_SAMPLE_RATE
+        else f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
+    )
 
 
 def _microphones_problem(inputs: int) -> str:

@@ -105,10 +105,18 @@ def _json_schema(name: str, content: Any) -> Schema:
         if kind == "array":
             return {"type": kind, "items": simple(part["items"])}
         if kind == "object":
-            return {"type": kind, "properties": {key: simple(each) for key, each in part.get("properties", {}).items()}}
+            return {
+                "type": kind,
+                "properties": {
+                    key: simple(each)
+                    for key, each in part.get("properties", {}).items()
+                },
+            }
         return {"type": kind}
 
-    return Schema(name, "jsonschema", msgspec.json.encode({"title": name, **simple(described)}))
+    return Schema(
+        name, "jsonschema", msgspec.json.encode({"title": name, **simple(described)})
+    )
 
 
 def octets(number: int, value: bytes) -> bytes:
@@ -143,13 +151,24 @@ _FIELD_TYPES = {"int64": 3, "int32": 5, "fixed32": 7, "string": 9, "bytes": 12}
 """By their numbers in ``FieldDescriptorProto.Type``; every other name is that of a message, number 11."""
 
 
-def _describe(package: str, message: str, fields: Mapping[str, str], imports: Sequence[str] = ()) -> bytes:
+def _describe(
+    package: str, message: str, fields: Mapping[str, str], imports: Sequence[str] = ()
+) -> bytes:
     """Return a file of one message as an entry of a ``FileDescriptorSet``, which is several of them joined."""
     described = octets(1, message.encode())
     for number, (name, kind) in enumerate(fields.items(), 1):
-        field = octets(1, name.encode()) + integer(3, number) + integer(4, 1) + integer(5, _FIELD_TYPES.get(kind, 11))
-        described += octets(2, field if kind in _FIELD_TYPES else field + octets(6, f".{kind}".encode()))
-    file = octets(1, f"{package}.{message}.proto".encode()) + octets(2, package.encode())
+        field = (
+            octets(1, name.encode())
+            + integer(3, number)
+            + integer(4, 1)
+            + integer(5, _FIELD_TYPES.get(kind, 11))
+        )
+        described += octets(
+            2, field if kind in _FIELD_TYPES else field + octets(6, f".{kind}".encode())
+        )
+    file = octets(1, f"{package}.{message}.proto".encode()) + octets(
+        2, package.encode()
+    )
     file += b"".join(octets(3, f"{other}.proto".encode()) for other in imports)
     return octets(1, file + octets(4, described) + octets(12, b"proto3"))
 
@@ -157,14 +176,23 @@ def _describe(package: str, message: str, fields: Mapping[str, str], imports: Se
 def _audio(name: str, **further: str) -> Schema:
     time = "google.protobuf.Timestamp"
     fields = {"timestamp": time, "data": "bytes", "format": "string", **further}
-    described = _describe("google.protobuf", "Timestamp", {"seconds": "int64", "nanos": "int32"})
-    return Schema(f"foxglove.{name}", "protobuf", described + _describe("foxglove", name, fields, [time]))
+    described = _describe(
+        "google.protobuf", "Timestamp", {"seconds": "int64", "nanos": "int32"}
+    )
+    return Schema(
+        f"foxglove.{name}",
+        "protobuf",
+        described + _describe("foxglove", name, fields, [time]),
+    )
 
 
 COMPRESSED_AUDIO = _audio("CompressedAudio")
 RAW_AUDIO = _audio("RawAudio", sample_rate="fixed32", number_of_channels="fixed32")
 
-_PREDICTION = {field.name: str if field.name in ("touch", "event") else float | None for field in PREDICTION_FIELDS}
+_PREDICTION = {
+    field.name: str if field.name in ("touch", "event") else float | None
+    for field in PREDICTION_FIELDS
+}
 
 RUN = Topic(
     "/tactophone/run",
@@ -183,17 +211,47 @@ CONTROLS = Topic(
 )
 PREDICTION_TOPIC = Topic(
     "/tactophone/prediction",
-    _json_schema("tactophone.Prediction", msgspec.defstruct("Prediction", list(_PREDICTION.items()))),
+    _json_schema(
+        "tactophone.Prediction",
+        msgspec.defstruct("Prediction", list(_PREDICTION.items())),
+    ),
     "a prediction, and its command as limited; a number that has no value is left out",
 )
-STATE_TOPIC = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
-HEALTH = Topic("/tactophone/health", _json_schema("tactophone.Health", Totals), "counters and gauges, every 5 s")
-EVENTS = Topic("/tactophone/events", _json_schema("foxglove.Log", Event), "arming, muting, connections and faults")
-CONTACT_SOUND = Topic("/tactophone/sound/contact", COMPRESSED_AUDIO, "contact microphone, Opus as it came")
-AIR_SOUND = Topic("/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came")
+STATE_TOPIC = Topic(
+    "/tactophone/state",
+    _json_schema("tactophone.State", State),
+    "the state at each change",
+)
+HEALTH = Topic(
+    "/tactophone/health",
+    _json_schema("tactophone.Health", Totals),
+    "counters and gauges, every 5 s",
+)
+EVENTS = Topic(
+    "/tactophone/events",
+    _json_schema("foxglove.Log", Event),
+    "arming, muting, connections and faults",
+)
+CONTACT_SOUND = Topic(
+    "/tactophone/sound/contact", COMPRESSED_AUDIO, "contact microphone, Opus as it came"
+)
+AIR_SOUND = Topic(
+    "/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came"
+)
 PCM_SOUND = Topic("/tactophone/sound", RAW_AUDIO, "both microphones, 16 bit")
 
-TOPICS = (RUN, PACKETS, CONTROLS, STATE_TOPIC, HEALTH, EVENTS, PREDICTION_TOPIC, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+TOPICS = (
+    RUN,
+    PACKETS,
+    CONTROLS,
+    STATE_TOPIC,
+    HEALTH,
+    EVENTS,
+    PREDICTION_TOPIC,
+    CONTACT_SOUND,
+    AIR_SOUND,
+    PCM_SOUND,
+)
 
 SOUND = (CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 """Topics that a log does not hold, as they follow from its packets (`tactophone.live.log.sound`)."""
@@ -207,11 +265,22 @@ def of_finger(topic: Topic, finger: int, name: str) -> Topic:
     '/tactophone/index/prediction'
     """
     place = topic.name.replace("/tactophone/", f"/tactophone/{name}/")
-    return replace(topic, name=place, words=f"{name}: {topic.words}", finger=finger) if name else topic
+    return (
+        replace(topic, name=place, words=f"{name}: {topic.words}", finger=finger)
+        if name
+        else topic
+    )
 
 
 def topics_of(names: Sequence[str], *, sound: bool) -> tuple[Topic, ...]:
     """Return the topics of a run with fingers of these names; one empty name where there is no hand."""
     each = (PREDICTION_TOPIC, *SOUND) if sound else (PREDICTION_TOPIC,)
     common = [topic for topic in TOPICS if topic not in (PREDICTION_TOPIC, *SOUND)]
-    return (*common, *(of_finger(topic, place, name) for place, name in enumerate(names) for topic in each))
+    return (
+        *common,
+        *(
+            of_finger(topic, place, name)
+            for place, name in enumerate(names)
+            for topic in each
+        ),
+    )

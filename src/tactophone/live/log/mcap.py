@@ -18,7 +18,13 @@ import msgspec
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS, prediction_of
 from tactophone.core.processes import make_room
-from tactophone.core.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch
+from tactophone.core.types import (
+    EVENT_KINDS,
+    MOST_FINGERS,
+    HapticCommand,
+    Prediction,
+    Touch,
+)
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, Topic, topics_of
 from tactophone.live.log.reader import RunReader
@@ -68,7 +74,8 @@ class LogFile(AbstractContextManager["LogFile", None]):
         self._writer.start(profile=FORMAT, library="tactophone")
         schemas = {topic.schema.name: topic.schema for topic in written}
         numbers = {
-            name: self._writer.register_schema(name, schema.encoding, schema.data) for name, schema in schemas.items()
+            name: self._writer.register_schema(name, schema.encoding, schema.data)
+            for name, schema in schemas.items()
         }
         self._channels = {
             topic.name: self._writer.register_channel(
@@ -105,7 +112,9 @@ class LogFile(AbstractContextManager["LogFile", None]):
     def _add_newest(self) -> None:
         if message := self._newest:
             self._newest, time = None, round(message.time * 1e9)
-            self._writer.add_message(self._channels[message.topic.name], time, message.data, time)
+            self._writer.add_message(
+                self._channels[message.topic.name], time, message.data, time
+            )
 
 
 class McapLog:
@@ -149,7 +158,9 @@ class McapLog:
             if self._reads % CHUNK_INTERVAL == 0:
                 self._log.end_chunk()
         except OSError as error:
-            raise ConfigError(f"{self.path}: the log ends here ({error.strerror}); the run goes on") from error
+            raise ConfigError(
+                f"{self.path}: the log ends here ({error.strerror}); the run goes on"
+            ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +210,17 @@ def read_log(path: Path) -> Iterator[LogEntry]:
             elif topic.name == log_topics.CONTROLS.name:
                 yield msgspec.json.decode(data, type=Controls)
             elif topic.kind == log_topics.PREDICTION_TOPIC.kind:
-                yield _prediction_of(msgspec.json.decode(data, type=dict[str, float | str | None]), topic.finger)
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+                yield _prediction_of(
+                    msgspec.json.decode(data, type=dict[str, float | str | None]),
+                    topic.finger,
+                )
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            RecursionError,
+        ) as error:
             raise DatasetError(
                 f"{path}: a message of {topic.name} cannot be read ({error}); was the file changed?"
             ) from error
@@ -215,7 +235,9 @@ def read_messages(path: Path) -> Iterator[Message | LogEnd]:
         with path.open("rb") as file:
             yield from _messages(path, file)
     except OSError as error:
-        raise DatasetError(f"{path}: {error.strerror}; give a file written by --record") from error
+        raise DatasetError(
+            f"{path}: {error.strerror}; give a file written by --record"
+        ) from error
 
 
 def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
@@ -236,24 +258,44 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                     _check_profile(path, profile)
                 case Schema(id=number, name=name, encoding=encoding, data=data):
                     schemas[number] = log_topics.Schema(name, encoding, data)
-                case Channel(id=number, topic=name, schema_id=schema, metadata=metadata):
+                case Channel(
+                    id=number, topic=name, schema_id=schema, metadata=metadata
+                ):
                     finger = int(metadata.get("finger", "0"))
                     if not (0 <= finger < MOST_FINGERS and name.isprintable()):
                         raise ValueError(f"a topic {name!r} of finger {finger}")
-                    channels[number] = Topic(name, schemas[schema], metadata.get("description", ""), finger)
-                case Record(channel_id=number, log_time=time, data=data) if number in channels:
+                    channels[number] = Topic(
+                        name, schemas[schema], metadata.get("description", ""), finger
+                    )
+                case Record(channel_id=number, log_time=time, data=data) if (
+                    number in channels
+                ):
                     found = True
                     yield Message(channels[number], time / 1e9, data)
                 case Metadata(name="tactophone", metadata=metadata):
-                    missed = sum(msgspec.json.decode(metadata.get("missed", "{}"), type=dict[str, int]).values())
+                    missed = sum(
+                        msgspec.json.decode(
+                            metadata.get("missed", "{}"), type=dict[str, int]
+                        ).values()
+                    )
                 case DataEnd():
                     complete = True
                     break
     except (EndOfFile, RecordLengthLimitExceeded):
         pass  # its writer was killed, or a changed byte made a record longer than the file
-    except (McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, MemoryError) as error:
+    except (
+        McapError,
+        struct.error,
+        ValueError,
+        KeyError,
+        EOFError,
+        OverflowError,
+        MemoryError,
+    ) as error:
         if not found:
-            raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
+            raise DatasetError(
+                f"{path}: a damaged MCAP file ({error}); nothing in it can be read"
+            ) from error
     yield LogEnd(complete, missed)
 
 
@@ -276,7 +318,12 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
         with suppress(EndOfFile):
             # A message may be longer than all of a short log, which is compressed.
             limit = len(data)
-            yield from StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=limit).records
+            yield from StreamReader(
+                BytesIO(data),
+                skip_magic=True,
+                emit_chunks=True,
+                record_size_limit=limit,
+            ).records
 
 
 def _decompressed(chunk: Any) -> bytes:
@@ -285,14 +332,20 @@ def _decompressed(chunk: Any) -> bytes:
         import zstandard
 
         try:
-            return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(LARGEST_CHUNK + 1)
+            return (
+                zstandard.ZstdDecompressor()
+                .stream_reader(chunk.data)
+                .read(LARGEST_CHUNK + 1)
+            )
         except zstandard.ZstdError as error:
             raise ValueError(str(error)) from error
     if chunk.compression == "lz4":  # of other programs that rewrite a log
         from lz4 import frame  # type: ignore[import-untyped]
 
         try:
-            return bytes(frame.LZ4FrameDecompressor().decompress(chunk.data, LARGEST_CHUNK + 1))
+            return bytes(
+                frame.LZ4FrameDecompressor().decompress(chunk.data, LARGEST_CHUNK + 1)
+            )
         except RuntimeError as error:
             raise ValueError(str(error)) from error
     if chunk.compression:
@@ -307,11 +360,20 @@ def _check_profile(path: Path, profile: str) -> None:
         raise DatasetError(
             f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; use the version that wrote it"
         )
-    raise DatasetError(f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record")
+    raise DatasetError(
+        f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record"
+    )
 
 
 def _prediction_of(entries: dict[str, Any], finger: int) -> LoggedPrediction:
     """Return a prediction and its command again; a number left out is NaN, a level left out silence."""
-    row = dict.fromkeys((field.name for field in PREDICTION_FIELDS), math.nan) | {"level_dbfs": -math.inf} | entries
-    row |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}
+    row = (
+        dict.fromkeys((field.name for field in PREDICTION_FIELDS), math.nan)
+        | {"level_dbfs": -math.inf}
+        | entries
+    )
+    row |= {
+        "touch": Touch[entries["touch"].upper()],
+        "event": ("", *EVENT_KINDS).index(entries["event"]),
+    }
     return LoggedPrediction(*prediction_of(row), finger)

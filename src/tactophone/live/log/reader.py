@@ -42,11 +42,15 @@ def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
 
 def _fitting(entries: dict[str, Any]) -> bytes:
     """Encode what fits the schema of a topic, which knows no null: JSON has neither NaN nor infinity."""
-    return msgspec.json.encode({name: value for name, value in entries.items() if _is_known(value)})
+    return msgspec.json.encode(
+        {name: value for name, value in entries.items() if _is_known(value)}
+    )
 
 
 def _is_known(value: Any) -> bool:
-    return value is not None and not (isinstance(value, float) and not math.isfinite(value))
+    return value is not None and not (
+        isinstance(value, float) and not math.isfinite(value)
+    )
 
 
 class RunReader:
@@ -67,7 +71,12 @@ class RunReader:
         if self.watcher.follow():
             self._begin()
         now = self._now()
-        return [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
+        return [
+            *self._session(),
+            *self._predictions(now),
+            *self._state(now),
+            *self._health(now),
+        ]
 
     def _begin(self) -> None:
         watcher = self.watcher
@@ -88,7 +97,11 @@ class RunReader:
         if len(log) < count - self._log_count:
             self.missed["log"] += count - self._log_count
             log = b""
-            yield self._event(self._now(), "part of the session was not read in time: no replay beyond", _WARNING)
+            yield self._event(
+                self._now(),
+                "part of the session was not read in time: no replay beyond",
+                _WARNING,
+            )
         self._log_count = count
         arrivals: list[EventBatch] = []
         for record in read_records(log):
@@ -104,7 +117,9 @@ class RunReader:
             arrivals = []
             if isinstance(record, RunStart):
                 self._epoch = record.epoch
-            topic = log_topics.RUN if isinstance(record, RunStart) else log_topics.CONTROLS
+            topic = (
+                log_topics.RUN if isinstance(record, RunStart) else log_topics.CONTROLS
+            )
             yield Message(topic, self._now(), _fitting(msgspec.to_builtins(record)))
         yield from self._packets(arrivals)
 
@@ -119,12 +134,20 @@ class RunReader:
             rows, missed = self.watcher.new_predictions(finger=finger)
             if missed:
                 self.missed["predictions"] += missed
-                yield self._event(now, f"{missed} predictions were not read in time", _WARNING)
+                yield self._event(
+                    now, f"{missed} predictions were not read in time", _WARNING
+                )
             for row in rows:
                 prediction, command = prediction_of(row)
                 # A prediction carries the time of its stream, which is even; the time of reading is a staircase.
-                self._clocks[finger].follow(self._epoch + float(row["made"]), prediction.end)
-                yield Message(topic, self._clocks[finger].time(prediction.end), encoded(prediction, command))
+                self._clocks[finger].follow(
+                    self._epoch + float(row["made"]), prediction.end
+                )
+                yield Message(
+                    topic,
+                    self._clocks[finger].time(prediction.end),
+                    encoded(prediction, command),
+                )
 
     def _state(self, now: float) -> Iterator[Message]:
         state, before = self.watcher.state(), self._settled
@@ -135,8 +158,15 @@ class RunReader:
         if settled == before:
             return
         self._settled = settled
-        entries = {**msgspec.to_builtins(state), "armed": state.armed, "muted_because": state.muted_because}
-        entries["fingers"] = [{k: v for k, v in finger.items() if _is_known(v)} for finger in entries["fingers"]]
+        entries = {
+            **msgspec.to_builtins(state),
+            "armed": state.armed,
+            "muted_because": state.muted_because,
+        }
+        entries["fingers"] = [
+            {k: v for k, v in finger.items() if _is_known(v)}
+            for finger in entries["fingers"]
+        ]
         yield Message(log_topics.STATE_TOPIC, now, _fitting(entries))
         for name, *own in zip(self.names, before.fingers, settled.fingers, strict=True):
             of = f"{name}: " if name else ""
@@ -152,23 +182,41 @@ class RunReader:
     def _health(self, now: float) -> Iterator[Message]:
         if now - self._health_at >= HEALTH_INTERVAL:
             self._health_at = now
-            yield Message(log_topics.HEALTH, now, msgspec.json.encode(log_topics.Totals(*self.watcher.totals())))
+            yield Message(
+                log_topics.HEALTH,
+                now,
+                msgspec.json.encode(log_topics.Totals(*self.watcher.totals())),
+            )
 
     def _event(self, now: float, text: str, level: int) -> Message:
         stamp = log_topics.Stamp(int(now), int(now % 1 * 1e9))
-        return Message(log_topics.EVENTS, now, msgspec.json.encode(log_topics.Event(stamp, level, text, self.name)))
+        return Message(
+            log_topics.EVENTS,
+            now,
+            msgspec.json.encode(log_topics.Event(stamp, level, text, self.name)),
+        )
 
 
 def _settle(now: FingerState, before: FingerState) -> FingerState:
     """Leave out what moves all the time: the noise floor, and a threshold that follows it."""
     near = abs(now.threshold_dbfs - before.threshold_dbfs) < SETTLED_DB
-    return replace(now, noise_floor_dbfs=0.0, threshold_dbfs=before.threshold_dbfs if near else now.threshold_dbfs)
+    return replace(
+        now,
+        noise_floor_dbfs=0.0,
+        threshold_dbfs=before.threshold_dbfs if near else now.threshold_dbfs,
+    )
 
 
 def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
     """Say what changed between two states, in one line for each subject."""
     if before.muted_because != after.muted_because or before.armed != after.armed:
-        yield f"muted: {after.muted_because}" if after.muted_because else "armed" if after.armed else "not armed"
+        yield (
+            f"muted: {after.muted_because}"
+            if after.muted_because
+            else "armed"
+            if after.armed
+            else "not armed"
+        )
     for name in ("profile", "ceiling", "output_level", "threshold_dbfs"):
         if getattr(before, name) != getattr(after, name):
             yield f"{name}: {getattr(after, name)}"
@@ -187,7 +235,9 @@ class StreamClock:
     def follow(self, made: float, end: float) -> None:
         """Take a prediction of sound that ends at ``end`` (s of the stream), made at ``made`` (s of this machine)."""
         # The least delay may grow again, as fast as two sound clocks part; else one lucky packet would hold for ever.
-        self._least = min(self._least + FASTEST_DRIFT * max(0.0, made - self._at), made - end)
+        self._least = min(
+            self._least + FASTEST_DRIFT * max(0.0, made - self._at), made - end
+        )
         self._at = made
 
     def time(self, end: float) -> float:
@@ -224,7 +274,12 @@ class Passed:
     def ended(self, now: float) -> "Passed":
         """Return the same without contact and vibration: what holds once predictions no longer come."""
         command = HapticCommand(0.0, self.command.frequency, self.command.time)
-        return replace(self, prediction=structs.replace(self.prediction, touch=Touch.NONE), command=command, made=now)
+        return replace(
+            self,
+            prediction=structs.replace(self.prediction, touch=Touch.NONE),
+            command=command,
+            made=now,
+        )
 
 
 class PredictionReader:
@@ -244,7 +299,9 @@ class PredictionReader:
         self._last: dict[str, tuple[float, Passed]] = {}
         self._clocks = [StreamClock() for _ in self.fingers]
         for place in range(len(self.fingers)):
-            self.watcher.new_predictions(finger=place)  # what a run did before, perhaps long ago, is not the present
+            self.watcher.new_predictions(
+                finger=place
+            )  # what a run did before, perhaps long ago, is not the present
         self.missed = 0
 
     def read(self) -> list[Passed]:
@@ -271,18 +328,33 @@ class PredictionReader:
     def _read(self) -> list[Passed]:
         if self.watcher.follow():
             self._clocks = [StreamClock() for _ in self.fingers]
-        return [passed for place in range(len(self.fingers)) for passed in self._read_finger(place)]
+        return [
+            passed
+            for place in range(len(self.fingers))
+            for passed in self._read_finger(place)
+        ]
 
     def _read_finger(self, place: int) -> Iterator[Passed]:
         rows, missed = self.watcher.new_predictions(finger=place)
         self.missed += missed + max(0, len(rows) - READER_BACKLOG)
         if not len(rows):
             return
-        after = self.watcher.gauge("latency_render") + self.watcher.gauge("latency_device")
+        after = self.watcher.gauge("latency_render") + self.watcher.gauge(
+            "latency_device"
+        )
         for row in rows[-READER_BACKLOG:]:
             prediction, command = prediction_of(row)
-            if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
+            if not (
+                math.isfinite(command.amplitude) and math.isfinite(command.frequency)
+            ):
                 command = HapticCommand(0.0, 0.0, command.time)
             made, clock = self._epoch + float(row["made"]), self._clocks[place]
             clock.follow(made, prediction.end)
-            yield Passed(self.fingers[place], prediction, command, clock.time(prediction.end), made, made + after)
+            yield Passed(
+                self.fingers[place],
+                prediction,
+                command,
+                clock.time(prediction.end),
+                made,
+                made + after,
+            )

@@ -14,7 +14,16 @@ from tactophone.core.errors import PacketError
 from tactophone.core.microphones import fingers_of
 from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.live.log import log_topics
-from tactophone.live.log.log_topics import AIR_SOUND, CONTACT_SOUND, PACKETS, PCM_SOUND, RUN, Message, Topic, of_finger
+from tactophone.live.log.log_topics import (
+    AIR_SOUND,
+    CONTACT_SOUND,
+    PACKETS,
+    PCM_SOUND,
+    RUN,
+    Message,
+    Topic,
+    of_finger,
+)
 from tactophone.live.telemetry.records import RunStart
 from tactophone.net.link.packet import (
     FRAME_SIZES,
@@ -64,7 +73,10 @@ class SoundMessages:
         """Take a message of the run; yield those that its packets complete."""
         if topic == RUN.name:
             yield from self.flush()
-            self._epoch, self._stamps = msgspec.json.decode(data, type=RunStart).epoch, None
+            self._epoch, self._stamps = (
+                msgspec.json.decode(data, type=RunStart).epoch,
+                None,
+            )
         elif topic == PACKETS.name:
             for arrival in msgspec.json.decode(data, type=log_topics.Packets).arrivals:
                 for event in arrival.events:
@@ -87,19 +99,34 @@ class SoundMessages:
         codec, channels = SOUND_FORMATS.get(payload.kind, ("", 0))
         if not codec or fingers_of(channels) != len(self._names):
             return
-        parts = _split_opus(payload, channels) if codec == "opus" else _split_pcm(payload, channels)
+        parts = (
+            _split_opus(payload, channels)
+            if codec == "opus"
+            else _split_pcm(payload, channels)
+        )
         if self._stamps is None:
             # All times are counted from the arrival of the session's first packet.
             self._stamps, self._begun = TimestampUnwrapper(), arrival
-        position, each = self._stamps.position(payload.timestamp), len(parts) // len(self._names)
+        position, each = (
+            self._stamps.position(payload.timestamp),
+            len(parts) // len(self._names),
+        )
         for number, (part, size) in enumerate(parts):
             finger = number // each
-            topic = (CONTACT_SOUND, AIR_SOUND)[number % each] if codec == "opus" else PCM_SOUND
+            topic = (
+                (CONTACT_SOUND, AIR_SOUND)[number % each]
+                if codec == "opus"
+                else PCM_SOUND
+            )
             topic = of_finger(topic, finger, self._names[finger])
-            joined = self._joined.setdefault(topic.name, _Joined(topic, min(channels, 2)))
+            joined = self._joined.setdefault(
+                topic.name, _Joined(topic, min(channels, 2))
+            )
             head = part[0] if codec == "opus" else 0
             full = position + size - joined.begun > JOINED * LIVE_SAMPLE_RATE
-            if joined.frames and (position != joined.end or head != joined.head or full):
+            if joined.frames and (
+                position != joined.end or head != joined.head or full
+            ):
                 yield from self._finish(joined)
             if not joined.frames:
                 joined.begun, joined.head = position, head
@@ -112,20 +139,38 @@ class SoundMessages:
             return
         time = self._begun + joined.begun / LIVE_SAMPLE_RATE
         nanoseconds = max(0, round(time * 1e9))
-        stamp = log_topics.integer(1, nanoseconds // 10**9) + log_topics.integer(2, nanoseconds % 10**9)
+        stamp = log_topics.integer(1, nanoseconds // 10**9) + log_topics.integer(
+            2, nanoseconds % 10**9
+        )
         if joined.topic.schema is log_topics.COMPRESSED_AUDIO:
-            data, ending = join_frames(joined.head, frames), log_topics.octets(3, b"opus")
+            data, ending = (
+                join_frames(joined.head, frames),
+                log_topics.octets(3, b"opus"),
+            )
         else:
             data, ending = b"".join(frames), log_topics.octets(3, b"pcm-s16")
-            ending += log_topics.fixed32(4, LIVE_SAMPLE_RATE) + log_topics.fixed32(5, joined.channels)
-        yield Message(joined.topic, time, log_topics.octets(1, stamp) + log_topics.octets(2, data) + ending)
+            ending += log_topics.fixed32(4, LIVE_SAMPLE_RATE) + log_topics.fixed32(
+                5, joined.channels
+            )
+        yield Message(
+            joined.topic,
+            time,
+            log_topics.octets(1, stamp) + log_topics.octets(2, data) + ending,
+        )
 
 
 def _split_pcm(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
     """Return the 16-bit samples of each finger, little-endian, and their number."""
     size = len(payload.content) // (2 * channels)
-    samples = np.frombuffer(payload.content, ">i2", count=size * channels).reshape(-1, channels).astype("<i2")
-    return [(part.tobytes(), size) for part in np.split(samples, fingers_of(channels), axis=1)]
+    samples = (
+        np.frombuffer(payload.content, ">i2", count=size * channels)
+        .reshape(-1, channels)
+        .astype("<i2")
+    )
+    return [
+        (part.tobytes(), size)
+        for part in np.split(samples, fingers_of(channels), axis=1)
+    ]
 
 
 def _split_opus(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
@@ -138,8 +183,12 @@ def _split_opus(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
     parts = [
         part
         for first in range(0, each * fingers, max(each, 1))
-        for part in split_streams(payload.content[first : first + each], min(channels, 2))
+        for part in split_streams(
+            payload.content[first : first + each], min(channels, 2)
+        )
     ]
-    if len(parts) != channels or any(part[0] & _CODE or part[0] >> 3 < _CELT for part in parts):
+    if len(parts) != channels or any(
+        part[0] & _CODE or part[0] >> 3 < _CELT for part in parts
+    ):
         return []
     return [(part, FRAME_SIZES[part[0] >> 3 & 3]) for part in parts]

@@ -42,7 +42,9 @@ class LocalPeer:
     def truth(self, finger: int = 0) -> int:
         """The true `Touch` of a finger now; -1 where it is not known."""
         known = self.watcher is not None and finger < self.watcher.fingers
-        step = self.watcher.newest_step(finger=finger) if self.watcher and known else None
+        step = (
+            self.watcher.newest_step(finger=finger) if self.watcher and known else None
+        )
         return int(step["truth"][0]) if step is not None else -1
 
 
@@ -55,14 +57,20 @@ def robot_stages(robot: Watcher, codec: Codec, *, period: int = 0) -> dict[str, 
     size = min(len(captured), len(sent))
     if size < 2:
         return {}
-    block = (period or float(np.median(np.diff(captured["position"]) % _WRAP))) / LIVE_SAMPLE_RATE
+    block = (
+        period or float(np.median(np.diff(captured["position"]) % _WRAP))
+    ) / LIVE_SAMPLE_RATE
     computing = float(np.median(sent["time"][-size:] - captured["time"][-size:]))
     waiting = (codec.packet_size / 2 + codec.lookahead) / LIVE_SAMPLE_RATE
     return {"capture": block / 2, "encode": waiting + computing}
 
 
 def operator_stages(
-    operator: Watcher, robot: Watcher | None, device_latency: float, *, sound_delay: float = 0.0
+    operator: Watcher,
+    robot: Watcher | None,
+    device_latency: float,
+    *,
+    sound_delay: float = 0.0,
 ) -> dict[str, float]:
     """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too.
 
@@ -82,9 +90,14 @@ def operator_stages(
     if sound_delay:
         stages |= {"playout": sound_delay, "decode": 0.0, "detect": 0.0, "render": 0.0}
     if robot is not None:
-        both = follow({"received": operator.marks("received"), "sent": robot.marks("sent")})
+        both = follow(
+            {"received": operator.marks("received"), "sent": robot.marks("sent")}
+        )
         stages["network"] = _median(both, "sent", "received")
-        stages["capture"], stages["encode"] = robot.gauge("latency_capture"), robot.gauge("latency_encode")
+        stages["capture"], stages["encode"] = (
+            robot.gauge("latency_capture"),
+            robot.gauge("latency_encode"),
+        )
         stages["total"] = math.fsum(stages.values())
     return stages
 
@@ -95,7 +108,10 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     ``marks``: by stage. The blocks of the first stage are followed; a block has reached another stage when a mark at
     its end or beyond has. Returns for each stage the times (s), one for each block that has reached them all.
     """
-    first, marks = next(iter(marks)), {name: _newest_session(found) for name, found in marks.items()}
+    first, marks = (
+        next(iter(marks)),
+        {name: _newest_session(found) for name, found in marks.items()},
+    )
     if any(not len(found) for found in marks.values()):
         return {name: np.empty(0) for name in marks}
     reference = int(marks[first]["position"][-1])

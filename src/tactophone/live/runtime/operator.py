@@ -59,7 +59,9 @@ SILENT_LINK = 0.5
 SENT_AWAY_SHOWN = 10.0
 """Seconds for which a second robot is reported after its call; it calls every few seconds."""
 
-START_ROBOT = "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
+START_ROBOT = (
+    "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
+)
 """Advice where no robot ever calls."""
 
 SAME_MACHINE = "the robot's process, which this command started, is still starting; a busy machine takes longer"
@@ -78,25 +80,52 @@ class Operator(Side):
 
     interval = OPERATOR_HOUSEKEEPING
 
-    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        info: ProcessInfo,
+        *,
+        robot: str = "",
+        keeper: Keeper | None = None,
+    ) -> None:
         super().__init__(settings, info, role="operator")
         self._keeper = keeper
         fingers = each_finger(settings)
-        renderers = [wiring.open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
+        renderers = [
+            wiring.open_renderer(own, self._pull, hand=settings.is_hand)
+            for own in fingers
+        ]
         self._actuator = wiring.open_actuator(
             settings,
             self._render,
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
-        self._session = ReceiveSession(wiring.open_session(settings, way=keeper is not None))
+        self._session = ReceiveSession(
+            wiring.open_session(settings, way=keeper is not None)
+        )
         info.progress("opening the models")
         self._endpoint = wiring.open_endpoint(settings, self._session)
         # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
-        muted_because = RESTARTED if info.restarts else STARTED_MUTED if settings.rendering.muted else ""
+        muted_because = (
+            RESTARTED
+            if info.restarts
+            else STARTED_MUTED
+            if settings.rendering.muted
+            else ""
+        )
         self._fingers = [
-            FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
-            for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
+            FingerOutput(
+                own,
+                renderer,
+                self._endpoint,
+                index=index,
+                name=name,
+                muted_because=muted_because,
+            )
+            for index, (own, renderer, name) in enumerate(
+                zip(fingers, renderers, names_of(settings), strict=True)
+            )
         ]
         warnings = [wiring.tip_warning(own) for own in fingers]
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
@@ -106,7 +135,9 @@ class Operator(Side):
             finger.renderer.reset()
         wiring.rehearse_statistics()
         info.progress("opening the actuator and the port")
-        self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
+        self._session.bandwidth = round(
+            max(finger.pipeline.detector.bandwidth for finger in self._fingers)
+        )
         self._local_robot = LocalPeer(robot)
         self._submitted = self._rendered = self._losses = self._period = 0
         self._counted_at = 0.0
@@ -120,7 +151,9 @@ class Operator(Side):
         with self._resources:
             link = self._settings.link
             self._socket = self._resources.enter_context(
-                wiring.open_way(self._keeper, self._session.session, restarts=self._info.restarts)
+                wiring.open_way(
+                    self._keeper, self._session.session, restarts=self._info.restarts
+                )
                 if self._keeper
                 else UdpSocket(link.host, link.port)
             )
@@ -149,7 +182,11 @@ class Operator(Side):
 
     def housekeep(self, now: float) -> None:
         requests = self._telemetry.requests(now)
-        refused = {(finger.index, action) for finger in self._fingers for action in finger.apply(requests)}
+        refused = {
+            (finger.index, action)
+            for finger in self._fingers
+            for action in finger.apply(requests)
+        }
         self._telemetry.count("requests_refused", len(refused))
         muted = tuple(finger.gate.muted_because for finger in self._fingers)
         changed = self._revive() or requests or muted != self._muted
@@ -188,11 +225,16 @@ class Operator(Side):
             faults.update(finger.renderer.faults)
             invalid.update(finger.pipeline.detector.faults)
         counts = {
-            **self._counters, "xruns": device.xruns, "callback_faults": device.process_faults,
-            "device_losses": device.losses, "command_faults": faults["command"], "stale_fades": faults["stale"],
-            "emergency_stops": max(finger.gate.stops for finger in self._fingers), "sound_faults": invalid["sound"],
+            **self._counters,
+            "xruns": device.xruns,
+            "callback_faults": device.process_faults,
+            "device_losses": device.losses,
+            "command_faults": faults["command"],
+            "stale_fades": faults["stale"],
+            "emergency_stops": max(finger.gate.stops for finger in self._fingers),
+            "sound_faults": invalid["sound"],
             "model_faults": invalid["model"],
-        }  # fmt: skip
+        }
         self._count(counts)
         for name, value in {**self._gauges, "device_latency": device.latency}.items():
             self._telemetry.gauge(name, value)
@@ -205,7 +247,11 @@ class Operator(Side):
             self._local_robot.watcher,
             self._actuator.device.latency,
             sound_delay=(
-                playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
+                playout.controller.margin
+                + playout.latency
+                + self._fingers[0].renderer.latency
+                if playout
+                else 0.0
             ),
         )
 
@@ -224,35 +270,60 @@ class Operator(Side):
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
             return f"connected to {peer}{MOVING * self._session.moving}"
-        return "waiting for the robot" if self._keeper else f"listening at port {self._socket.address[1]}"
+        return (
+            "waiting for the robot"
+            if self._keeper
+            else f"listening at port {self._socket.address[1]}"
+        )
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
         if self._actuator.device.fault:
             yield Fault("actuator", self._actuator.device.fault)
         for finger in self._fingers:
-            yield from wiring.microphone_faults(finger.pipeline.detector, finger=finger.name)
+            yield from wiring.microphone_faults(
+                finger.pipeline.detector, finger=finger.name
+            )
         silent = now - self._received_at
         if self._endpoint.refusal:
-            yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
+            yield Fault(
+                "refused", f"the robot's sound cannot be used: {self._endpoint.refusal}"
+            )
         if self._session.peer is None and silent > LONGEST_CALL and not self._hung_up:
             failure = self._session.session.failure
-            advice = NO_ANSWER if self._keeper else SAME_MACHINE if self._local_robot.name else START_ROBOT
+            advice = (
+                NO_ANSWER
+                if self._keeper
+                else SAME_MACHINE
+                if self._local_robot.name
+                else START_ROBOT
+            )
             yield Fault("link", f"no robot is connected: {failure or advice}")
-        elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
+        elif (
+            self._session.peer
+            and silent > SILENT_LINK
+            and (reason := self._why_silent())
+        ):
             yield Fault("silence", reason)
         if conflict := self._session.session.version_conflict:
             yield Fault("version", conflict)
         sent_away = self._session.session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
-            yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
+            yield Fault(
+                "second_robot",
+                f"{sent_away[0]!r} called too and was sent away: stop one of the two robots",
+            )
 
     def _why_silent(self) -> str:
         """Return why no sound comes; empty until a page is the microphone for the first time."""
         if self._settings.capture.source != "browser":
             return "connected, but the robot sends no sound: check its microphones and the network"
         began = self._telemetry.counter("packets_received")
-        return "no page sends sound: press Use this microphone on the one that listens" if began else ""
+        return (
+            "no page sends sound: press Use this microphone on the one that listens"
+            if began
+            else ""
+        )
 
     def _silence(self) -> None:
         for finger in self._fingers:
@@ -263,13 +334,19 @@ class Operator(Side):
         checked_at = polled_at = 0.0
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
-            datagrams = self._socket.receive(OPERATOR_POLL if self._session.waiting else OPERATOR_RECEIVE)
+            datagrams = self._socket.receive(
+                OPERATOR_POLL if self._session.waiting else OPERATOR_RECEIVE
+            )
             received = round(time.monotonic(), ARRIVAL_DIGITS)
             for finger in self._fingers:
                 if finger.changed():
                     self._recorder.controls(*finger.controls(), finger=finger.index)
             steps = self._endpoint.receive(datagrams, now=received)
-            polled = not datagrams or self._session.waiting or received - polled_at >= SESSION_INTERVAL
+            polled = (
+                not datagrams
+                or self._session.waiting
+                or received - polled_at >= SESSION_INTERVAL
+            )
             if polled:
                 polled_at = received
                 steps = itertools.chain(steps, self._endpoint.poll(received))
@@ -281,15 +358,21 @@ class Operator(Side):
             for number, (event, step) in enumerate(steps, 1):
                 waited = step is None and isinstance(event, DecodedAudio)
                 if not waited and (step is None or not step.finger):
-                    self._mark_arrival(event, origin, received=received, decoded=decoded)
+                    self._mark_arrival(
+                        event, origin, received=received, decoded=decoded
+                    )
                 if step is not None:
                     self._submit(step, origin)
                     finger = self._fingers[step.finger]
                     if finger.changed():
-                        self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
+                        self._recorder.controls(
+                            *finger.controls(), step=number, finger=finger.index
+                        )
                 self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
-                self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
+                self._session.session.hang_up(
+                    f"the operator cannot use this sound: {self._endpoint.refusal}"
+                )
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
             if polled or (step is None and not waited):
                 wiring.send_outgoing(self._session.session, self._socket)
@@ -298,9 +381,14 @@ class Operator(Side):
                 self._recorder.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
                 checked_at = received
-                self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
+                self._counters, self._gauges = (
+                    dict(self._session.counters),
+                    dict(self._session.gauges),
+                )
 
-    def _mark_arrival(self, event: ReceiveEvent, origin: int, *, received: float, decoded: float) -> None:
+    def _mark_arrival(
+        self, event: ReceiveEvent, origin: int, *, received: float, decoded: float
+    ) -> None:
         if isinstance(event, DecodedAudio):
             samples, waited = event.block.end, event.waited
         elif isinstance(event, PredictionReceived):
@@ -308,10 +396,18 @@ class Operator(Side):
         else:
             return
         position = (origin + samples) % (1 << 32)
-        self._recorder.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
+        self._recorder.mark(
+            position,
+            (_RECEIVED, received - waited),
+            (_RELEASED, received),
+            (_DECODED, decoded),
+        )
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
-        bounded, end = self._fingers[step.finger].submit(step), (origin + step.block.end) % (1 << 32)
+        bounded, end = (
+            self._fingers[step.finger].submit(step),
+            (origin + step.block.end) % (1 << 32),
+        )
         if bounded.commands:
             self._submitted = end
         now = time.monotonic()
@@ -332,7 +428,11 @@ class Operator(Side):
             telemetry.rendered(out, finger=finger.index)
             if not finger.renderer.silent:
                 # The methods of an array are functions in Python around these.
-                amplitude = max(amplitude, float(np.maximum.reduce(out)), -float(np.minimum.reduce(out)))
+                amplitude = max(
+                    amplitude,
+                    float(np.maximum.reduce(out)),
+                    -float(np.minimum.reduce(out)),
+                )
         telemetry.gauge("output_amplitude", amplitude)
         telemetry.count("callbacks")
         if len(outs[0]) != self._period:
@@ -343,7 +443,13 @@ class Operator(Side):
             telemetry.mark((_RENDERED, submitted, time.monotonic()))
 
 
-def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
+def run_operator(
+    settings: Settings,
+    info: ProcessInfo,
+    *,
+    robot: str = "",
+    keeper: Keeper | None = None,
+) -> None:
     """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency stop."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())

@@ -43,7 +43,9 @@ class OutputGate:
     (0.5, False)
     """
 
-    def __init__(self, limits: Limits, *, output_level: float = 1.0, muted_because: str = "") -> None:
+    def __init__(
+        self, limits: Limits, *, output_level: float = 1.0, muted_because: str = ""
+    ) -> None:
         self.limits, self.local_ceiling = limits, limits.ceiling
         self.output_level = output_level
         self.muted_because = muted_because
@@ -70,7 +72,9 @@ class OutputGate:
         # Armings come first, so that whatever mutes in the same moment has the last word.
         ordered = sorted(requests, key=lambda request: request.action != "arm")
         refused: list[str] = [
-            request.action for request in ordered if (stopped and request.action == "arm") or not self._grant(request)
+            request.action
+            for request in ordered
+            if (stopped and request.action == "arm") or not self._grant(request)
         ]
         # A signal may have stopped while an arming was granted, which then undid the stop.
         if self._stopped:
@@ -120,12 +124,20 @@ class FingerOutput:
     """
 
     def __init__(
-        self, settings: Settings, renderer: Renderer, endpoint: OperatorEndpoint, *, index: int = 0, name: str = "",
+        self,
+        settings: Settings,
+        renderer: Renderer,
+        endpoint: OperatorEndpoint,
+        *,
+        index: int = 0,
+        name: str = "",
         muted_because: str = "",
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.index, self.name, self.renderer = index, name, renderer
         self.gate = OutputGate(
-            renderer.limits, output_level=settings.rendering.output_level, muted_because=muted_because
+            renderer.limits,
+            output_level=settings.rendering.output_level,
+            muted_because=muted_because,
         )
         self.roughness = 0.0
         self._response = actuator_response(settings)
@@ -145,7 +157,11 @@ class FingerOutput:
     @property
     def profiles(self) -> tuple[str, ...]:
         """Names of the profiles that may be requested; one that needs another renderer needs a restart."""
-        return tuple(PROFILES) if isinstance(self.renderer, Oscillator) else (self.pipeline.profile.name,)
+        return (
+            tuple(PROFILES)
+            if isinstance(self.renderer, Oscillator)
+            else (self.pipeline.profile.name,)
+        )
 
     def submit(self, step: PipelineStep) -> PipelineStep:
         """Pass the step's newest command to the renderer; returns the step with its commands as bounded by the gate."""
@@ -153,7 +169,8 @@ class FingerOutput:
             return step
         bound = self.gate.bound
         commands = tuple(
-            HapticCommand(bound(command.amplitude), command.frequency, command.time) for command in step.commands
+            HapticCommand(bound(command.amplitude), command.frequency, command.time)
+            for command in step.commands
         )
         if commands:
             self.renderer.submit(commands[-1])
@@ -163,7 +180,9 @@ class FingerOutput:
             level, floor = prediction.level_dbfs, self._floor_dbfs
             if prediction.touch is Touch.NONE and math.isfinite(level):
                 # Smoothed over some hundred windows without contact.
-                self._floor_dbfs = level if math.isinf(floor) else floor + 0.01 * (level - floor)
+                self._floor_dbfs = (
+                    level if math.isinf(floor) else floor + 0.01 * (level - floor)
+                )
         return PipelineStep(step.block, step.predictions, commands, step.finger)
 
     def stop(self) -> None:
@@ -179,9 +198,15 @@ class FingerOutput:
 
         The gate decides on what limits the vibration; profile and threshold go to the pipeline.
         """
-        requests = [request for request in requests if request.finger in (-1, self.index)]
+        requests = [
+            request for request in requests if request.finger in (-1, self.index)
+        ]
         self._changing += bool(requests)
-        own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
+        own = [
+            request
+            for request in requests
+            if request.action in ("profile", "threshold_dbfs")
+        ]
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
@@ -194,9 +219,14 @@ class FingerOutput:
         """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
         try:
             if request.action == "profile" and request.text in self.profiles:
-                if request.text != self.pipeline.profile.name:  # opened anew it would forget the touch
+                if (
+                    request.text != self.pipeline.profile.name
+                ):  # opened anew it would forget the touch
                     self.pipeline.profile = open_profile(request.text, self._response)
-            elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
+            elif (
+                request.action == "threshold_dbfs"
+                and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0
+            ):
                 self.pipeline.detector.threshold.dbfs = request.value
             else:
                 return False
@@ -230,14 +260,22 @@ class FingerOutput:
             gate.limits.ceiling,
             gate.output_level,
             pipeline.profile.name,
-            None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs,
+            None
+            if pipeline.detector.threshold.follows_floor
+            else pipeline.detector.threshold.dbfs,
         )
 
     def state(self) -> FingerState:
         pipeline, gate = self.pipeline, self.gate
         return FingerState(
-            name=self.name, armed=gate.armed, muted_because=gate.muted_because, ceiling=gate.limits.ceiling,
-            local_ceiling=gate.local_ceiling, output_level=gate.output_level, profile=pipeline.profile.name,
-            detector=pipeline.detector.name, threshold_dbfs=pipeline.detector.threshold.dbfs,
+            name=self.name,
+            armed=gate.armed,
+            muted_because=gate.muted_because,
+            ceiling=gate.limits.ceiling,
+            local_ceiling=gate.local_ceiling,
+            output_level=gate.output_level,
+            profile=pipeline.profile.name,
+            detector=pipeline.detector.name,
+            threshold_dbfs=pipeline.detector.threshold.dbfs,
             noise_floor_dbfs=round(self._floor_dbfs, 0),
-        )  # fmt: skip
+        )

@@ -24,7 +24,9 @@ from tactophone.net.link.udp import UdpSocket
 _KEYS = "tactophone-keys-"
 
 
-def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
+def pair_on_one_machine(
+    settings: Settings, folder: Path, *, name: str
+) -> tuple[Settings, Settings]:
     """Return the robot's and the operator's settings: keys in ``folder``, and a free port of the loopback.
 
     The operator's run is named ``name``, the robot's ``name-robot``.
@@ -35,9 +37,13 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
     with UdpSocket("127.0.0.1") as probe:
-        common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.address[1])
+        common = replace(
+            settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.address[1]
+        )
     return (
-        _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
+        _side(
+            settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"
+        ),
         _side(settings, replace(common, identity=str(folder / "operator")), name),
     )
 
@@ -48,7 +54,11 @@ def temporary_keys() -> Iterator[Path]:
     for left in Path(tempfile.gettempdir()).glob(f"{_KEYS}*"):
         pid = left.name.removeprefix(_KEYS).partition("-")[0]
         with suppress(OSError):
-            if pid.isdecimal() and left.lstat().st_uid == os.getuid() and not is_alive(int(pid)):
+            if (
+                pid.isdecimal()
+                and left.lstat().st_uid == os.getuid()
+                and not is_alive(int(pid))
+            ):
                 shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
         yield Path(folder)
@@ -63,9 +73,13 @@ class Sides(NamedTuple):
 
 @contextmanager
 def both_sides(
-    settings: Settings, *, name: str, open_source: OpenSource = open_device,
-    between: Callable[[Settings], AbstractContextManager[int]] | None = None, report: Callable[[str], None] = ignore,
-) -> Iterator[Sides]:  # fmt: skip
+    settings: Settings,
+    *,
+    name: str,
+    open_source: OpenSource = open_device,
+    between: Callable[[Settings], AbstractContextManager[int]] | None = None,
+    report: Callable[[str], None] = ignore,
+) -> Iterator[Sides]:
     """Run operator and robot, each in its process.
 
     ``between`` opens what stands between the two, by the operator's settings, and yields the port that the robot calls;
@@ -74,8 +88,14 @@ def both_sides(
     with temporary_keys() as folder, ExitStack() as stack:
         robot, operator = pair_on_one_machine(settings, folder, name=name)
         if between:
-            robot = replace(robot, link=replace(robot.link, port=stack.enter_context(between(operator))))
-        receive, send = partial(run_operator, robot=robot.process.name), partial(run_robot, open_source=open_source)
+            robot = replace(
+                robot,
+                link=replace(robot.link, port=stack.enter_context(between(operator))),
+            )
+        receive, send = (
+            partial(run_operator, robot=robot.process.name),
+            partial(run_robot, open_source=open_source),
+        )
         receiving = Supervisor(receive, operator, name=name, report=report)
         sending = Supervisor(send, robot, name=robot.process.name, report=report)
         yield Sides(*stack.enter_context(supervised(receiving, sending)))

@@ -19,7 +19,13 @@ from tactophone.core.settings import Settings
 from tactophone.core.types import PipelineStep
 from tactophone.core.version import __version__
 from tactophone.live.telemetry.layout import LARGEST_RECORD
-from tactophone.live.telemetry.records import Controls, EventBatch, Record, RunStart, write_record
+from tactophone.live.telemetry.records import (
+    Controls,
+    EventBatch,
+    Record,
+    RunStart,
+    write_record,
+)
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.link.events import Event, write_event
 from tactophone.signal.perception.models import default_model, model_path
@@ -56,20 +62,31 @@ class SessionRecorder:
 
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
         """Take a step computed at ``now`` (s)."""
-        self._steps.append((step, now, truth, self._telemetry.vibration_count(step.finger)))
+        self._steps.append(
+            (step, now, truth, self._telemetry.vibration_count(step.finger))
+        )
         # A prediction is shown once its packets are processed: bridges drive devices with each.
         self._predicted = self._predicted or bool(step.predictions)
 
-    def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
+    def arrival(
+        self, now: float, events: Sequence[Event], polled: bool = False
+    ) -> None:
         """Log events that are processed together at ``now`` (s), at the next `write`."""
         self._arrivals.append((now, list(events), polled))
         if len(self._arrivals) >= _MOST_WAITING:
             self._log_arrivals()
 
     def controls(
-        self, armed: bool, ceiling: float, output_level: float, profile: str, threshold_dbfs: float | None,
-        *, step: int = 0, finger: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        armed: bool,
+        ceiling: float,
+        output_level: float,
+        profile: str,
+        threshold_dbfs: float | None,
+        *,
+        step: int = 0,
+        finger: int = 0,
+    ) -> None:
         """Log a finger's controls (see `Controls`) if they have changed, and the step of the last arrival meanwhile."""
         # Called at each packet, so compared as they come: making a `Controls` takes longer than all else here.
         controls = armed, ceiling, output_level, profile, threshold_dbfs
@@ -92,17 +109,31 @@ class SessionRecorder:
         # The log comes first: who reads a step finds what it was made of.
         self._log_arrivals()
         marks, self._marks = self._marks, []
-        self._telemetry.mark(*((index, position, now) for position, reached in marks for index, now in reached))
+        self._telemetry.mark(
+            *(
+                (index, position, now)
+                for position, reached in marks
+                for index, now in reached
+            )
+        )
         steps, self._steps = self._steps, []
-        truths = {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}} if truth_of else {}
+        truths = (
+            {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}}
+            if truth_of
+            else {}
+        )
         for step, computed, touch, vibrated in steps:
             truth = truths.get(step.finger, touch)
-            self._telemetry.publish(step, now=computed, truth=truth, vibration_count=vibrated)
+            self._telemetry.publish(
+                step, now=computed, truth=truth, vibration_count=vibrated
+            )
 
     def _log_arrivals(self) -> None:
         arrivals, self._arrivals = self._arrivals, []
         self._log(
-            each if isinstance(each, Controls) else EventBatch(each[0], tuple(map(write_event, each[1])), each[2])
+            each
+            if isinstance(each, Controls)
+            else EventBatch(each[0], tuple(map(write_event, each[1])), each[2])
             for each in arrivals
         )
 
@@ -121,13 +152,18 @@ class SessionRecorder:
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     fingers = each_finger(settings)
-    models = {own.detector.model or default_model(own.capture.tip) for own in fingers} - set(registered(DETECTORS))
+    models = {
+        own.detector.model or default_model(own.capture.tip) for own in fingers
+    } - set(registered(DETECTORS))
     tables = asdict(settings)
     del tables["fingers"]
     return RunStart(
         role=role,
         settings=tables,
-        models={name: hashlib.sha256(model_path(name).read_bytes()).hexdigest() for name in models},
+        models={
+            name: hashlib.sha256(model_path(name).read_bytes()).hexdigest()
+            for name in models
+        },
         versions={
             "tactophone": __version__,
             "python": platform.python_version(),
@@ -138,7 +174,9 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             {
                 "name": finger.name,
                 "settings": dict(finger.settings),
-                "calibration": Path(path).expanduser().read_text("utf-8") if (path := own.detector.calibration) else "",
+                "calibration": Path(path).expanduser().read_text("utf-8")
+                if (path := own.detector.calibration)
+                else "",
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)
         ],

@@ -19,7 +19,13 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.settings import Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, joined
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    LabelledSource,
+    PipelineStep,
+    joined,
+)
 from tactophone.live.audio.pacing import paced
 from tactophone.live.audio.sources import LiveSource, open_device
 from tactophone.live.runtime import wiring
@@ -63,21 +69,31 @@ class Robot(Side):
     interval = ROBOT_HOUSEKEEPING
 
     def __init__(
-        self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device,
+        self,
+        settings: Settings,
+        info: ProcessInfo,
+        *,
+        open_source: OpenSource = open_device,
         keeper: Keeper | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(settings, info, role="robot")
         self._keeper = keeper
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once: whether an object fits a protocol takes 25 us.
         labelled = self._source if isinstance(self._source, LabelledSource) else None
-        self._truth_of: Callable[[int], int] = labelled.truth_of if labelled else lambda _: -1
-        if rehearse := getattr(self._source, "rehearse", None):  # a simulation, which compiles itself at first use
+        self._truth_of: Callable[[int], int] = (
+            labelled.truth_of if labelled else lambda _: -1
+        )
+        if rehearse := getattr(
+            self._source, "rehearse", None
+        ):  # a simulation, which compiles itself at first use
             info.progress("compiling the simulation")
             rehearse()
         info.progress("rehearsing")
-        self._group = wiring.open_send_group(settings, self._source.channels, way=keeper is not None)
+        self._group = wiring.open_send_group(
+            settings, self._source.channels, way=keeper is not None
+        )
         self._operators = wiring.operators_of(settings.link)
         fingers, found = each_finger(settings), self._source.channels
         if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
@@ -87,8 +103,15 @@ class Robot(Side):
             )
         channels = channels_of(settings, alone=self._source.channels)
         self._microphones = MicrophoneCheck(settings, channels=channels)
-        predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
-        detectors = [wiring.open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
+        predicting = (
+            zip(fingers, channels, strict=True)
+            if settings.link.send_predictions
+            else ()
+        )
+        detectors = [
+            wiring.open_rehearsed_pipeline(own, channels=count).detector
+            for own, count in predicting
+        ]
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
         wiring.rehearse_encoder(self._group.encoder.codec)
         wiring.rehearse_statistics()
@@ -103,7 +126,9 @@ class Robot(Side):
             self._resources.enter_context(self._source)
             self._sockets = [
                 self._resources.enter_context(
-                    wiring.open_way(self._keeper, member.session, restarts=self._info.restarts)
+                    wiring.open_way(
+                        self._keeper, member.session, restarts=self._info.restarts
+                    )
                     if self._keeper
                     else UdpSocket()
                 )
@@ -112,7 +137,10 @@ class Robot(Side):
             self._open_telemetry()
             self._group.tap = self._log
             self._resources = self._resources.pop_all()
-        networks = [partial(self._follow_network, operator) for operator in range(len(self._group.members))]
+        networks = [
+            partial(self._follow_network, operator)
+            for operator in range(len(self._group.members))
+        ]
         self._threads = [self._start(self._follow_sound), *map(self._start, networks)]
         return self
 
@@ -135,7 +163,11 @@ class Robot(Side):
                 self._moving = request.value > 0
         with self._lock:
             group = self._group
-            counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
+            counters, round_trip, loss = (
+                dict(group.counters),
+                group.round_trip,
+                group.loss,
+            )
             peers, link_faults = group.peers, list(self._link_faults())
             hung_up = group.members[0].session.hung_up if self._keeper else ""
         self._count(counters)
@@ -144,20 +176,41 @@ class Robot(Side):
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
         period = self._source.period if isinstance(self._source, LiveSource) else 0
-        self._update_budget(now, lambda: robot_stages(self._watcher, self._group.encoder.codec, period=period))
-        of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
+        self._update_budget(
+            now,
+            lambda: robot_stages(
+                self._watcher, self._group.encoder.codec, period=period
+            ),
+        )
+        of_all = (
+            f" ({len(peers)} of {len(self._operators)} operators)"
+            if len(self._operators) > 1
+            else ""
+        )
         link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
         link += MOVING * self._moving
         names = itertools.zip_longest(
-            names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
+            names_of(self._settings),
+            [each.name for each in self._endpoint.detectors],
+            fillvalue="",
         )
         state = State(
             role="robot",
             source=self._settings.capture.source,
-            channels=len(MICROPHONES) if self._settings.is_hand else self._source.channels,
+            channels=len(MICROPHONES)
+            if self._settings.is_hand
+            else self._source.channels,
             link=f"{hung_up} hung up" if hung_up else link,
-            faults=(*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults()),
-            fingers=tuple(FingerState(name, muted_because="", detector=detector) for name, detector in names),
+            faults=(
+                *self._warnings,
+                *self._device_faults(),
+                *link_faults,
+                *self._microphones.faults(),
+            ),
+            fingers=tuple(
+                FingerState(name, muted_because="", detector=detector)
+                for name, detector in names
+            ),
         )
         self._telemetry.update(state, now=now)
         if hung_up:
@@ -165,10 +218,16 @@ class Robot(Side):
 
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why, and which run another version."""
-        for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
+        for number, (member, (host, port)) in enumerate(
+            zip(self._group.members, self._operators, strict=True), 1
+        ):
             which = "" if len(self._operators) == 1 else f"-{number}"
-            if member.session.peer is None and not (self._keeper and member.session.hung_up):
-                reason = member.session.failure or (NO_ANSWER if self._keeper else START_OPERATOR)
+            if member.session.peer is None and not (
+                self._keeper and member.session.hung_up
+            ):
+                reason = member.session.failure or (
+                    NO_ANSWER if self._keeper else START_OPERATOR
+                )
                 where = "" if self._keeper else f" at {host}:{port}"
                 yield Fault(f"link{which}", f"no operator{where} yet: {reason}")
             elif conflict := member.session.version_conflict:
@@ -177,7 +236,9 @@ class Robot(Side):
     def _device_faults(self) -> Iterator[Fault]:
         if isinstance(self._source, LiveSource):
             device = self._source.device
-            self._count({"xruns": device.xruns, "capture_overflows": self._source.overflows})
+            self._count(
+                {"xruns": device.xruns, "capture_overflows": self._source.overflows}
+            )
             if device.fault:
                 yield Fault("microphones", device.fault)
 
@@ -189,7 +250,9 @@ class Robot(Side):
         sound: Iterable[AudioBlock]
         if isinstance(self._source, LiveSource):
             # Until a packet is complete there is nothing to do, unless predictions are made here.
-            sound = self._source.joined(lambda: 1 if self._endpoint.detectors else self._group.encoder.missing)
+            sound = self._source.joined(
+                lambda: 1 if self._endpoint.detectors else self._group.encoder.missing
+            )
         else:
             sound = paced(self._source, skip=recorded)
         for block in sound:
@@ -214,7 +277,11 @@ class Robot(Side):
             origin = self._group.origin
         now = time.monotonic()
         # A prediction is marked with the end of its window, the only time of it that the operator knows.
-        ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
+        ends = [
+            round(step.predictions[-1].end * LIVE_SAMPLE_RATE)
+            for step in steps
+            if step.predictions
+        ]
         if origin is not None and (ends or not self._endpoint.detectors):
             position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
             self._recorder.mark(position, (_CAPTURED, captured), (_SENT, now))
@@ -248,7 +315,11 @@ class Robot(Side):
             # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
             for start in range(0, len(datagrams), MOST_AT_ONCE):
                 with self._lock:
-                    self._group.receive(datagrams[start : start + MOST_AT_ONCE], now=now, operator=operator)
+                    self._group.receive(
+                        datagrams[start : start + MOST_AT_ONCE],
+                        now=now,
+                        operator=operator,
+                    )
             with self._lock:
                 self._group.poll(now, operator=operator)
                 wiring.send_outgoing(session, socket)
@@ -259,14 +330,20 @@ class Robot(Side):
 
 
 def run_robot(
-    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, keeper: Keeper | None = None
+    settings: Settings,
+    info: ProcessInfo,
+    *,
+    open_source: OpenSource = open_device,
+    keeper: Keeper | None = None,
 ) -> None:
     """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
     if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
         note()
-    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
+    signal.signal(
+        signal.SIGUSR1, signal.SIG_IGN
+    )  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source, keeper=keeper) as robot:
         note()
         robot.run(terminated)
@@ -281,7 +358,9 @@ class MicrophoneCheck:
 
     def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
         fingers = zip(each_finger(settings), channels, strict=True)
-        self._checks = [wiring.open_microphone_check(own, channels=count) for own, count in fingers]
+        self._checks = [
+            wiring.open_microphone_check(own, channels=count) for own, count in fingers
+        ]
         self._names = names_of(settings)
         self._waiting: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
 

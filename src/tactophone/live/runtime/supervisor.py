@@ -35,9 +35,20 @@ from tactophone.core.processes import Child, Parent, orphaned
 from tactophone.core.settings import Settings
 from tactophone.core.types import ignore
 from tactophone.live.audio.jack import disconnect_from_jack
-from tactophone.live.runtime.priority import MAIN_PRIORITY, collect_garbage, name_thread, prioritize_thread, settle
+from tactophone.live.runtime.priority import (
+    MAIN_PRIORITY,
+    collect_garbage,
+    name_thread,
+    prioritize_thread,
+    settle,
+)
 from tactophone.live.runtime.recorder import SessionRecorder
-from tactophone.live.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, Verdict, Watchdog
+from tactophone.live.runtime.watchdog import (
+    CHECK_INTERVAL,
+    SILENT_TIMEOUT,
+    Verdict,
+    Watchdog,
+)
 from tactophone.live.telemetry.layout import Fault
 from tactophone.live.telemetry.memory import remove_leftovers, remove_memory
 from tactophone.live.telemetry.watcher import Watcher
@@ -91,13 +102,15 @@ Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
 
 SideState = Literal["idle", "starting", "running", "restarting", "ended"]
 
-SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType({
-    "idle": frozenset({"starting"}),
-    "starting": frozenset({"running", "restarting", "ended"}),
-    "running": frozenset({"restarting", "ended"}),
-    "restarting": frozenset({"starting", "ended"}),
-    "ended": frozenset(),
-})  # fmt: skip
+SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType(
+    {
+        "idle": frozenset({"starting"}),
+        "starting": frozenset({"running", "restarting", "ended"}),
+        "running": frozenset({"restarting", "ended"}),
+        "restarting": frozenset({"starting", "ended"}),
+        "ended": frozenset(),
+    }
+)
 """The table above, as `tests/live/runtime/test_supervisor.py` walks it."""
 
 
@@ -114,7 +127,14 @@ class Supervisor:
     ``state``: where the side stands in the table at the head of this file.
     """
 
-    def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:
+    def __init__(
+        self,
+        main: Main,
+        settings: Settings,
+        *,
+        name: str,
+        report: Callable[[str], None] = ignore,
+    ) -> None:
         self.name = name
         self.restarts = 0
         self.state: SideState = "idle"
@@ -124,7 +144,9 @@ class Supervisor:
         self._started = math.inf
         self._restart_delay = RESTART_DELAY
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+        self._thread = threading.Thread(
+            target=self._watch, name="watchdog", daemon=True
+        )
 
     def __enter__(self) -> Self:
         self.begin()
@@ -145,7 +167,9 @@ class Supervisor:
             # Not for a successor: who watches the run still reads what the dead process wrote last.
             remove_leftovers()
         # A bare function, as `self` holds a thread and cannot be sent to another process.
-        self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
+        self._child = Child(
+            _run, self._main, self._settings, self.name, self.restarts, name=self.name
+        )
         self._started = math.inf
         self.state = "starting"
 
@@ -189,7 +213,9 @@ class Supervisor:
         used, slow = 0, SLOW_START
         while True:
             now = time.monotonic()
-            alive = child.alive  # asked first: what it told before its end is then read below
+            alive = (
+                child.alive
+            )  # asked first: what it told before its end is then read below
             for kind, doing in child.messages():
                 if kind in ("error", "bug"):
                     raise TactophoneError(doing)
@@ -214,7 +240,9 @@ class Supervisor:
                 slow *= 2
                 self._report(f"still starting ({now - began:.0f} s): {doing}\r")
             time.sleep(0.02)
-        raise TactophoneError(f"{self.name} did not start: {failure}; it was last {doing}")
+        raise TactophoneError(
+            f"{self.name} did not start: {failure}; it was last {doing}"
+        )
 
     def _watch(self) -> None:
         # If this is refused, the network thread has warned already.
@@ -229,8 +257,14 @@ class Supervisor:
             self.state = "restarting"
             # What ends soon after each start will most likely do so again: it is tried less and less often.
             short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
-            self._restart_delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY) if short else RESTART_DELAY
-            self._report(f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s")
+            self._restart_delay = (
+                min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
+                if short
+                else RESTART_DELAY
+            )
+            self._report(
+                f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s"
+            )
             if self._ended.wait(self._restart_delay):
                 return
             # Its successor begins muted: it finds the count in `ProcessInfo`.
@@ -242,16 +276,22 @@ class Supervisor:
         child, watcher = self._child, self._watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a busy machine may be late.
         harmless = self._settings.output.actuator in ("file", "none")
-        watchdog = Watchdog(SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout)
+        watchdog = Watchdog(
+            SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
+        )
         while child and not self._ended.wait(CHECK_INTERVAL):
             if not child.alive:
-                failures = [text for kind, text in child.messages() if kind in ("error", "bug")]
+                failures = [
+                    text for kind, text in child.messages() if kind in ("error", "bug")
+                ]
                 how = child.how_ended()
                 return failures[-1] if how and failures else how
             if watcher is None:
                 if watcher := self._watcher():
                     self._started, self.state = time.monotonic(), "running"
-            elif self._settings.process.watchdog and not self._tolerates(watchdog, watcher):
+            elif self._settings.process.watchdog and not self._tolerates(
+                watchdog, watcher
+            ):
                 # It may be stopped in the middle of a period, where it could take no note of any gentler word.
                 child.kill()
                 return "the watchdog found it stalled"
@@ -261,7 +301,9 @@ class Supervisor:
         """Check the pulse once; a process that is late at vibrating is silenced from outside, if it can be."""
         match watchdog.check(watcher.pulse(), now=time.monotonic()):
             case Verdict.LATE:
-                if self._settings.output.actuator != "jack" or not disconnect_from_jack(self.pid):
+                if self._settings.output.actuator != "jack" or not disconnect_from_jack(
+                    self.pid
+                ):
                     return False
                 # It stays, and goes on by itself once it can: it joins the JACK server again and waits for fresh sound.
                 self._report(f"! {self.name} was late and is silent until it goes on")
@@ -292,7 +334,9 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
     """
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
-            stack.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _leave))
+            stack.callback(
+                signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _leave)
+            )
         for side in sides:
             stack.push(side)
             side.begin()
@@ -307,8 +351,15 @@ def _leave(*_: object) -> None:
     raise SystemExit(0)
 
 
-def _run(parent: Parent, main: Main, settings: Settings, name: str, restarts: int) -> None:
-    main(settings, ProcessInfo(name, restarts, progress=lambda text: parent.tell(("progress", text))))
+def _run(
+    parent: Parent, main: Main, settings: Settings, name: str, restarts: int
+) -> None:
+    main(
+        settings,
+        ProcessInfo(
+            name, restarts, progress=lambda text: parent.tell(("progress", text))
+        ),
+    )
 
 
 def _processor_time(pid: int) -> int:
@@ -363,11 +414,15 @@ class Side:
 
     def _open_telemetry(self) -> None:
         name, fingers = self._info.name, len(self._settings.fingers)
-        self._telemetry = self._resources.enter_context(Telemetry(name, fingers=fingers))
+        self._telemetry = self._resources.enter_context(
+            Telemetry(name, fingers=fingers)
+        )
         self._telemetry.count("process_restarts", self._info.restarts)
         # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
         self._watcher = Watcher(name)
-        self._recorder = SessionRecorder(self._telemetry, self._settings, role=self._role)
+        self._recorder = SessionRecorder(
+            self._telemetry, self._settings, role=self._role
+        )
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         """Start a thread whose end, whatever the reason, ends the whole side in silence."""
@@ -392,13 +447,17 @@ class Side:
         """Name and prioritise the calling thread; what the system refuses is a fault from now on, as are warnings."""
         name_thread(name)
         warnings["priority"] = prioritize_thread(self._settings.process.priority)
-        self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
+        self._warnings = tuple(
+            Fault(code, warning) for code, warning in warnings.items() if warning
+        )
 
     def _count(self, totals: Mapping[str, int]) -> None:
         for name, total in totals.items():
             self._telemetry.count(name, total - self._telemetry.counter(name))
 
-    def _update_budget(self, now: float, stages: Callable[[], Mapping[str, float]]) -> None:
+    def _update_budget(
+        self, now: float, stages: Callable[[], Mapping[str, float]]
+    ) -> None:
         """Show how long sound spends in each stage, once a second."""
         if now - self._budgeted_at >= BUDGET_INTERVAL:
             self._budgeted_at = now

@@ -54,11 +54,15 @@ class Watchdog:
     def check(self, pulse: Pulse, *, now: float) -> Verdict:
         """Compare a pulse with the one before. `Verdict.LATE` comes once, until the process goes on."""
         # A late check counts as two intervals at most: the time beyond was lost to the machine, not to the process.
-        passed = 0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
+        passed = (
+            0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
+        )
         self._last = now
         moved = pulse.callbacks != self._callbacks or pulse.callbacks == 0
         self._without_callback = 0.0 if moved else self._without_callback + passed
-        self._without_beat = 0.0 if pulse.beat != self._beat else self._without_beat + passed
+        self._without_beat = (
+            0.0 if pulse.beat != self._beat else self._without_beat + passed
+        )
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
         # Whoever goes on after it was silenced may be late again, and is then reported again.
         self._reported &= not moved
@@ -69,5 +73,7 @@ class Watchdog:
             self._reported = self._without_callback > late
             return Verdict.LATE if self._reported else Verdict.ALIVE
         # Reported, and it still vibrates: either nothing silenced it, or it is stopped for good.
-        silenced_in_vain = pulse.amplitude > 0.0 and self._without_callback > SILENT_TIMEOUT
+        silenced_in_vain = (
+            pulse.amplitude > 0.0 and self._without_callback > SILENT_TIMEOUT
+        )
         return Verdict.STALLED if silenced_in_vain else Verdict.ALIVE

@@ -19,7 +19,14 @@ from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.core.settings import Link, Settings
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, ContactRule, Detector, FloatArray, Source
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    AudioBlock,
+    ContactRule,
+    Detector,
+    FloatArray,
+    Source,
+)
 from tactophone.core.version import __version__
 from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand
@@ -36,14 +43,32 @@ from tactophone.net.link.udp import UdpSocket, resolve
 from tactophone.net.link.way import Keeper, WaySocket
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator, Renderer
-from tactophone.signal.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
-from tactophone.signal.haptics.profiles import ActuatorResponse, open_profile, parse_levels
+from tactophone.signal.haptics.passthrough import (
+    PASSTHROUGH,
+    GateProfile,
+    PassthroughRenderer,
+)
+from tactophone.signal.haptics.profiles import (
+    ActuatorResponse,
+    open_profile,
+    parse_levels,
+)
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.detector import TouchDetector
-from tactophone.signal.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
+from tactophone.signal.perception.fallback import (
+    FALLBACK_MESSAGES,
+    FallbackDetector,
+    with_fallback,
+)
 from tactophone.signal.perception.health import FaultDetector
 from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import default_model, model_path, open_detector, open_registered, tip_mismatch
+from tactophone.signal.perception.models import (
+    default_model,
+    model_path,
+    open_detector,
+    open_registered,
+    tip_mismatch,
+)
 from tactophone.signal.pipeline import Hand, Pipeline, open_events
 
 OpenSource = Callable[[Settings], Source]
@@ -69,39 +94,66 @@ def open_actuator(
         case "jack":
             process = settings.process
             names = [name or "vibration" for name in names_of(settings)]
-            ports = {name: own.output.port for name, own in zip(names, fingers, strict=True)}
+            ports = {
+                name: own.output.port for name, own in zip(names, fingers, strict=True)
+            }
             name = process.name or "tactophone-operator"
-            return actuator.jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
+            return actuator.jack_hand_actuator(
+                render, ports=ports, server=process.jack_server, name=name
+            )
         case "portaudio":
             channels = [own.output.channel for own in fingers]
-            return actuator.portaudio_hand_actuator(render, device=output.device, channels=channels)
+            return actuator.portaudio_hand_actuator(
+                render, device=output.device, channels=channels
+            )
         case "gamepad" if settings.is_hand:
-            raise ConfigError("a gamepad's motors play one finger: choose another --actuator, or leave --fingers out")
+            raise ConfigError(
+                "a gamepad's motors play one finger: choose another --actuator, or leave --fingers out"
+            )
         case "gamepad":
             return actuator.gamepad_actuator(
-                lambda out: render([out]), device=output.device, roughness=roughness, ceiling=ceiling
+                lambda out: render([out]),
+                device=output.device,
+                roughness=roughness,
+                ceiling=ceiling,
             )
-    if make := output.actuator not in ("file", "none") and load(ACTUATORS, output.actuator):
+    if make := output.actuator not in ("file", "none") and load(
+        ACTUATORS, output.actuator
+    ):
         made: Actuator = make(render=render, fingers=len(fingers), device=output.device)
         return made
     path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
-    return actuator.clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
+    return actuator.clocked_hand_actuator(
+        render, fingers=len(fingers), period=output.period, path=path
+    )
 
 
 def actuator_response(settings: Settings) -> ActuatorResponse:
     own = settings.actuator
     return ActuatorResponse(
-        own.resonance, own.lowest, own.highest, own.slowest, own.fastest, parse_levels(own.response)
+        own.resonance,
+        own.lowest,
+        own.highest,
+        own.slowest,
+        own.fastest,
+        parse_levels(own.response),
     )
 
 
-def open_renderer(settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False) -> Renderer:
+def open_renderer(
+    settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False
+) -> Renderer:
     """Make the renderer of a finger: the oscillator, or the passthrough of the sound that ``pull`` returns."""
-    limits, profile = Limits(ceiling=settings.rendering.ceiling), settings.rendering.profile
+    limits, profile = (
+        Limits(ceiling=settings.rendering.ceiling),
+        settings.rendering.profile,
+    )
     if profile not in PASSTHROUGH:
         return Oscillator(limits)
     if hand:
-        raise ConfigError(f"the profile {profile} renders the sound of a single finger; give the hand another profile")
+        raise ConfigError(
+            f"the profile {profile} renders the sound of a single finger; give the hand another profile"
+        )
     # The gate of the renderer applies the ceiling; applied in the passthrough too, it would count twice.
     return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
 
@@ -117,28 +169,51 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     own = open_registered(model, sample_rate=LIVE_SAMPLE_RATE, channels=channels)
     rule = cast(ContactRule, chosen.contact)
     plain = (
-        None if own else open_detector(model, sample_rate=LIVE_SAMPLE_RATE, contact=rule, follow_floor=rule != "window")
+        None
+        if own
+        else open_detector(
+            model,
+            sample_rate=LIVE_SAMPLE_RATE,
+            contact=rule,
+            follow_floor=rule != "window",
+        )
     )
     detector: Detector = own or cast(TouchDetector, plain)
     if chosen.check_microphones and plain:
         reference = calibration.reference if calibration else None
         detector = with_fallback(
-            plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference, contact=rule
+            plain,
+            sample_rate=LIVE_SAMPLE_RATE,
+            channels=channels,
+            model=model,
+            reference=reference,
+            contact=rule,
         )
     if not math.isnan(chosen.threshold_dbfs):
         detector.threshold.dbfs = chosen.threshold_dbfs
     elif rule == "bands":
         if plain and plain.floor:  # bands follow the noise, whatever was calibrated
             measured = calibration.margin_db if calibration else plain.floor.margin_db
-            plain.floor.margin_db = measured if math.isnan(chosen.margin_db) else chosen.margin_db
-    elif calibration and plain and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
+            plain.floor.margin_db = (
+                measured if math.isnan(chosen.margin_db) else chosen.margin_db
+            )
+    elif (
+        calibration
+        and plain
+        and (level := calibration.threshold_for(plain.detector.card.gate.rule))
+        is not None
+    ):
         # A model whose rule was not calibrated follows the noise floor.
         detector.threshold.dbfs = level
     return Pipeline(
         detector,
-        GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
+        GateProfile(profile)
+        if profile in PASSTHROUGH
+        else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
-        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels, tip=settings.capture.tip)
+        events=open_events(
+            sample_rate=LIVE_SAMPLE_RATE, channels=channels, tip=settings.capture.tip
+        )
         if chosen.events or profile == "events"
         else None,
     )
@@ -148,7 +223,11 @@ def tip_warning(settings: Settings) -> str:
     """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
     tip = settings.capture.tip
     model = settings.detector.model or default_model(tip)
-    return "" if model in registered(DETECTORS) else tip_mismatch(read_model(model_path(model)).card, tip)
+    return (
+        ""
+        if model in registered(DETECTORS)
+        else tip_mismatch(read_model(model_path(model)).card, tip)
+    )
 
 
 def read_calibration(path: str, channels: int) -> Calibration | None:
@@ -164,7 +243,9 @@ def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector
     if not settings.detector.check_microphones:
         return None
     calibration = read_calibration(settings.detector.calibration, channels)
-    check = FaultDetector(LIVE_SAMPLE_RATE, calibration.reference if calibration else None)
+    check = FaultDetector(
+        LIVE_SAMPLE_RATE, calibration.reference if calibration else None
+    )
     check.push(AudioBlock(_noise(REHEARSAL, channels), LIVE_SAMPLE_RATE, 0))
     check.reset()
     return check
@@ -174,7 +255,9 @@ def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault
     """Yield what is wrong with a finger's microphones and what the detector falls back to, or what does not fit."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:
-            yield finger_fault(finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
+            yield finger_fault(
+                finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})"
+            )
         if (misfit := detector.misfit) and not detector.sensor_faults:
             yield finger_fault(finger, *misfit)
 
@@ -185,10 +268,14 @@ def finger_fault(finger: str, code: str, text: str) -> Fault:
     >>> finger_fault("index", "contact-dead", "the contact microphone is dead").code
     'index-contact-dead'
     """
-    return Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
+    return (
+        Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
+    )
 
 
-def open_session(settings: Settings, *, call: Sequence[Address] = (), way: bool = False) -> Session:
+def open_session(
+    settings: Settings, *, call: Sequence[Address] = (), way: bool = False
+) -> Session:
     """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
 
     With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is trusted yet otherwise.
@@ -199,7 +286,9 @@ def open_session(settings: Settings, *, call: Sequence[Address] = (), way: bool 
         raise ConfigError(
             f"{folder}: this machine trusts no other yet; run `tactophone pair init` on both, then the line each prints"
         )
-    return Session(Identity.load(folder), peers, call=list(call) or None, version=__version__)
+    return Session(
+        Identity.load(folder), peers, call=list(call) or None, version=__version__
+    )
 
 
 def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
@@ -218,21 +307,35 @@ def operators_of(link: Link) -> list[Address]:
     [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
     """
     try:
-        operators = [split_address(name.strip(), link.port) for name in link.peer.split(",") if name.strip()]
+        operators = [
+            split_address(name.strip(), link.port)
+            for name in link.peer.split(",")
+            if name.strip()
+        ]
     except ValueError as error:
-        raise ConfigError(f"link.peer = {link.peer!r}: {error}; write host or host:port") from None
+        raise ConfigError(
+            f"link.peer = {link.peer!r}: {error}; write host or host:port"
+        ) from None
     if not operators:
-        raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
+        raise ConfigError(
+            "link.peer is empty: give the operator's host, as in --peer operator.local"
+        )
     if len(operators) > MOST_OPERATORS:
         raise ConfigError(
             f"link.peer names {len(operators)} operators, but a robot sends to at most {MOST_OPERATORS}: leave some out"
         )
-    if twice := [host for (host, port), count in Counter(operators).items() if count > 1]:
-        raise ConfigError(f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own")
+    if twice := [
+        host for (host, port), count in Counter(operators).items() if count > 1
+    ]:
+        raise ConfigError(
+            f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own"
+        )
     return operators
 
 
-def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> SendGroup:
+def open_send_group(
+    settings: Settings, channels: int, *, way: bool = False
+) -> SendGroup:
     """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
 
     Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead to one address.
@@ -241,7 +344,9 @@ def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> 
     operators = [resolve(host, port) for host, port in operators_of(link)]
     every = Counter(address for found in operators for address in set(found))
     if twice := [address for address, count in every.items() if count > 1]:
-        raise ConfigError(f"two names in link.peer lead to {twice[0][0]}: name each operator once")
+        raise ConfigError(
+            f"two names in link.peer lead to {twice[0][0]}: name each operator once"
+        )
     codec = Codec(
         "pcm16" if link.codec == "pcm16" else "opus",
         channels=channels,
@@ -250,7 +355,11 @@ def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> 
         bitrate_bps=link.bitrate_bps * len(settings.fingers),
     )
     fixed = link.redundancy >= 0
-    rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
+    rule = (
+        RedundancyRule(least=link.redundancy, most=link.redundancy)
+        if fixed
+        else RedundancyRule()
+    )
     sessions = [open_session(settings, call=found, way=way) for found in operators]
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
@@ -270,9 +379,14 @@ def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
     """
     pipeline = open_pipeline_for(settings, channels=channels)
     # Loud noise, then digital silence: both ways through the detector.
-    for sound in (_noise(REHEARSAL, channels), np.zeros((_BLOCK, channels), np.float32)):
+    for sound in (
+        _noise(REHEARSAL, channels),
+        np.zeros((_BLOCK, channels), np.float32),
+    ):
         for start in range(0, len(sound), _BLOCK):
-            pipeline.detector.push(AudioBlock(sound[start : start + _BLOCK], LIVE_SAMPLE_RATE, start))
+            pipeline.detector.push(
+                AudioBlock(sound[start : start + _BLOCK], LIVE_SAMPLE_RATE, start)
+            )
     pipeline.detector.reset()
     return pipeline
 
@@ -285,8 +399,13 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
     """
     if settings.is_hand:
         fingers, channels = each_finger(settings), channels_of(settings, alone=2)
-        hand = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
-        rehearse_decoders([Codec(channels=len(MICROPHONES) * len(fingers), packet_size=120)])
+        hand = [
+            open_rehearsed_pipeline(own, channels=count)
+            for own, count in zip(fingers, channels, strict=True)
+        ]
+        rehearse_decoders(
+            [Codec(channels=len(MICROPHONES) * len(fingers), packet_size=120)]
+        )
         return OperatorEndpoint(session, Hand(hand, channels=channels))
     pipelines, refusal = {2: open_rehearsed_pipeline(settings, channels=2)}, ""
     try:
@@ -305,7 +424,9 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
 
 
 def rehearse_encoder(codec: Codec) -> bytes:
-    return open_encoder(codec).encode(_noise(codec.packet_size / LIVE_SAMPLE_RATE, codec.channels))
+    return open_encoder(codec).encode(
+        _noise(codec.packet_size / LIVE_SAMPLE_RATE, codec.channels)
+    )
 
 
 def rehearse_decoders(codecs: Iterable[Codec]) -> None:
@@ -325,4 +446,6 @@ def rehearse_statistics() -> None:
 
 def _noise(duration: float, channels: int) -> FloatArray:
     random = np.random.default_rng(0)
-    return random.normal(0.0, 0.1, (round(duration * LIVE_SAMPLE_RATE), channels)).astype(np.float32)
+    return random.normal(
+        0.0, 0.1, (round(duration * LIVE_SAMPLE_RATE), channels)
+    ).astype(np.float32)

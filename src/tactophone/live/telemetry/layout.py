@@ -61,7 +61,16 @@ COUNTERS: dict[str, str] = {
 }
 """Totals since the start of the process, with the description that a user reads."""
 
-STAGES = ("capture", "encode", "network", "playout", "decode", "detect", "render", "device")
+STAGES = (
+    "capture",
+    "encode",
+    "network",
+    "playout",
+    "decode",
+    "detect",
+    "render",
+    "device",
+)
 """The latency budget from microphone to actuator; each stage has a gauge ``latency_<stage>``, its median in seconds."""
 
 MARKS = ("captured", "sent", "received", "released", "decoded", "detected", "rendered")
@@ -86,7 +95,16 @@ GAUGES: dict[str, str] = {
 """Values that go up and down, with the description that a user reads; NaN until first set."""
 
 Action: TypeAlias = Literal[
-    "stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs", "pause", "seek", "moving"
+    "stop",
+    "mute",
+    "arm",
+    "ceiling",
+    "output_level",
+    "profile",
+    "threshold_dbfs",
+    "pause",
+    "seek",
+    "moving",
 ]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 
@@ -217,14 +235,25 @@ STEP_RECORD = np.dtype(
 command (`PREDICTION_FIELDS`; NaN before the first prediction). ``event`` is the newest touch event of this step alone.
 ``truth`` is the known `Touch`, or -1."""
 
-PREDICTION_RECORD = np.dtype([*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")], align=True)
+PREDICTION_RECORD = np.dtype(
+    [*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")],
+    align=True,
+)
 """One prediction and the command computed from it, and when, on the system-wide monotonic clock, in seconds."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
 """The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""
 
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
-_REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
+_REQUEST = np.dtype(
+    [
+        ("count", "u8"),
+        ("time", "f8"),
+        ("value", "f8"),
+        ("size", "u8"),
+        ("text", "u1", 64),
+    ]
+)
 
 HEAD_SIZE = 32
 """Bytes of the first four fields, which lie at the same place in every layout."""

@@ -36,17 +36,26 @@ class Memory:
 
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
         if "/" in name:
-            raise TactophoneError(f"the name of a run cannot hold a slash, as {name!r} does: choose another --name")
+            raise TactophoneError(
+                f"the name of a run cannot hold a slash, as {name!r} does: choose another --name"
+            )
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
-        with _created(draft, self._path, fingers) if create else _opened(self._path) as file:
+        with (
+            _created(draft, self._path, fingers)
+            if create
+            else _opened(self._path) as file
+        ):
             self._inode = os.fstat(file.fileno()).st_ino
             self.fingers = fingers if create else _fingers_of(file)
             layout = layout_of(self.fingers)
             whole: NDArray[np.void] = np.memmap(file, layout, mode="r+", shape=(1,))
         # The views are made once: making one costs as much as a write through it.
-        self._views = {name: np.asarray(whole[name]).reshape(layout[name].shape) for name in layout.names or ()}
+        self._views = {
+            name: np.asarray(whole[name]).reshape(layout[name].shape)
+            for name in layout.names or ()
+        }
         if create:
             self["gauges"][:] = np.nan
             self.sign()
@@ -79,7 +88,9 @@ class Memory:
     def unlink(self) -> None:
         """Remove the file, if this process created it; readers that have it open see the last state."""
         with contextlib.suppress(OSError):
-            if self._created and self._path.lstat().st_ino == self._inode:  # not the file of a successor
+            if (
+                self._created and self._path.lstat().st_ino == self._inode
+            ):  # not the file of a successor
                 self._path.unlink()
 
 
@@ -105,7 +116,11 @@ def remove_leftovers() -> None:
     """
     for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
         with contextlib.suppress(OSError, TactophoneError):
-            if path.lstat().st_uid == os.getuid() and not path.is_symlink() and _is_leftover(path):
+            if (
+                path.lstat().st_uid == os.getuid()
+                and not path.is_symlink()
+                and _is_leftover(path)
+            ):
                 path.unlink()
 
 
@@ -125,7 +140,9 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     if os.path.lexists(path):
         pid = _left_by(path)
         if is_alive(pid):
-            raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
+            raise TactophoneError(
+                f"{_run(path)} runs already (process {pid}): stop it, or choose another --name"
+            )
         path.unlink()
     size = layout_of(fingers).itemsize
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
@@ -157,7 +174,10 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
     """
     try:
         # Not waiting for the other end of a pipe, nor following a link.
-        file = os.fdopen(os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW), "rb" if mode == os.O_RDONLY else "r+b")
+        file = os.fdopen(
+            os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW),
+            "rb" if mode == os.O_RDONLY else "r+b",
+        )
     except FileNotFoundError:
         raise TactophoneError(
             f"cannot reach {_run(path)} (there is no such run): start `tactophone receive` (or send, loopback), "
@@ -166,7 +186,12 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
     except OSError:
         file = None
     status = os.fstat(file.fileno()) if file else None
-    if file is None or status is None or not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+    if (
+        file is None
+        or status is None
+        or not stat.S_ISREG(status.st_mode)
+        or status.st_uid != os.getuid()
+    ):
         if file:
             file.close()
         raise TactophoneError(
@@ -180,7 +205,9 @@ def _opened(path: Path) -> BinaryIO:
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
     fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
-    if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(fingers):
+    if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(
+        fingers
+    ):
         file.close()
         raise TactophoneError(
             f"{_run(path)} was started by another version of Tactophone; install the same version on both sides"
@@ -200,7 +227,10 @@ def _run(path: Path) -> str:
 def is_alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):  # overwritten memory states numbers that no process has
+    except (
+        ProcessLookupError,
+        OverflowError,
+    ):  # overwritten memory states numbers that no process has
         return False
     except PermissionError:
         return True

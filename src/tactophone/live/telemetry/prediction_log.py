@@ -22,7 +22,9 @@ class RunFollower:
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="run-follower", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name="run-follower", daemon=True
+        )
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -57,17 +59,23 @@ class PredictionLog(RunFollower):
     Raises `ConfigError` when the file cannot be written.
     """
 
-    def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = ignore) -> None:
+    def __init__(
+        self, name: str, path: Path, *, report: Callable[[str], None] = ignore
+    ) -> None:
         super().__init__(name)
         self._full = False
         self._path, self._report = path, report
-        self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
+        self._writer = TimelineWriter(
+            path, fingers=list(filter(None, self.watcher.finger_names()))
+        )
 
     def __enter__(self) -> Self:
         try:
             self._writer.__enter__()
         except OSError as error:
-            raise ConfigError(f"cannot write {self._path} ({error.strerror}): choose another --record") from error
+            raise ConfigError(
+                f"cannot write {self._path} ({error.strerror}): choose another --record"
+            ) from error
         return super().__enter__()
 
     def __exit__(self, *error: Any) -> None:
@@ -81,7 +89,9 @@ class PredictionLog(RunFollower):
                 self._write_new()
         except OSError as error:
             self._full = True
-            self._report(f"{self._path}: the log ends here ({error.strerror}); the run goes on")
+            self._report(
+                f"{self._path}: the log ends here ({error.strerror}); the run goes on"
+            )
 
     def _write_new(self) -> None:
         self.watcher.follow()
@@ -89,7 +99,9 @@ class PredictionLog(RunFollower):
             rows, missed = self.watcher.new_predictions(finger=finger)
             if missed:
                 until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
-                self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
+                self._report(
+                    f"{self._path}: {missed} predictions{until} are missing, as they were not read in time"
+                )
             for entry in rows:
                 self._writer.write_row(*prediction_of(entry), finger=finger)
         self._writer.flush()

@@ -59,7 +59,9 @@ class RunStart:
     """Versions of Tactophone and of what its numbers depend on."""
     epoch: Seconds = 0.0
     """Seconds since 1970 at 0 of the monotonic clock, on which all other times are."""
-    fingers: Annotated[list[FingerStart], msgspec.Meta(max_length=MOST_FINGERS)] = field(default_factory=list)
+    fingers: Annotated[list[FingerStart], msgspec.Meta(max_length=MOST_FINGERS)] = (
+        field(default_factory=list)
+    )
 
 
 class EventBatch(msgspec.Struct, frozen=True):
@@ -106,7 +108,10 @@ def write_record(record: Record) -> list[bytes]:
     """
     parts = _parts(record) if isinstance(record, EventBatch) else (record,)
     kind = _KINDS.index(type(record))
-    return [_HEAD.pack(len(body), kind) + body for body in map(msgspec.msgpack.encode, parts)]
+    return [
+        _HEAD.pack(len(body), kind) + body
+        for body in map(msgspec.msgpack.encode, parts)
+    ]
 
 
 def read_records(log: bytes) -> Iterator[Record]:
@@ -120,11 +125,15 @@ def read_records(log: bytes) -> Iterator[Record]:
             if len(body) < size:
                 raise ValueError(f"{size} bytes announced, {len(body)} left")
             if kind >= len(_KINDS):
-                raise ValueError(f"a record of kind {kind}, which this version does not know")
+                raise ValueError(
+                    f"a record of kind {kind}, which this version does not know"
+                )
             yield msgspec.msgpack.decode(body, type=_KINDS[kind])
             position += size
     except (struct.error, ValueError, msgspec.MsgspecError) as error:
-        raise DatasetError(f"a session log with a broken record at byte {position}: {error}") from error
+        raise DatasetError(
+            f"a session log with a broken record at byte {position}: {error}"
+        ) from error
 
 
 def _parts(arrival: EventBatch) -> Iterator[EventBatch]:

@@ -15,7 +15,9 @@ from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
 from tactophone.core.processes import make_room
 from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 
-TIMELINE_COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
+TIMELINE_COLUMNS = tuple(
+    field.name for field in PREDICTION_FIELDS if field.name != "window_start"
+)
 """Columns of the CSV file, and keys of each entry of the JSON file; without a touch event the last two are empty."""
 
 _SPECIAL = ("touch", "unknown", "event", "event_time")
@@ -33,8 +35,13 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
-    entries = entries_of(prediction, command) | ({} if prediction.events else {"event_time": ""})
-    return {key: round(value, 6) if isinstance(value := entries[key], float) else value for key in TIMELINE_COLUMNS}
+    entries = entries_of(prediction, command) | (
+        {} if prediction.events else {"event_time": ""}
+    )
+    return {
+        key: round(value, 6) if isinstance(value := entries[key], float) else value
+        for key in TIMELINE_COLUMNS
+    }
 
 
 class TimelineWriter:
@@ -43,7 +50,9 @@ class TimelineWriter:
     A JSON file gets the same entries as a list. With names of ``fingers`` the first column is ``finger``.
     """
 
-    def __init__(self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()) -> None:
+    def __init__(
+        self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()
+    ) -> None:
         self._path, self._json_path, self.fingers = path, json_path, fingers
         self._resources = ExitStack()
         self._separator = "[\n"
@@ -53,9 +62,16 @@ class TimelineWriter:
         self._path.touch(0o600)  # of this user alone, as a log
         enter = self._resources.enter_context
         self._file = enter(self._path.open("w", encoding="utf-8", newline=""))
-        self._csv = csv.DictWriter(self._file, (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS)
+        self._csv = csv.DictWriter(
+            self._file,
+            (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS,
+        )
         self._csv.writeheader()
-        self._json = enter(self._json_path.open("w", encoding="utf-8")) if self._json_path else None
+        self._json = (
+            enter(self._json_path.open("w", encoding="utf-8"))
+            if self._json_path
+            else None
+        )
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -67,8 +83,12 @@ class TimelineWriter:
         for prediction, command in zip(step.predictions, step.commands, strict=True):
             self.write_row(prediction, command, finger=step.finger)
 
-    def write_row(self, prediction: Prediction, command: HapticCommand, *, finger: int = 0) -> None:
-        entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
+    def write_row(
+        self, prediction: Prediction, command: HapticCommand, *, finger: int = 0
+    ) -> None:
+        entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(
+            prediction, command
+        )
         self._csv.writerow(entries)
         if self._json:
             self._json.write(self._separator + msgspec.json.encode(entries).decode())
@@ -88,15 +108,29 @@ def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
+            lines = [
+                line
+                for line in csv.DictReader(file)
+                if not finger or line[FINGER] == finger
+            ]
         columns = {
-            name: np.array([float(line[name]) for line in lines]) for name in TIMELINE_COLUMNS if name not in _SPECIAL
+            name: np.array([float(line[name]) for line in lines])
+            for name in TIMELINE_COLUMNS
+            if name not in _SPECIAL
         }
         return columns | {
-            "touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8),
-            "unknown": np.array([float(line.get("unknown") or "nan") for line in lines]),
+            "touch": np.array(
+                [Touch[line["touch"].upper()] for line in lines], np.int8
+            ),
+            "unknown": np.array(
+                [float(line.get("unknown") or "nan") for line in lines]
+            ),
             "event": np.array([line.get("event") or "" for line in lines], str),
-            "event_time": np.array([float(line.get("event_time") or "nan") for line in lines]),
+            "event_time": np.array(
+                [float(line.get("event_time") or "nan") for line in lines]
+            ),
         }
     except (KeyError, ValueError, TypeError, csv.Error) as error:
-        raise DatasetError(f"{path}: not a timeline ({error}); make one with `tactophone feel`") from error
+        raise DatasetError(
+            f"{path}: not a timeline ({error}); make one with `tactophone feel`"
+        ) from error

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from tactophone.core.errors import TactophoneError
 from tactophone.core.types import FloatArray
 from tactophone.live.telemetry import layout
-from tactophone.live.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
+from tactophone.live.telemetry.layout import (
+    ACTIONS,
+    COUNTERS,
+    GAUGES,
+    MARKS,
+    Action,
+    FingerState,
+    State,
+)
 from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.live.telemetry.records import RunStart, read_records
 
@@ -133,7 +141,11 @@ class Watcher:
             log, count = self.log()
             with contextlib.suppress(TactophoneError):
                 first = next(read_records(log), None) if len(log) == count else None
-                names = [finger["name"] for finger in first.fingers] if isinstance(first, RunStart) else names
+                names = (
+                    [finger["name"] for finger in first.fingers]
+                    if isinstance(first, RunStart)
+                    else names
+                )
         return names if len(names) == self.fingers else [""] * self.fingers
 
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
@@ -141,13 +153,27 @@ class Watcher:
         since = since if since and since.restarts == self.restarts else None
         steps, step_end = self._ring("step", since.step_end if since else 0, finger)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
-        vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
+        vibration, vibration_end = self._ring(
+            "vibration", since.vibration_end if since else 0, finger
+        )
         state, (counters, gauges) = self.state(), self.totals()
         return Snapshot(
-            state=state, finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
-            counters=counters, gauges=gauges, steps=steps, sound=sound, vibration=vibration, step_end=step_end,
-            sound_end=sound_end, vibration_end=vibration_end, restarts=self.restarts, age=self._age, alive=self.alive,
-        )  # fmt: skip
+            state=state,
+            finger=state.fingers[finger]
+            if finger < len(state.fingers)
+            else FingerState(),
+            counters=counters,
+            gauges=gauges,
+            steps=steps,
+            sound=sound,
+            vibration=vibration,
+            step_end=step_end,
+            sound_end=sound_end,
+            vibration_end=vibration_end,
+            restarts=self.restarts,
+            age=self._age,
+            alive=self.alive,
+        )
 
     @property
     def pid(self) -> int:
@@ -163,7 +189,9 @@ class Watcher:
     def _age(self) -> float:
         return time.monotonic() - float(self._memory["beat"])
 
-    def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
+    def predictions(
+        self, since: int = 0, *, finger: int = 0
+    ) -> tuple[NDArray[np.void], int]:
         """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
 
         Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
@@ -182,7 +210,12 @@ class Watcher:
         Fewer than ``total - since`` bytes mean that records were overwritten before this call; the rest then begins
         within a record and is of no use.
         """
-        rows, count = _newest(self._memory["log"], self._memory["log_count"], slack=layout.LARGEST_RECORD, since=since)
+        rows, count = _newest(
+            self._memory["log"],
+            self._memory["log_count"],
+            slack=layout.LARGEST_RECORD,
+            since=since,
+        )
         return rows.tobytes(), count
 
     def state(self) -> State:
@@ -192,26 +225,38 @@ class Watcher:
             text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
             if int(self._memory["state_count"]) == turn:
                 # Overwritten memory holds anything; the writer repairs it at its next update.
-                with contextlib.suppress(ValueError, msgspec.ValidationError, RecursionError):
+                with contextlib.suppress(
+                    ValueError, msgspec.ValidationError, RecursionError
+                ):
                     return State.parse(text)
                 break
         return State()
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
-        counters, gauges = self._memory["counters"].tolist(), self._memory["gauges"].tolist()
-        return dict(zip(COUNTERS, counters, strict=True)), dict(zip(GAUGES, gauges, strict=True))
+        counters, gauges = (
+            self._memory["counters"].tolist(),
+            self._memory["gauges"].tolist(),
+        )
+        return dict(zip(COUNTERS, counters, strict=True)), dict(
+            zip(GAUGES, gauges, strict=True)
+        )
 
     def pulse(self) -> Pulse:
         """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred calls a second."""
         counters, gauges = self._memory["counters"], self._memory["gauges"]
         return Pulse(
-            int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
+            int(counters[_CALLBACKS]),
+            float(gauges[_AMPLITUDE]),
+            float(self._memory["beat"]),
+            float(gauges[_PERIOD]),
         )
 
     def newest_step(self, *, finger: int = 0) -> NDArray[np.void] | None:
         """Copy a finger's newest step; ``None`` before the first."""
-        steps, end = self._ring("step", max(0, int(self._memory["step_count"][finger]) - 1), finger)
+        steps, end = self._ring(
+            "step", max(0, int(self._memory["step_count"][finger]) - 1), finger
+        )
         return steps[-1:] if end and len(steps) else None
 
     def gauge(self, name: str) -> float:
@@ -221,9 +266,15 @@ class Watcher:
     def marks(self, name: str) -> NDArray[np.void]:
         """Copy the newest marks of one kind of `MARKS`, of dtype `MARK`."""
         index = MARKS.index(name)
-        return _newest(self._memory["marks"][index], self._memory["mark_counts"][index : index + 1], slack=1)[0]
+        return _newest(
+            self._memory["marks"][index],
+            self._memory["mark_counts"][index : index + 1],
+            slack=1,
+        )[0]
 
-    def ask(self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1) -> None:
+    def ask(
+        self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1
+    ) -> None:
         """Put a request for all fingers, or one, into the mailbox; `State` shows the outcome.
 
         It replaces an older one of the same action for the same finger.
@@ -231,22 +282,37 @@ class Watcher:
         slot = self._memory["requests"][ACTIONS.index(action), 1 + finger]
         encoded = np.frombuffer(text.encode(), np.uint8)
         if len(encoded) > len(slot["text"]):
-            raise ValueError(f"{action}: {text!r} is longer than {len(slot['text'])} bytes")
+            raise ValueError(
+                f"{action}: {text!r} is longer than {len(slot['text'])} bytes"
+            )
         slot["text"][: len(encoded)] = encoded
-        slot["size"], slot["value"], slot["time"] = len(encoded), value, time.monotonic()
+        slot["size"], slot["value"], slot["time"] = (
+            len(encoded),
+            value,
+            time.monotonic(),
+        )
         slot["count"] += np.uint64(1)
 
     def _ring(self, name: str, since: int, finger: int) -> tuple[NDArray[Any], int]:
         by_row = name in ("step", "prediction")
         rows = self._memory[f"{name}s" if by_row else name][finger]
         slack = 1 if by_row else layout.LARGEST_WRITE
-        return _newest(rows, self._memory[f"{name}_count"][finger : finger + 1], slack=slack, since=since)
+        return _newest(
+            rows,
+            self._memory[f"{name}_count"][finger : finger + 1],
+            slack=slack,
+            since=since,
+        )
 
 
-def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
+def _newest(
+    rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0
+) -> tuple[NDArray[Any], int]:
     """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
     end = int(count.item())
-    if end > _LARGEST_COUNT:  # overwritten memory: nothing to see until the writer counts on
+    if (
+        end > _LARGEST_COUNT
+    ):  # overwritten memory: nothing to see until the writer counts on
         return rows[:0].copy(), since
     # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
     start = max(since if since <= end else 0, end + slack - len(rows), 0)
@@ -265,5 +331,9 @@ def running() -> list[str]:
     ...     "doctest-running" in running()
     True
     """
-    names = sorted(path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*"))
-    return [name for name in names if (found := Watcher.find(name)) and is_alive(found.pid)]
+    names = sorted(
+        path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*")
+    )
+    return [
+        name for name in names if (found := Watcher.find(name)) and is_alive(found.pid)
+    ]

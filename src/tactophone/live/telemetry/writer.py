@@ -8,9 +8,23 @@ from typing import Any
 import numpy as np
 
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
-from tactophone.core.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.core.types import (
+    EVENT_KINDS,
+    FloatArray,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
 from tactophone.live.telemetry import layout
-from tactophone.live.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
+from tactophone.live.telemetry.layout import (
+    ACTIONS,
+    COUNTERS,
+    GAUGES,
+    MARKS,
+    Request,
+    State,
+)
 from tactophone.live.telemetry.memory import Memory
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
@@ -21,12 +35,20 @@ def _packer(row: np.dtype[np.void]) -> struct.Struct:
     """Return what packs the numbers of a row, one after another, into its memory, in a quarter of the time of NumPy."""
     numbers = [row[name] for name in row.names or ()]
     # Native sizes and alignment are those of the layout; "0d" ends a row at a whole number of doubles, as it does.
-    return struct.Struct("@" + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers) + "0d")
+    return struct.Struct(
+        "@"
+        + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers)
+        + "0d"
+    )
 
 
-_STEP, _PREDICTION, _MARK = map(_packer, (layout.STEP_RECORD, layout.PREDICTION_RECORD, layout.MARK))
+_STEP, _PREDICTION, _MARK = map(
+    _packer, (layout.STEP_RECORD, layout.PREDICTION_RECORD, layout.MARK)
+)
 
-_NOTHING = Prediction((math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan)
+_NOTHING = Prediction(
+    (math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan
+)
 _SILENCE = HapticCommand(0.0, 0.0, math.nan)
 
 REQUEST_AGE = 10.0
@@ -56,15 +78,34 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self.name = name
         self._memory = Memory(name, create=True, fingers=fingers)
         # Single numbers are written through memory views: NumPy takes half as long again.
-        self._counters, self._totals = _view(self._memory["counters"]), [0] * len(COUNTERS)
-        self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
-        self._published = {name: _view(self._memory[f"{name}_count"]) for name in self._counts}
-        self._rings = {name: list(self._memory[name]) for name in ("sound", "vibration")}
+        self._counters, self._totals = (
+            _view(self._memory["counters"]),
+            [0] * len(COUNTERS),
+        )
+        self._counts = {
+            name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")
+        }
+        self._published = {
+            name: _view(self._memory[f"{name}_count"]) for name in self._counts
+        }
+        self._rings = {
+            name: list(self._memory[name]) for name in ("sound", "vibration")
+        }
         # As bytes, those of all fingers or marks after one another.
-        rings = {name: self._memory[name].reshape(-1).view(np.uint8) for name in ("steps", "predictions", "marks")}
+        rings = {
+            name: self._memory[name].reshape(-1).view(np.uint8)
+            for name in ("steps", "predictions", "marks")
+        }
         self._rows = {name: _view(ring) for name, ring in rings.items()}
-        self._log_ring, self._logged, self._state_count = _view(self._memory["log"]), 0, 0
-        self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
+        self._log_ring, self._logged, self._state_count = (
+            _view(self._memory["log"]),
+            0,
+            0,
+        )
+        self._mark_counts, self._marked = (
+            [0] * len(MARKS),
+            _view(self._memory["mark_counts"]),
+        )
         self._gauges = _view(self._memory["gauges"])
         self._beat = self._memory["beat"]
         self._newest = [(_NOTHING, _SILENCE)] * fingers
@@ -89,7 +130,14 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def vibration_count(self, finger: int = 0) -> int:
         return self._counts["vibration"][finger]
 
-    def publish(self, step: PipelineStep, *, now: float, truth: int = -1, vibration_count: int | None = None) -> None:
+    def publish(
+        self,
+        step: PipelineStep,
+        *,
+        now: float,
+        truth: int = -1,
+        vibration_count: int | None = None,
+    ) -> None:
         """Write one pipeline step of a finger: its sound, its predictions and its commands.
 
         - ``now``: the system-wide monotonic clock (s), which is the heartbeat.
@@ -97,18 +145,36 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         - ``vibration_count``: samples of vibration written when the step was computed; by default, until now.
         """
         finger, block = step.finger, step.block
-        self._append("sound", block.samples, finger)  # one microphone fills both channels
+        self._append(
+            "sound", block.samples, finger
+        )  # one microphone fills both channels
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
-        vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
-        row = finger * layout.STEP_CAPACITY + self._counts["step"][finger] % layout.STEP_CAPACITY
+        vibrated = (
+            self._counts["vibration"][finger]
+            if vibration_count is None
+            else vibration_count
+        )
+        row = (
+            finger * layout.STEP_CAPACITY
+            + self._counts["step"][finger] % layout.STEP_CAPACITY
+        )
         _STEP.pack_into(
-            self._rows["steps"], row * _STEP.size, block.end / block.sample_rate, self._counts["sound"][finger],
-            vibrated, *self._values[finger], event, truth, block.concealed,
-        )  # fmt: skip
+            self._rows["steps"],
+            row * _STEP.size,
+            block.end / block.sample_rate,
+            self._counts["sound"][finger],
+            vibrated,
+            *self._values[finger],
+            event,
+            truth,
+            block.concealed,
+        )
         self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
-            self._log(prediction, step.commands[k] if step.commands else None, finger, now)
+            self._log(
+                prediction, step.commands[k] if step.commands else None, finger, now
+            )
         self.count("steps")
         if step.predictions:
             self.count("predictions", len(step.predictions))
@@ -121,7 +187,9 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def log(self, record: bytes) -> None:
         """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
         if len(record) > layout.LARGEST_RECORD:
-            raise ValueError(f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it")
+            raise ValueError(
+                f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it"
+            )
         ring, at = self._log_ring, self._logged % layout.LOG_CAPACITY
         head = min(len(record), layout.LOG_CAPACITY - at)
         ring[at : at + head], ring[: len(record) - head] = record[:head], record[head:]
@@ -142,12 +210,17 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         """Publish a state; the same one again counts as a heartbeat."""
         self._beat[...] = now
         self._memory.sign()
-        if state == self.state and int(self._memory["state_count"]) == self._state_count > 0:
+        if (
+            state == self.state
+            and int(self._memory["state_count"]) == self._state_count > 0
+        ):
             return
         self.state = state
         text = bytes(state)
         if len(text) > layout.STATE_SIZE:
-            raise ValueError(f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts")
+            raise ValueError(
+                f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts"
+            )
         slot = self._memory["states"][(self._state_count + 1) % 2]
         slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
         slot["size"] = len(text)
@@ -164,14 +237,33 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         if before == self._seen:
             return []
         slots = self._memory["requests"]
-        counts = [np.frombuffer(each, np.uint64).reshape(slots.shape) for each in (before, self._seen)]
+        counts = [
+            np.frombuffer(each, np.uint64).reshape(slots.shape)
+            for each in (before, self._seen)
+        ]
         found = []
         for action, place in np.argwhere(counts[0] != counts[1]).tolist():
             slot = slots[action, place]
-            with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text: no request then
-                text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
-                found.append(Request(ACTIONS[action], float(slot["value"]), text, float(slot["time"]), place - 1))
-        recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
+            with suppress(
+                UnicodeDecodeError
+            ):  # two watchers that write at once can garble a text: no request then
+                text = bytes(
+                    slot["text"][: min(int(slot["size"]), len(slot["text"]))]
+                ).decode()
+                found.append(
+                    Request(
+                        ACTIONS[action],
+                        float(slot["value"]),
+                        text,
+                        float(slot["time"]),
+                        place - 1,
+                    )
+                )
+        recent = [
+            request
+            for request in found
+            if now is None or abs(now - request.time) <= REQUEST_AGE
+        ]
         return sorted(recent, key=lambda request: request.time)
 
     def _renew(self, step: PipelineStep) -> int:
@@ -180,14 +272,27 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         prediction = step.predictions[-1] if step.predictions else prediction
         self._newest[step.finger] = prediction, step.command or command
         self._values[step.finger] = _step_values(*self._newest[step.finger])
-        events = [event for prediction in step.predictions for event in prediction.events]
+        events = [
+            event for prediction in step.predictions for event in prediction.events
+        ]
         return 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
 
-    def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int, made: float) -> None:
+    def _log(
+        self,
+        prediction: Prediction,
+        command: HapticCommand | None,
+        finger: int,
+        made: float,
+    ) -> None:
         command = command or HapticCommand(math.nan, math.nan, prediction.end)
-        row = finger * layout.PREDICTION_CAPACITY + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
+        row = (
+            finger * layout.PREDICTION_CAPACITY
+            + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
+        )
         values = [field.of(prediction, command) for field in PREDICTION_FIELDS]
-        _PREDICTION.pack_into(self._rows["predictions"], row * _PREDICTION.size, *values, made)
+        _PREDICTION.pack_into(
+            self._rows["predictions"], row * _PREDICTION.size, *values, made
+        )
         self._advance("prediction", 1, finger)
 
     def _append(self, name: str, samples: FloatArray, finger: int) -> None:

@@ -43,7 +43,9 @@ class Findings:
     ipv6: bool
 
     def sentences(self) -> Iterator[str]:
-        yield f"this machine: {WORDS[self.nat]}" + (f"; it is seen at {self.public}" if self.public else "")
+        yield f"this machine: {WORDS[self.nat]}" + (
+            f"; it is seen at {self.public}" if self.public else ""
+        )
         yield f"STUN: {', '.join(f'{host}:{port}' for host, port in self.stun) or 'no server'} answered"
         yield f"mailbox: {'answers' if self.mailbox else 'does not answer; name another with --set call.mailbox=...'}"
         if self.relay_set:
@@ -57,7 +59,9 @@ class Findings:
     def way(self) -> str:
         """Return which way a call would take."""
         if self.relay and self.nat not in {"keeps", "open"}:
-            return "a call would be direct where the other network allows it, else relayed"
+            return (
+                "a call would be direct where the other network allows it, else relayed"
+            )
         if self.relay:
             return "a call would be direct, and relayed if the other network does not allow that"
         if self.nat == "blocked":
@@ -69,7 +73,9 @@ class Findings:
 
 async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
     """Return what router is here, under which address servers see this machine, and which servers answer."""
-    found = dict.fromkeys(filter(None, await asyncio.gather(*(server.resolve() for server in stun))))
+    found = dict.fromkeys(
+        filter(None, await asyncio.gather(*(server.resolve() for server in stun)))
+    )
     answers = await mapped_addresses(list(found), STUN_TIMEOUT) if found else {}
     seen, answered = list(answers.values()), list(answers)
     if not seen:
@@ -86,7 +92,9 @@ async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
 
 async def examine(settings: Call) -> Findings:
     asked, turn = servers_of(settings)
-    (nat, seen, stun), mailbox, relay = await asyncio.gather(find_nat(asked), _answers(settings.mailbox), _relays(turn))
+    (nat, seen, stun), mailbox, relay = await asyncio.gather(
+        find_nat(asked), _answers(settings.mailbox), _relays(turn)
+    )
     return Findings(nat, seen, stun, mailbox, relay, turn is not None, _has_ipv6())
 
 
@@ -121,7 +129,10 @@ async def _relays(turn: Server | None) -> bool:
 
 def _is_local(address: str) -> bool:
     """Whether an address is one of this machine: only then can a socket be bound to it."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+    with (
+        contextlib.suppress(OSError),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+    ):
         probe.bind((address, 0))
         return True
     return False
@@ -129,7 +140,10 @@ def _is_local(address: str) -> bool:
 
 def _has_ipv6() -> bool:
     """Whether this machine would reach the internet over IPv6; nothing is sent."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+    with (
+        contextlib.suppress(OSError),
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe,
+    ):
         probe.connect(("2001:db8::1", 9))
         return not str(probe.getsockname()[0]).startswith("fe80")
     return False

@@ -45,7 +45,9 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
         protocol = bounded_client()
 
         def setProtocolOptions(self, **chosen: Any) -> None:  # noqa: N802
-            bounds = dict.fromkeys(("maxMessagePayloadSize", "maxFramePayloadSize"), LARGEST_WORD)
+            bounds = dict.fromkeys(
+                ("maxMessagePayloadSize", "maxFramePayloadSize"), LARGEST_WORD
+            )
             super().setProtocolOptions(**chosen | bounds)
 
     _rendezvous.WSFactory = Factory
@@ -63,7 +65,9 @@ def bounded_client() -> Any:
         def onMessage(self, payload: bytes, isBinary: bool) -> None:  # noqa: N802
             try:
                 if (said := json.loads(payload))["type"] == "error":
-                    raise ServerError(str(said["error"]))  # else the library asks the mailbox to close, and waits
+                    raise ServerError(
+                        str(said["error"])
+                    )  # else the library asks the mailbox to close, and waits
                 self._RC.ws_message(payload)
             except Exception as error:  # whatever a mailbox's words lead the library to
                 self._RC._B.error(error)
@@ -80,7 +84,9 @@ def uninstall() -> None:
 
 def code_of(secret: bytes) -> str:
     """Return the code that two ends derive from the secret of their last call."""
-    number = int.from_bytes(hmac.digest(secret, b"tactophone call number", hashlib.sha256)[:5])
+    number = int.from_bytes(
+        hmac.digest(secret, b"tactophone call number", hashlib.sha256)[:5]
+    )
     return f"{1_000_000 + number}-{hmac.digest(secret, b'tactophone call words', hashlib.sha256).hex()}"
 
 
@@ -112,13 +118,17 @@ class Exchange:
                     self._wormhole.set_code(code)
                 else:
                     self._wormhole.allocate_code(2)
-                return plain(str(await self._wait(self._wormhole.get_code())))[:LONGEST_CODE]
+                return plain(str(await self._wait(self._wormhole.get_code())))[
+                    :LONGEST_CODE
+                ]
 
     async def meet(self) -> bytes:
         """Wait until the other end uses the same code; return a secret that both now share."""
         with self._explained():
             await self._wait(self._wormhole.get_verifier())
-            return bytes(self._wormhole.derive_key("tactophone call secret", SECRET_SIZE))
+            return bytes(
+                self._wormhole.derive_key("tactophone call secret", SECRET_SIZE)
+            )
 
     async def receive(self) -> Message:
         with self._explained():
@@ -139,14 +149,18 @@ class Exchange:
                 "the code is wrong, or somebody else tried it; it is used up: run `tactophone call` for a new one"
             ) from None
         except KeyFormatError:
-            raise DeviceError("a code is a number and two words, such as 3-escapade-peachy: check it") from None
+            raise DeviceError(
+                "a code is a number and two words, such as 3-escapade-peachy: check it"
+            ) from None
         except TimeoutError:
             raise DeviceError(
                 f"the mailbox {self._mailbox} has said nothing for {WELCOME_TIMEOUT:g} s; check the network, or name "
                 "another with --set call.mailbox=..."
             ) from None
         except LonelyError:
-            raise DeviceError("nobody else used this code: check it, and whether the other end still waits") from None
+            raise DeviceError(
+                "nobody else used this code: check it, and whether the other end still waits"
+            ) from None
         except TactophoneError:
             raise
         except Exception as error:  # its words reach the state machines of a library that raise whatever they raise
@@ -158,4 +172,7 @@ class Exchange:
 
 def _words(error: Exception) -> str:
     reason = getattr(error, "reason", None) or getattr(error, "args", ("",))
-    return plain(str(reason[0] if isinstance(reason, tuple) and reason else reason))[:160] or type(error).__name__
+    return (
+        plain(str(reason[0] if isinstance(reason, tuple) and reason else reason))[:160]
+        or type(error).__name__
+    )

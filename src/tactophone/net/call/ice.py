@@ -75,7 +75,13 @@ def allowed(addresses: Sequence[Address]) -> list[Address]:
     of_host: Counter[str] = Counter()
     for each in sorted(addresses, key=lambda each: -each.priority):
         host = ipaddress.ip_address(each.host)
-        refused = host.is_multicast or host.is_reserved or host.is_loopback or host.is_unspecified or host.is_link_local
+        refused = (
+            host.is_multicast
+            or host.is_reserved
+            or host.is_loopback
+            or host.is_unspecified
+            or host.is_link_local
+        )
         if refused or each.port < LEAST_PORT or of_host[each.host] == MOST_OF_A_HOST:
             continue
         of_host[each.host] += 1
@@ -97,7 +103,9 @@ class Server:
         try:
             self.host, self.port = split_address(place, 3478)
         except ValueError as error:
-            raise DeviceError(f"call.stun or call.turn has {place!r}: {error}; write HOST or HOST:PORT") from None
+            raise DeviceError(
+                f"call.stun or call.turn has {place!r}: {error}; write HOST or HOST:PORT"
+            ) from None
 
     async def resolve(self) -> tuple[str, int] | None:
         """Return the IPv4 address, which is all that aioice asks servers at; ``None`` if there is none."""
@@ -112,7 +120,10 @@ class Server:
 def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
     """Return the STUN servers that may be asked, the relay among them, and the relay; ``None`` if none is set."""
     turn = Server(settings.turn) if settings.turn else None
-    return [*(Server(each) for each in settings.stun.split(",") if each.strip()), *filter(None, [turn])], turn
+    return [
+        *(Server(each) for each in settings.stun.split(",") if each.strip()),
+        *filter(None, [turn]),
+    ], turn
 
 
 class Finder:
@@ -122,10 +133,19 @@ class Finder:
     for half a minute.
     """
 
-    def __init__(self, *, controls: bool, stun: tuple[str, int] | None, turn: Server | None, relay_only: bool) -> None:
+    def __init__(
+        self,
+        *,
+        controls: bool,
+        stun: tuple[str, int] | None,
+        turn: Server | None,
+        relay_only: bool,
+    ) -> None:
         self._turn = turn
         self._controls, self._stun, self._relay_only = controls, stun, relay_only
-        self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = asyncio.get_running_loop().create_future()
+        self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = (
+            asyncio.get_running_loop().create_future()
+        )
         self._word = b""
         self.silent, self.lost = asyncio.Event(), asyncio.Event()
         self._way: Way | None = None
@@ -133,7 +153,11 @@ class Finder:
     async def gather(self, nat: Nat) -> Offer:
         """Ask the servers where this end may be reached; sockets are open from now on."""
         turn = await self._turn.resolve() if self._turn else None
-        policy = aioice.TransportPolicy.RELAY if self._relay_only else aioice.TransportPolicy.ALL
+        policy = (
+            aioice.TransportPolicy.RELAY
+            if self._relay_only
+            else aioice.TransportPolicy.ALL
+        )
         self._ice = aioice.Connection(
             ice_controlling=self._controls,
             stun_server=self._stun,
@@ -142,7 +166,9 @@ class Finder:
             turn_password=self._turn.password if self._turn else None,
             transport_policy=policy,
         )
-        self._ice.get_component_candidates = partial(self._ice.get_component_candidates, timeout=GATHER_TIMEOUT)
+        self._ice.get_component_candidates = partial(
+            self._ice.get_component_candidates, timeout=GATHER_TIMEOUT
+        )
         await self._ice.gather_candidates()
         for protocol in self._ice._protocols:
             self._listen(protocol)
@@ -151,9 +177,19 @@ class Finder:
             for each in self._ice.local_candidates
         ]
         relay = any(each.kind == "relay" for each in found)
-        return Offer(self._ice.local_username, self._ice.local_password, found, nat, relay)
+        return Offer(
+            self._ice.local_username, self._ice.local_password, found, nat, relay
+        )
 
-    async def connect(self, offer: Offer, nat: Nat, live: socket.socket, *, name: str, fingerprint: str) -> bool:
+    async def connect(
+        self,
+        offer: Offer,
+        nat: Nat,
+        live: socket.socket,
+        *,
+        name: str,
+        fingerprint: str,
+    ) -> bool:
         """Find the way to the end that made the offer; return whether a relay of either end passes it on.
 
         The live side gets it at once. ``nat`` is what lies before this end; ``name`` and ``fingerprint`` are the other
@@ -163,15 +199,24 @@ class Finder:
         offer = msgspec.structs.replace(offer, addresses=allowed(offer.addresses))
         ice.remote_username, ice.remote_password = offer.user, offer.password
         # Known to the two ends alone, as it came through the mailbox under their key.
-        self._word = _CHOSEN + (ice.local_password if self._controls else offer.password).encode()
+        self._word = (
+            _CHOSEN
+            + (ice.local_password if self._controls else offer.password).encode()
+        )
         async with asyncio.timeout(ICE_TIMEOUT):
-            await self._check(offer, 0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY)
+            await self._check(
+                offer,
+                0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY,
+            )
         protocol, peer = await self._agree()
         bound, channel = self._hand_over(protocol, peer)
         self._way = Way(bound, peer, channel, name, fingerprint)
         self._way.send(live)
         asyncio.get_running_loop().add_reader(live, self._feed, live)
-        return channel > 0 or any(each.kind == "relay" and (each.host, each.port) == peer for each in offer.addresses)
+        return channel > 0 or any(
+            each.kind == "relay" and (each.host, each.port) == peer
+            for each in offer.addresses
+        )
 
     @property
     def host(self) -> str:
@@ -182,10 +227,15 @@ class Finder:
         """Return the seconds there and back; not a number if two answers were lost or took half a second."""
         pair, loop = self._ice._nominated[1], asyncio.get_running_loop()
         for _ in range(2):
-            request, key = self._ice.build_request(pair, nominate=False), self._ice.remote_password.encode()
+            request, key = (
+                self._ice.build_request(pair, nominate=False),
+                self._ice.remote_password.encode(),
+            )
             began = loop.time()
             with contextlib.suppress(stun.TransactionError):
-                await pair.protocol.request(request, pair.remote_addr, integrity_key=key, retransmissions=0)
+                await pair.protocol.request(
+                    request, pair.remote_addr, integrity_key=key, retransmissions=0
+                )
                 return loop.time() - began
         return math.nan
 
@@ -221,7 +271,9 @@ class Finder:
         """
         ice = self._ice
         direct = [each for each in offer.addresses if each.kind != "relay"]
-        relays = [each for each in ice._protocols if each.local_candidate.type == "relay"]
+        relays = [
+            each for each in ice._protocols if each.local_candidate.type == "relay"
+        ]
         if not direct or len(relays) == len(ice._protocols):
             delay = 0.0
         ice._protocols = [each for each in ice._protocols if each not in relays]
@@ -240,7 +292,9 @@ class Finder:
             await checks
         finally:
             checks.cancel()
-            stun.RETRY_RTO = usual  # for which an answer is waited for once there is a way
+            stun.RETRY_RTO = (
+                usual  # for which an answer is waited for once there is a way
+            )
 
     async def _agree(self) -> tuple[Any, tuple[str, int]]:
         """Agree on one way: each end may have found several, and each another one first."""
@@ -254,12 +308,20 @@ class Finder:
                 await asyncio.wait([self._heard], timeout=CHOICE_INTERVAL)
             return chosen
 
-    def _hand_over(self, protocol: Any, peer: tuple[str, int]) -> tuple[socket.socket, int]:
+    def _hand_over(
+        self, protocol: Any, peer: tuple[str, int]
+    ) -> tuple[socket.socket, int]:
         """Return a duplicate of the socket, and the relay's channel."""
         # From here on aioice asks for consent on this way alone, and knows it for the only one.
-        pairs = [each for each in self._ice._check_list if each.protocol is protocol and each.remote_addr == peer]
+        pairs = [
+            each
+            for each in self._ice._check_list
+            if each.protocol is protocol and each.remote_addr == peer
+        ]
         if not pairs:
-            raise ConnectionError("the other end has chosen a way that this one has not checked")
+            raise ConnectionError(
+                "the other end has chosen a way that this one has not checked"
+            )
         self._ice._nominated[1] = pairs[0]
         self._ice.check_incoming = lambda *_: None
         self._ice.close = self._note_loss
@@ -270,7 +332,9 @@ class Finder:
             transport = self._reader.transport
             channel = self._reader.peer_to_channel[peer]
             self._reader.channel_refresh_time = CHANNEL_REFRESH
-            self._reader.channel_refresh_at[channel] = 0.0  # with the next question for consent
+            self._reader.channel_refresh_at[channel] = (
+                0.0  # with the next question for consent
+            )
         self._read_by = transport._loop, transport._sock_fd
         # Also of a relay whose allocation is not needed: it is freed.
         for other in [each for each in self._ice._protocols if each is not protocol]:
@@ -289,7 +353,9 @@ class Finder:
             match message := live.recv(1 << 16):
                 case b"":
                     loop.remove_reader(live)
-                case _ if message == READING:  # both processes have the socket, and only one may read it
+                case _ if (
+                    message == READING
+                ):  # both processes have the socket, and only one may read it
                     loop._remove_reader(descriptor)
                 case _ if message == SILENT:
                     self.silent.set()
@@ -300,10 +366,20 @@ class Finder:
 
 
 def _candidate(address: Address) -> aioice.Candidate:
-    return aioice.Candidate(address.foundation, 1, "udp", address.priority, address.host, address.port, address.kind)
+    return aioice.Candidate(
+        address.foundation,
+        1,
+        "udp",
+        address.priority,
+        address.host,
+        address.port,
+        address.kind,
+    )
 
 
-async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> dict[tuple[str, int], tuple[str, int]]:
+async def mapped_addresses(
+    servers: list[tuple[str, int]], timeout: float
+) -> dict[tuple[str, int], tuple[str, int]]:
     """Return under which address each STUN server that answers sees one and the same socket of this machine."""
     loop, answers = asyncio.get_running_loop(), dict[bytes, tuple[str, int]]()
 
@@ -312,7 +388,9 @@ async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> di
             with contextlib.suppress(ValueError, KeyError):
                 message = stun.parse_message(data)
                 if message.transaction_id in asked:
-                    answers[message.transaction_id] = message.attributes["XOR-MAPPED-ADDRESS"]
+                    answers[message.transaction_id] = message.attributes[
+                        "XOR-MAPPED-ADDRESS"
+                    ]
                     changed.set()
 
     changed = asyncio.Event()
@@ -330,4 +408,8 @@ async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> di
         changed.clear()
     transport.close()
     pairs = zip(servers, requests, strict=True)
-    return {server: answers[each.transaction_id] for server, each in pairs if each.transaction_id in answers}
+    return {
+        server: answers[each.transaction_id]
+        for server, each in pairs
+        if each.transaction_id in answers
+    }

@@ -18,7 +18,9 @@ Nat: TypeAlias = Literal["blocked", "open", "keeps", "changes", "unknown"]
 
 _Word = Annotated[str, msgspec.Meta(pattern=r"\A[\w.+-]{1,64}\Z")]
 _Line = Annotated[str, msgspec.Meta(pattern=r"\A[\x20-\x7e]{1,300}\Z")]
-_Fingerprint = Annotated[str, msgspec.Meta(pattern=r"\A(?:[0-9A-F]{2}:){31}[0-9A-F]{2}\Z")]
+_Fingerprint = Annotated[
+    str, msgspec.Meta(pattern=r"\A(?:[0-9A-F]{2}:){31}[0-9A-F]{2}\Z")
+]
 _IceWord = Annotated[str, msgspec.Meta(pattern=r"\A[a-zA-Z0-9+/]{4,256}\Z")]
 _IcePassword = Annotated[str, msgspec.Meta(pattern=r"\A[a-zA-Z0-9+/]{22,256}\Z")]
 
@@ -94,7 +96,9 @@ def read_message(data: bytes) -> Message:
             raise ValueError(f"{len(data)} bytes, but at most {LARGEST_MESSAGE}")
         message: Message = msgspec.json.decode(data, type=Message)
     except (ValueError, RecursionError) as error:
-        raise PacketError(f"the other end sent something else than a call's message: {error}") from None
+        raise PacketError(
+            f"the other end sent something else than a call's message: {error}"
+        ) from None
     return message
 
 

@@ -18,7 +18,15 @@ from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.processes import Child, Parent
 from tactophone.core.settings import Call
 from tactophone.core.version import __version__
-from tactophone.net.call.messages import Accepted, Hello, Offer, Progress, Refused, Role, State
+from tactophone.net.call.messages import (
+    Accepted,
+    Hello,
+    Offer,
+    Progress,
+    Refused,
+    Role,
+    State,
+)
 
 if TYPE_CHECKING:  # their libraries are loaded in the process alone
     from tactophone.net.call.exchange import Exchange
@@ -93,7 +101,13 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
     def __init__(self, plan: Plan | Call) -> None:
         self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._child = Child(_run if isinstance(plan, Plan) else _run_check, plan, its, live, name="tactophone-call")
+        self._child = Child(
+            _run if isinstance(plan, Plan) else _run_check,
+            plan,
+            its,
+            live,
+            name="tactophone-call",
+        )
         its.close()
         live.close()
         self._ending = False
@@ -110,14 +124,27 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         Raises `DeviceError` with the reason when the process ends, but not where that was asked for.
         """
         while not self._ending:
-            if select.select([self._pair], [], [], CALL_POLL)[0] and (message := self._pair.recv(1 << 16)):
+            if select.select([self._pair], [], [], CALL_POLL)[0] and (
+                message := self._pair.recv(1 << 16)
+            ):
                 step, content = json.loads(message)
                 yield step, Found(**content) if step == "found" else content
                 continue
-            alive = self._child.alive  # asked first: what it told before its end is then read
-            failure = next((text for kind, text in self._child.messages() if kind in ("error", "bug")), "")
+            alive = (
+                self._child.alive
+            )  # asked first: what it told before its end is then read
+            failure = next(
+                (
+                    text
+                    for kind, text in self._child.messages()
+                    if kind in ("error", "bug")
+                ),
+                "",
+            )
             if (failure or not alive) and not self._ending:
-                raise DeviceError(failure or "the process of the call ended without a word")
+                raise DeviceError(
+                    failure or "the process of the call ended without a word"
+                )
 
     def answer(self, accepted: bool) -> None:
         self._pair.send(json.dumps(accepted).encode())
@@ -133,7 +160,9 @@ def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -
     _in_loop(parent, lambda: _Call(plan, pair, live).run(), twisted=True)
 
 
-def _run_check(parent: Parent, settings: Call, pair: socket.socket, _: socket.socket) -> None:
+def _run_check(
+    parent: Parent, settings: Call, pair: socket.socket, _: socket.socket
+) -> None:
     async def check() -> None:
         from tactophone.net.call.check import examine
 
@@ -179,7 +208,9 @@ class _Call:
         self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
-        self._accepted: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        self._accepted: asyncio.Future[bool] = (
+            asyncio.get_running_loop().create_future()
+        )
         self._progress: Progress = "starting"
         self._progressed = asyncio.Event()
 
@@ -192,13 +223,28 @@ class _Call:
                 role, began = await self._accept(exchange, hello)
                 relayed = await self._search(exchange, nat, hello)
                 open_exchanges = exchanges.pop_all()
-            content = {"name": hello.name, "fingerprint": hello.fingerprint, "role": role, "again": False}
+            content = {
+                "name": hello.name,
+                "fingerprint": hello.fingerprint,
+                "role": role,
+                "again": False,
+            }
             content["secrets"] = [each.hex() for each in secrets]
             while finder := self._finder:
-                content |= {"host": finder.host, "relayed": relayed, "after": time.monotonic() - began}
-                _tell(self._pair, "found", content | {"round_trip": await finder.round_trip()})
+                content |= {
+                    "host": finder.host,
+                    "relayed": relayed,
+                    "after": time.monotonic() - began,
+                }
+                _tell(
+                    self._pair,
+                    "found",
+                    content | {"round_trip": await finder.round_trip()},
+                )
                 if not content["again"]:
-                    beside.append(asyncio.ensure_future(self._states(exchange, open_exchanges)))
+                    beside.append(
+                        asyncio.ensure_future(self._states(exchange, open_exchanges))
+                    )
                 began, relayed = await self._replace(finder, hello, secrets[0])
                 content["again"] = True
         finally:
@@ -208,7 +254,9 @@ class _Call:
                 await self._finder.close()
             await asyncio.gather(*self._closing, *beside, return_exceptions=True)
 
-    async def _meet(self, exchanges: contextlib.AsyncExitStack) -> "tuple[Exchange, Hello, list[bytes]]":
+    async def _meet(
+        self, exchanges: contextlib.AsyncExitStack
+    ) -> "tuple[Exchange, Hello, list[bytes]]":
         """Wait for the other end; return what it says, and the secrets for the next call.
 
         Two ends that remember each other may have two codes in common. The caller then decides by its greeting.
@@ -217,30 +265,51 @@ class _Call:
 
         plan = self._plan
         codes = [code_of(each) for each in plan.secrets] or [plan.code]
-        opened = [await exchanges.enter_async_context(Exchange(plan.settings.mailbox)) for _ in codes]
-        _tell(self._pair, "code", (await asyncio.gather(*map(Exchange.open, opened, codes)))[0])
+        opened = [
+            await exchanges.enter_async_context(Exchange(plan.settings.mailbox))
+            for _ in codes
+        ]
+        _tell(
+            self._pair,
+            "code",
+            (await asyncio.gather(*map(Exchange.open, opened, codes)))[0],
+        )
 
         async def greeted(place: int) -> tuple[int, bytes, Hello | None]:
             secret = await opened[place].meet()
-            return place, secret, await self._next(opened[place], Hello) if plan.answers else None
+            return (
+                place,
+                secret,
+                await self._next(opened[place], Hello) if plan.answers else None,
+            )
 
         waiting = [asyncio.ensure_future(greeted(place)) for place in range(len(codes))]
         try:
             await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-            place, secret, hello = next(each for each in waiting if each.done()).result()
+            place, secret, hello = next(
+                each for each in waiting if each.done()
+            ).result()
         finally:
             for each in waiting:
                 each.cancel()
         opened[place].send(Hello(plan.name, plan.role, __version__, plan.fingerprint))
-        return opened[place], hello or await self._next(opened[place], Hello), [secret, *plan.secrets[place:][:1]]
+        return (
+            opened[place],
+            hello or await self._next(opened[place], Hello),
+            [secret, *plan.secrets[place:][:1]],
+        )
 
     async def _accept(self, exchange: "Exchange", hello: Hello) -> tuple[Role, float]:
         """Agree on the roles, and let the answering side accept; return this end's role, and when that was."""
         plan = self._plan
         if hello.fingerprint == plan.fingerprint:
-            raise DeviceError("the other end is this machine itself: it has the same key")
+            raise DeviceError(
+                "the other end is this machine itself: it has the same key"
+            )
         if plan.expected not in ("", hello.fingerprint):
-            raise DeviceError(f"the other end, {hello.name}, has another key than the one remembered: call with a code")
+            raise DeviceError(
+                f"the other end, {hello.name}, has another key than the one remembered: call with a code"
+            )
         # The one that named no role takes the other one.
         role: Role = plan.role or OTHER.get(hello.role, "robot")
         taken = hello.role or OTHER[role]
@@ -249,7 +318,11 @@ class _Call:
             exchange.send(Refused(reason))
             raise DeviceError(reason)
         if plan.answers:
-            _tell(self._pair, "asked", [hello.name, taken, hello.version, hello.fingerprint])
+            _tell(
+                self._pair,
+                "asked",
+                [hello.name, taken, hello.version, hello.fingerprint],
+            )
             if not await self._accepted:
                 exchange.send(Refused("it was not accepted"))
                 raise DeviceError("you did not accept the call")
@@ -258,7 +331,9 @@ class _Call:
             await self._next(exchange, Accepted, timeout=ACCEPT_TIMEOUT)
         return role, time.monotonic()
 
-    async def _search(self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello) -> bool:
+    async def _search(
+        self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello
+    ) -> bool:
         """Find a way and hand it to the live side; return whether it is relayed."""
         from tactophone.net.call import check
         from tactophone.net.call.ice import Finder
@@ -275,9 +350,17 @@ class _Call:
             exchange.send(offer)
             theirs = await self._next(exchange, Offer)
             try:
-                relayed = await finder.connect(theirs, nat, self._live, name=hello.name, fingerprint=hello.fingerprint)
+                relayed = await finder.connect(
+                    theirs,
+                    nat,
+                    self._live,
+                    name=hello.name,
+                    fingerprint=hello.fingerprint,
+                )
             except (ConnectionError, TimeoutError):
-                reason = check.why_no_way(nat, theirs.nat, relay=offer.relay or theirs.relay)
+                reason = check.why_no_way(
+                    nat, theirs.nat, relay=offer.relay or theirs.relay
+                )
                 raise DeviceError(reason) from None
         except BaseException:
             await finder.close()
@@ -285,21 +368,29 @@ class _Call:
         self._finder = finder
         return relayed
 
-    async def _replace(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+    async def _replace(
+        self, finder: "Finder", hello: Hello, secret: bytes
+    ) -> tuple[float, bool]:
         """Keep the way until another one replaces it; return when the search for that began, and if it is relayed."""
         keeping = asyncio.ensure_future(finder.lost.wait())
         searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
         try:
-            await asyncio.wait([keeping, searching], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(
+                [keeping, searching], return_when=asyncio.FIRST_COMPLETED
+            )
             if not searching.done():
-                raise DeviceError("the way to the other end is lost, and no other one was found: call again")
+                raise DeviceError(
+                    "the way to the other end is lost, and no other one was found: call again"
+                )
             self._close_later(finder.close())
             return searching.result()
         finally:
             keeping.cancel()
             searching.cancel()
 
-    async def _search_again(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+    async def _search_again(
+        self, finder: "Finder", hello: Hello, secret: bytes
+    ) -> tuple[float, bool]:
         """Search whenever the live side hears nothing, as the other end does, which then hears nothing either."""
         from tactophone.net.call.exchange import Exchange, code_of
 
@@ -307,9 +398,13 @@ class _Call:
             await finder.silent.wait()
             finder.silent.clear()
             nat, began = self._ask_nat(), time.monotonic()
-            with contextlib.suppress(TactophoneError, OSError):  # and again, as long as nothing is heard
+            with contextlib.suppress(
+                TactophoneError, OSError
+            ):  # and again, as long as nothing is heard
                 async with contextlib.AsyncExitStack() as exchanges:
-                    exchange = await exchanges.enter_async_context(Exchange(self._plan.settings.mailbox))
+                    exchange = await exchanges.enter_async_context(
+                        Exchange(self._plan.settings.mailbox)
+                    )
                     await exchange.open(code_of(secret + b"again"))
                     await exchange.meet()
                     relayed = await self._search(exchange, nat, hello)
@@ -327,17 +422,23 @@ class _Call:
         self._closing.add(task)
         task.add_done_callback(self._closing.discard)
 
-    async def _next(self, exchange: "Exchange", kind: Any, *, timeout: float = ANSWER_TIMEOUT) -> Any:
+    async def _next(
+        self, exchange: "Exchange", kind: Any, *, timeout: float = ANSWER_TIMEOUT
+    ) -> Any:
         """Return the other end's next message, which has to be of one kind."""
         try:
             async with asyncio.timeout(timeout):
                 message = await exchange.receive()
         except TimeoutError:
-            raise DeviceError(f"the other end said nothing for {timeout:g} s: call again") from None
+            raise DeviceError(
+                f"the other end said nothing for {timeout:g} s: call again"
+            ) from None
         if isinstance(message, Refused):
             raise DeviceError(f"the other end refused the call: {message.reason}")
         if not isinstance(message, kind):
-            raise DeviceError(f"the other end sent {type(message).__name__}, but its turn was {kind.__name__}")
+            raise DeviceError(
+                f"the other end sent {type(message).__name__}, but its turn was {kind.__name__}"
+            )
         return message
 
     async def _heed_parent(self) -> None:
@@ -351,7 +452,9 @@ class _Call:
                 self._progress = said
                 self._progressed.set()
 
-    async def _states(self, exchange: "Exchange", exchanges: contextlib.AsyncExitStack) -> None:
+    async def _states(
+        self, exchange: "Exchange", exchanges: contextlib.AsyncExitStack
+    ) -> None:
         """Tell how far this end is, and hear how far the other one is, until both are ready; then close the exchange.
 
         An older end neither tells nor reads anything.
@@ -359,7 +462,9 @@ class _Call:
         async with exchanges:
             with contextlib.suppress(TactophoneError, OSError):
                 async with asyncio.timeout(STATES_TIMEOUT):
-                    await asyncio.gather(self._tell_progress(exchange), self._hear_progress(exchange))
+                    await asyncio.gather(
+                        self._tell_progress(exchange), self._hear_progress(exchange)
+                    )
 
     async def _tell_progress(self, exchange: "Exchange") -> None:
         told = ""
@@ -373,7 +478,11 @@ class _Call:
     async def _hear_progress(self, exchange: "Exchange") -> None:
         order = get_args(Progress)
         heard = -1
-        while heard < len(order) - 1 and isinstance(message := await exchange.receive(), State):
-            if (place := order.index(message.progress)) > heard:  # so an end that says much is shown three times
+        while heard < len(order) - 1 and isinstance(
+            message := await exchange.receive(), State
+        ):
+            if (
+                place := order.index(message.progress)
+            ) > heard:  # so an end that says much is shown three times
                 heard = place
                 _tell(self._pair, "state", message.progress)

@@ -74,7 +74,9 @@ class Codec:
 
     def __post_init__(self) -> None:
         if self.name not in ("pcm16", "opus"):
-            raise ConfigError(f"codec {self.name!r}, but there are pcm16 and opus; choose one")
+            raise ConfigError(
+                f"codec {self.name!r}, but there are pcm16 and opus; choose one"
+            )
         if (self.name, self.channels) not in _KINDS:
             raise ConfigError(
                 f"{self.channels} channels, but the link carries 1 or 2, or 2 for each of up to {MOST_FINGERS} fingers"
@@ -86,7 +88,9 @@ class Codec:
             return
         if self.packet_size not in FRAME_SIZES:
             sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
-            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})")
+            raise ConfigError(
+                f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})"
+            )
         size = self.bitrate_bps * self.packet_size // CLOCK_RATE // 8
         if self.channels > len(MICROPHONES) and size > PAYLOAD_SPACE:
             raise ConfigError(
@@ -116,18 +120,26 @@ class Codec:
     def largest_packet(self, samples: int) -> int:
         """Return the size of the largest packet, up to its own, of so many samples; 0 if there is none."""
         most = min(samples, self.packet_size)
-        return most if self.name == "pcm16" else max((size for size in FRAME_SIZES if size <= most), default=0)
+        return (
+            most
+            if self.name == "pcm16"
+            else max((size for size in FRAME_SIZES if size <= most), default=0)
+        )
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
         """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
         chosen = self.bitrate_bps != _default_bitrate(self)
-        return replace(self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0)
+        return replace(
+            self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0
+        )
 
 
 def _default_bitrate(codec: Codec) -> int:
     """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
     per_channel = 64_000 if codec.packet_size == FRAME_SIZES[0] else 48_000
-    return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
+    return codec.channels * (
+        per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel
+    )
 
 
 MAX_PCM_SAMPLES = 240
@@ -152,10 +164,16 @@ class PcmEncoder:
     def encode(self, samples: FloatArray) -> bytes:
         """Encode ``samples``; values outside [-1, 1) are clipped."""
         # In place, and by the two functions that `clip` calls after a search of its own.
-        with np.errstate(over="ignore"):  # a page may send 3e38, which is clipped like 2
+        with np.errstate(
+            over="ignore"
+        ):  # a page may send 3e38, which is clipped like 2
             integers = samples * _FULL_SCALE
         np.rint(integers, out=integers)
-        np.minimum(np.maximum(integers, -_FULL_SCALE, out=integers), _FULL_SCALE - 1, out=integers)
+        np.minimum(
+            np.maximum(integers, -_FULL_SCALE, out=integers),
+            _FULL_SCALE - 1,
+            out=integers,
+        )
         return integers.astype(">i2").tobytes()
 
 
@@ -171,7 +189,9 @@ class PcmDecoder:
         """Return the samples in a payload; `PacketError` when it is malformed."""
         width = 2 * self._channels
         if not content or len(content) % width:
-            raise PacketError(f"{len(content)} bytes of PCM, but {self._channels} channels take {width} a sample")
+            raise PacketError(
+                f"{len(content)} bytes of PCM, but {self._channels} channels take {width} a sample"
+            )
         return len(content) // width
 
     def decode(self, content: bytes) -> FloatArray:
@@ -180,7 +200,9 @@ class PcmDecoder:
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
         """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
-        self._last = conceal_gap(self._last, self._read(following) if following else self._last[:0], size)
+        self._last = conceal_gap(
+            self._last, self._read(following) if following else self._last[:0], size
+        )
         return self._last
 
     def _read(self, content: bytes) -> FloatArray:
@@ -202,7 +224,10 @@ def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
     array([0.38, 0.71, 0.92], dtype=float32)
     """
     angle = np.linspace(0, np.pi / 2, size + 2, dtype=np.float32)[1:-1, np.newaxis]
-    sound = np.cos(angle) * mirror(before[::-1], size) + np.sin(angle) * mirror(after, size)[::-1]
+    sound = (
+        np.cos(angle) * mirror(before[::-1], size)
+        + np.sin(angle) * mirror(after, size)[::-1]
+    )
     return sound.astype(np.float32, copy=False)
 
 
@@ -234,12 +259,16 @@ _DECODING = (_POINTER, ctypes.c_char_p, _SIZE, _POINTER, _INT, _INT)
 class OpusEncoder:
     """Encodes the sound of a packet; each finger in a payload of the same size, since the bitrate is constant."""
 
-    def __init__(self, *, channels: int, packet_size: int, bandwidth: float, bitrate_bps: int) -> None:
+    def __init__(
+        self, *, channels: int, packet_size: int, bandwidth: float, bitrate_bps: int
+    ) -> None:
         self._size, self._channels = packet_size, channels
         self._sound = np.zeros((channels, packet_size), np.float32)
         fingers = fingers_of(channels)
         self._fingers = [
-            _FingerEncoder(part, bandwidth=bandwidth, bitrate_bps=bitrate_bps // fingers)
+            _FingerEncoder(
+                part, bandwidth=bandwidth, bitrate_bps=bitrate_bps // fingers
+            )
             for part in np.split(self._sound, fingers)
         ]
 
@@ -247,8 +276,14 @@ class OpusEncoder:
         """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
         # Beware: libopus does not check the length, and would read past the end of a short array.
         count = len(samples)
-        if samples.shape != (count, self._channels) or count not in FRAME_SIZES or count > self._size:
-            raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
+        if (
+            samples.shape != (count, self._channels)
+            or count not in FRAME_SIZES
+            or count > self._size
+        ):
+            raise ValueError(
+                f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}"
+            )
         self._sound[:, :count] = samples.T
         return b"".join([finger.encode(count) for finger in self._fingers])
 
@@ -256,17 +291,33 @@ class OpusEncoder:
 class _FingerEncoder:
     """Encodes the channels of a finger from ``sound``, shape ``(channels, packet_size)``, which others fill."""
 
-    def __init__(self, sound: FloatArray, *, bandwidth: float, bitrate_bps: int) -> None:
+    def __init__(
+        self, sound: FloatArray, *, bandwidth: float, bitrate_bps: int
+    ) -> None:
         opus, channels = _libopus(), len(sound)
         api, ctl = opus.api.multistream_encoder, opus.api.ctl
         self._state = api.create_state(
-            CLOCK_RATE, channels, channels, 0, range(channels), opus.APPLICATION_RESTRICTED_LOWDELAY
+            CLOCK_RATE,
+            channels,
+            channels,
+            0,
+            range(channels),
+            opus.APPLICATION_RESTRICTED_LOWDELAY,
         )
         weakref.finalize(self, api.destroy, self._state)
         for setting, value in (
-            (ctl.set_bitrate, min(bitrate_bps, 510_000 * channels)),  # more than a frame holds: libopus 1.6 takes two
+            (
+                ctl.set_bitrate,
+                min(bitrate_bps, 510_000 * channels),
+            ),  # more than a frame holds: libopus 1.6 takes two
             (ctl.set_vbr, 0),
-            (ctl.set_bandwidth, next((number for top, number in _BANDWIDTHS.items() if top >= bandwidth), 1105)),
+            (
+                ctl.set_bandwidth,
+                next(
+                    (number for top, number in _BANDWIDTHS.items() if top >= bandwidth),
+                    1105,
+                ),
+            ),
             (ctl.set_packet_loss_perc, 20),
         ):
             api.encoder_ctl(self._state, setting, value)
@@ -286,7 +337,10 @@ class _FingerEncoder:
         at, left = 0, self._whole
         if len(self._streams) == 2:
             # The limits are those of the multistream API; at constant bitrate the sizes are those of its first packet.
-            size, limit = 1 if self._first <= LONG_LENGTH else 2, left - (3 if left > 2 + LONG_LENGTH else 2)
+            size, limit = (
+                1 if self._first <= LONG_LENGTH else 2,
+                left - (3 if left > 2 + LONG_LENGTH else 2),
+            )
             state, sound = self._streams[0]
             self._check(self._encode(state, sound, count, self._pointer + size, limit))
             # Between the first stream's first byte and its frame stands the length of the frame.
@@ -301,7 +355,11 @@ class _FingerEncoder:
         """Encode the first packet of a size: the multistream API divides the bitrate between the streams."""
         samples = np.ascontiguousarray(self._sound[:, :count].T)
         limit = len(self._payload)
-        whole = self._check(self._encode_all(self._state, samples.ctypes.data, count, self._pointer, limit))
+        whole = self._check(
+            self._encode_all(
+                self._state, samples.ctypes.data, count, self._pointer, limit
+            )
+        )
         payload = ctypes.string_at(self._pointer, whole)
         parts = split_streams(payload, len(self._streams))
         self._count = count if parts else 0
@@ -320,7 +378,9 @@ class OpusDecoder:
     def __init__(self, kind: PayloadType, channels: int) -> None:
         self.kind = kind
         self._sound = np.zeros((channels, LARGEST_PACKET), np.float32)
-        self._fingers = [_FingerDecoder(part) for part in np.split(self._sound, fingers_of(channels))]
+        self._fingers = [
+            _FingerDecoder(part) for part in np.split(self._sound, fingers_of(channels))
+        ]
 
     def size(self, content: bytes) -> int:
         return self._fingers[0].size(self._split(content)[0])
@@ -332,9 +392,13 @@ class OpusDecoder:
             self._fingers[0].decode(content, size)
             return self._sound[:, :size].T.copy()
         parts = self._split(content)
-        sizes = [finger.size(part) for finger, part in zip(self._fingers, parts, strict=True)]
+        sizes = [
+            finger.size(part) for finger, part in zip(self._fingers, parts, strict=True)
+        ]
         if min(sizes) != max(sizes):
-            raise PacketError(f"fingers of {sorted(set(sizes))} samples in one payload, but all have the same")
+            raise PacketError(
+                f"fingers of {sorted(set(sizes))} samples in one payload, but all have the same"
+            )
         for finger, part in zip(self._fingers, parts, strict=True):
             finger.decode(part, sizes[0])
         return self._sound[:, : sizes[0]].T.copy()
@@ -354,7 +418,9 @@ class OpusDecoder:
         fingers = len(self._fingers)
         each, rest = divmod(len(content), fingers)
         if rest or not each:
-            raise PacketError(f"{len(content)} bytes of Opus, which {fingers} fingers cannot share evenly")
+            raise PacketError(
+                f"{len(content)} bytes of Opus, which {fingers} fingers cannot share evenly"
+            )
         return [content[start : start + each] for start in range(0, len(content), each)]
 
 
@@ -363,8 +429,14 @@ class _FingerDecoder:
 
     def __init__(self, sound: FloatArray) -> None:
         opus, channels = _libopus(), len(sound)
-        api, self._info, self._error = opus.api.multistream_decoder, opus.api.decoder, opus.OpusError
-        self._state = api.create_state(CLOCK_RATE, channels, channels, 0, range(channels))
+        api, self._info, self._error = (
+            opus.api.multistream_decoder,
+            opus.api.decoder,
+            opus.OpusError,
+        )
+        self._state = api.create_state(
+            CLOCK_RATE, channels, channels, 0, range(channels)
+        )
         weakref.finalize(self, api.destroy, self._state)
         self._decode_all = _function(opus, "opus_multistream_decode_float", _DECODING)
         self._decode = _function(opus, "opus_decode_float", _DECODING)
@@ -384,9 +456,13 @@ class _FingerDecoder:
             per_part = self._info.packet_get_samples_per_frame(content, CLOCK_RATE)
             size = int(per_part * self._info.packet_get_nb_frames(content))
         except self._error as error:
-            raise PacketError(f"an Opus payload that libopus cannot parse: {error}") from error
+            raise PacketError(
+                f"an Opus payload that libopus cannot parse: {error}"
+            ) from error
         if size > LARGEST_PACKET:
-            raise PacketError(f"an Opus payload of {size} samples, but at most {LARGEST_PACKET} exist")
+            raise PacketError(
+                f"an Opus payload of {size} samples, but at most {LARGEST_PACKET} exist"
+            )
         if not content[0] & 3:
             self._sizes[content[0]] = size
         return size
@@ -401,12 +477,18 @@ class _FingerDecoder:
 
     def _decode_together(self, content: bytes, size: int) -> None:
         samples = np.empty((size, len(self._streams)), np.float32)
-        self._check(self._decode_all(self._state, content, len(content), samples.ctypes.data, size, 0))
+        self._check(
+            self._decode_all(
+                self._state, content, len(content), samples.ctypes.data, size, 0
+            )
+        )
         self._sound[:, :size] = samples.T
 
     def _check(self, decoded: int) -> None:
         if decoded < 0:
-            raise PacketError(f"an Opus payload that libopus cannot decode: {self._error(decoded)}")
+            raise PacketError(
+                f"an Opus payload that libopus cannot decode: {self._error(decoded)}"
+            )
 
 
 def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
@@ -416,13 +498,20 @@ def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
     return function
 
 
-def _streams_of(control: Any, state: Any, request: int, sound: FloatArray) -> list[tuple[int, int]]:
+def _streams_of(
+    control: Any, state: Any, request: int, sound: FloatArray
+) -> list[tuple[int, int]]:
     """Return of each stream the addresses of its state, within that of the multistream API, and of its row of sound."""
     streams = []
     for stream, row in enumerate(sound):
         found = _POINTER()
-        if control(state, request, _SIZE(stream), ctypes.byref(found)) or not found.value:
-            raise ConfigError("this libopus does not give access to its streams: install libopus 1.3 or newer")
+        if (
+            control(state, request, _SIZE(stream), ctypes.byref(found))
+            or not found.value
+        ):
+            raise ConfigError(
+                "this libopus does not give access to its streams: install libopus 1.3 or newer"
+            )
         streams.append((found.value, row.ctypes.data))
     return streams
 
@@ -436,10 +525,14 @@ def _libopus() -> Any:
         import opuslib_next.api.multistream_decoder
         import opuslib_next.api.multistream_encoder
     except ModuleNotFoundError as error:
-        raise ConfigError("the Opus codec needs: pip install 'tactophone[link]'; or use --codec pcm16") from error
+        raise ConfigError(
+            "the Opus codec needs: pip install 'tactophone[link]'; or use --codec pcm16"
+        ) from error
     except Exception as error:
         # The binding raises a bare Exception when the shared library itself is missing.
-        raise ConfigError(f"no libopus here ({error}): apt install libopus0; or use --codec pcm16") from error
+        raise ConfigError(
+            f"no libopus here ({error}): apt install libopus0; or use --codec pcm16"
+        ) from error
     return opuslib_next
 
 
@@ -454,14 +547,19 @@ def open_encoder(codec: Codec) -> Encoder:
     if codec.name == "pcm16":
         return PcmEncoder()
     return OpusEncoder(
-        channels=codec.channels, packet_size=codec.packet_size, bandwidth=codec.bandwidth, bitrate_bps=codec.bitrate_bps
+        channels=codec.channels,
+        packet_size=codec.packet_size,
+        bandwidth=codec.bandwidth,
+        bitrate_bps=codec.bitrate_bps,
     )
 
 
 def open_decoder(kind: PayloadType) -> Decoder:
     """Return a new decoder for a payload type; `PacketError` when it is not sound."""
     if kind not in SOUND_FORMATS:
-        raise PacketError(f"payload type {kind.name} is not sound; only sound can be decoded")
+        raise PacketError(
+            f"payload type {kind.name} is not sound; only sound can be decoded"
+        )
     codec, channels = SOUND_FORMATS[kind]
     if codec == "pcm16":
         return PcmDecoder(kind, channels=channels)
@@ -480,5 +578,8 @@ def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
     packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
     padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
     padded[: len(samples)] = samples
-    decoded = [decoder.decode(encoder.encode(block)) for block in padded.reshape(packets, codec.packet_size, -1)]
+    decoded = [
+        decoder.decode(encoder.encode(block))
+        for block in padded.reshape(packets, codec.packet_size, -1)
+    ]
     return np.concatenate(decoded)[codec.lookahead : codec.lookahead + len(samples)]

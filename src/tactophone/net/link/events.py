@@ -78,7 +78,9 @@ def read_event(content: bytes) -> Event:
             local, remote = json.loads(rest)
             return Renewed(int(local), int(remote))
     except (IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise PacketError(f"a logged event of {len(content)} bytes that cannot be read: {error}") from error
+        raise PacketError(
+            f"a logged event of {len(content)} bytes that cannot be read: {error}"
+        ) from error
     raise PacketError(f"a logged event of kind {kind}, but there are {_RENEWED + 1}")
 
 
@@ -98,7 +100,10 @@ class LoggedSession:
         return [self._followed(read_event(datagram))]
 
     def poll(self, now: float) -> list[Event]:
-        events, self.polled = [self._followed(read_event(content)) for content in self.polled], []
+        events, self.polled = (
+            [self._followed(read_event(content)) for content in self.polled],
+            [],
+        )
         return events
 
     def send(self, packet: bytes) -> None:

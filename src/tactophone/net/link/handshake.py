@@ -86,7 +86,9 @@ class NewRecords:
         records = list(_records(written))
         # All are judged by what was written before, and only then noted: a flight holds several of each kind.
         fresh = b"".join(record for record in records if self._is_new(record))
-        numbers = [_message_number(record) for record in records if _is_plain_message(record)]
+        numbers = [
+            _message_number(record) for record in records if _is_plain_message(record)
+        ]
         self._messages = max([self._messages, *(number + 1 for number in numbers)])
         self.changed_cipher |= any(record[0] == _CHANGE_CIPHER for record in records)
         return fresh
@@ -122,7 +124,11 @@ def _message_number(record: bytes) -> int:
 def _records(written: bytes) -> Iterator[bytes]:
     position = 0
     while position < len(written):
-        end = position + _RECORD_HEADER + int.from_bytes(written[position + 11 : position + 13])
+        end = (
+            position
+            + _RECORD_HEADER
+            + int.from_bytes(written[position + 11 : position + 13])
+        )
         yield written[position:end]
         position = end
 
@@ -130,7 +136,9 @@ def _records(written: bytes) -> Iterator[bytes]:
 FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
 """Seconds until a flight is retransmitted: the first time (above most round-trip times), and at most after doubling."""
 
-codecs.lookup("charmap")  # pyOpenSSL uses it at the first certificate; loaded now, not during a run
+codecs.lookup(
+    "charmap"
+)  # pyOpenSSL uses it at the first certificate; loaded now, not during a run
 
 HANDSHAKE_TIMEOUT = 3.0
 """Seconds after which a handshake fails; the caller then begins another."""
@@ -158,7 +166,11 @@ class Agreement:
         """What only the two ends of this session know: a caller that renews its keys puts it in its ClientHello."""
         # The order of the two keys is the same at both ends.
         keys = b"".join(sorted((self.secrets.outbound, self.secrets.inbound)))
-        return hmac.digest(keys, b"tactophone continuation", hashlib.sha256).hex()[:32].encode()
+        return (
+            hmac.digest(keys, b"tactophone continuation", hashlib.sha256)
+            .hex()[:32]
+            .encode()
+        )
 
 
 class Handshakes:
@@ -185,14 +197,18 @@ class Handshakes:
         """Begin a handshake as the caller, or one that renews the keys of the session with this `continuation`."""
         self.accepted = ""
         connection = self._connection()
-        connection.set_tlsext_host_name(b".".join((self._label, continues or b"new", b"tactophone")))
+        connection.set_tlsext_host_name(
+            b".".join((self._label, continues or b"new", b"tactophone"))
+        )
         connection.set_connect_state()
         handshake = Handshake(connection, self._peers, calls=True, now=now)
         handshake.continues = continues
         handshake.step(now)
         return handshake
 
-    def answer(self, hello: bytes, *, source: Address, now: float) -> "tuple[Handshake | None, list[bytes]]":
+    def answer(
+        self, hello: bytes, *, source: Address, now: float
+    ) -> "tuple[Handshake | None, list[bytes]]":
         """Answer a ClientHello; return the handshake, once the caller has returned its cookie, and the replies.
 
         Until then no state is kept (RFC 6347 section 4.2.1), so that forged addresses cost no memory.
@@ -223,18 +239,34 @@ class Handshakes:
         context.use_privatekey(identity.key)
         context.use_certificate(identity.certificate)
         context.set_cipher_list(_CIPHERS)
-        for option in (SSL.OP_COOKIE_EXCHANGE, SSL.OP_NO_QUERY_MTU, SSL.OP_NO_RENEGOTIATION, SSL.OP_NO_TICKET):
+        for option in (
+            SSL.OP_COOKIE_EXCHANGE,
+            SSL.OP_NO_QUERY_MTU,
+            SSL.OP_NO_RENEGOTIATION,
+            SSL.OP_NO_TICKET,
+        ):
             context.set_options(option or 0)
         context.set_session_cache_mode(SSL.SESS_CACHE_OFF)
         context.set_tlsext_use_srtp(PROFILE)
         context.set_cookie_generate_callback(self._cookie)
         context.set_cookie_verify_callback(
-            lambda connection, cookie: hmac.compare_digest(self._cookie(connection), cookie)
+            lambda connection, cookie: hmac.compare_digest(
+                self._cookie(connection), cookie
+            )
         )
-        context.set_verify(SSL.VERIFY_PEER | SSL.VERIFY_FAIL_IF_NO_PEER_CERT, self._is_trusted)
+        context.set_verify(
+            SSL.VERIFY_PEER | SSL.VERIFY_FAIL_IF_NO_PEER_CERT, self._is_trusted
+        )
         return context
 
-    def _is_trusted(self, _: SSL.Connection, certificate: crypto.X509, error: int, depth: int, ok: int) -> bool:
+    def _is_trusted(
+        self,
+        _: SSL.Connection,
+        certificate: crypto.X509,
+        error: int,
+        depth: int,
+        ok: int,
+    ) -> bool:
         """Accept the pinned certificate itself, whatever its issuer; certificates above it do not count."""
         fingerprint = _fingerprint(certificate)
         name = self._peers.name_of(fingerprint) if depth == 0 else None
@@ -247,7 +279,9 @@ class Handshakes:
         return True
 
     def _cookie(self, connection: SSL.Connection) -> bytes:
-        return hmac.digest(self._cookie_key, repr(connection.get_app_data()).encode(), hashlib.sha256)
+        return hmac.digest(
+            self._cookie_key, repr(connection.get_app_data()).encode(), hashlib.sha256
+        )
 
 
 class Handshake:
@@ -259,7 +293,9 @@ class Handshake:
     notes on the ClientHello: whether it bore a trusted peer's label, and the `continuation` that it named.
     """
 
-    def __init__(self, connection: SSL.Connection, peers: Peers, *, calls: bool, now: float) -> None:
+    def __init__(
+        self, connection: SSL.Connection, peers: Peers, *, calls: bool, now: float
+    ) -> None:
         self.agreement: Agreement | None = None
         self.failure: str | None = None
         self._connection, self._peers, self._calls = connection, peers, calls
@@ -277,14 +313,21 @@ class Handshake:
             return
         if datagram[:1] == bytes([_ALERT]) and not is_encrypted(datagram):
             # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7).
-            about_certificate = datagram[13:14] == bytes([_FATAL]) and datagram[14:15] in _CERTIFICATE_ALERTS
+            about_certificate = (
+                datagram[13:14] == bytes([_FATAL])
+                and datagram[14:15] in _CERTIFICATE_ALERTS
+            )
             self.refused |= self.agreement is None and about_certificate
         elif self.agreement is not None:
             # OpenSSL gets no more of it: it would store what nobody reads. If the caller still retransmits its last
             # flight, the answer was lost. A caller that is done answers nothing, or the two would go on for ever.
             if not self._calls and not is_encrypted(datagram):
                 self._retransmit(now)
-        elif self._calls and datagram[:1] == bytes([_CHANGE_CIPHER]) and not self._new_records.changed_cipher:
+        elif (
+            self._calls
+            and datagram[:1] == bytes([_CHANGE_CIPHER])
+            and not self._new_records.changed_cipher
+        ):
             pass  # the last flight of the handshake before, which is late: OpenSSL would end this one
         elif self._received < MAX_FLIGHT_DATAGRAMS:
             self._received += 1
@@ -297,7 +340,9 @@ class Handshake:
             return
         if now - self.begun > HANDSHAKE_TIMEOUT:
             # The refusal could not be believed at once; that nothing else came makes it likely.
-            self.failure = REFUSED if self.refused else f"no answer within {HANDSHAKE_TIMEOUT:g} s"
+            self.failure = (
+                REFUSED if self.refused else f"no answer within {HANDSHAKE_TIMEOUT:g} s"
+            )
         elif now - self._sent > self._retransmit_after:
             self._retransmit_after = min(2 * self._retransmit_after, MAX_RETRANSMISSION)
             self._retransmit(now)
@@ -314,9 +359,15 @@ class Handshake:
             pass
         except SSL.Error as error:
             self.failure = _reason(error)
-        if flight := list(split_flight(self._new_records.of(_written(self._connection)))):
+        if flight := list(
+            split_flight(self._new_records.of(_written(self._connection)))
+        ):
             # The peer has answered, or nothing new would have been written: the flight before need not be repeated.
-            self._newest_flight, self._retransmit_after, self._sent = flight, FIRST_RETRANSMISSION, now
+            self._newest_flight, self._retransmit_after, self._sent = (
+                flight,
+                FIRST_RETRANSMISSION,
+                now,
+            )
             self._outgoing += flight
 
     def _retransmit(self, now: float) -> None:
@@ -331,12 +382,16 @@ class Handshake:
         fingerprint = _fingerprint(certificate) if certificate else ""
         name = self._peers.name_of(fingerprint)
         if name is None or connection.get_selected_srtp_profile() != PROFILE:
-            raise SSL.Error([("", "", "the peer is not trusted, or does not support AES-256-GCM")])
+            raise SSL.Error(
+                [("", "", "the peer is not trusted, or does not support AES-256-GCM")]
+            )
         return Agreement(name, fingerprint, self._export())
 
     def _export(self) -> Secrets:
         """Split the exported key material as in RFC 5764 section 4.2; the SSRCs come from a second export."""
-        material = self._connection.export_keying_material(b"EXTRACTOR-dtls_srtp", 2 * (KEY_SIZE + SALT_SIZE))
+        material = self._connection.export_keying_material(
+            b"EXTRACTOR-dtls_srtp", 2 * (KEY_SIZE + SALT_SIZE)
+        )
         keys, salts = material[: 2 * KEY_SIZE], material[2 * KEY_SIZE :]
         caller = keys[:KEY_SIZE] + salts[:SALT_SIZE]
         answerer = keys[KEY_SIZE:] + salts[SALT_SIZE:]
@@ -353,7 +408,11 @@ def call_label(fingerprint: str) -> bytes:
     It proves nothing, because whoever observes a call can repeat it. It lets an answerer distinguish, before any
     computation, the hellos of trusted callers from those of anybody who only knows the address.
     """
-    return hashlib.sha256(b"tactophone call " + fingerprint.encode()).hexdigest()[:32].encode()
+    return (
+        hashlib.sha256(b"tactophone call " + fingerprint.encode())
+        .hexdigest()[:32]
+        .encode()
+    )
 
 
 def _written(connection: SSL.Connection) -> bytes:
@@ -366,9 +425,18 @@ def _written(connection: SSL.Connection) -> bytes:
 def _reason(error: SSL.Error) -> str:
     """Return OpenSSL's words for an error; ``SysCallError`` has a number where others have a list."""
     first = error.args[0] if error.args else None
-    if isinstance(first, list | tuple) and first and isinstance(first[-1], list | tuple) and first[-1]:
+    if (
+        isinstance(first, list | tuple)
+        and first
+        and isinstance(first[-1], list | tuple)
+        and first[-1]
+    ):
         return str(first[-1][-1])
-    return "the handshake failed" if first is None or first == [] else f"the handshake failed ({error})"
+    return (
+        "the handshake failed"
+        if first is None or first == []
+        else f"the handshake failed ({error})"
+    )
 
 
 def _fingerprint(certificate: crypto.X509) -> str:
@@ -407,7 +475,9 @@ class RateLimit:
 
     def take(self, now: float) -> bool:
         """Whether one more is within the rate at ``now`` (s)."""
-        self._tokens = min(self._burst, self._tokens + self._rate * max(0.0, now - self._at))
+        self._tokens = min(
+            self._burst, self._tokens + self._rate * max(0.0, now - self._at)
+        )
         self._at = now
         # Rounding may leave a token a hair short of whole.
         if self._tokens < 1.0 - 1e-9:
@@ -427,11 +497,17 @@ class Admission:
 
     def admits(self, pending: Pending, *, known: bool, now: float) -> bool:
         """Whether a hello is answered: within the rate, and if a stranger's, with a place to take."""
-        if not known and self._is_full(pending, known=False) and not self._replaceable(pending, known=False, now=now):
+        if (
+            not known
+            and self._is_full(pending, known=False)
+            and not self._replaceable(pending, known=False, now=now)
+        ):
             return False
         return self._limits[known].take(now)
 
-    def displaced(self, pending: Pending, *, source: Address, known: bool, now: float) -> list[tuple[Address, bytes]]:
+    def displaced(
+        self, pending: Pending, *, source: Address, known: bool, now: float
+    ) -> list[tuple[Address, bytes]]:
         """Return the handshakes that end when one from ``source`` begins: its own before, and one too many."""
         own = [key for key in pending if key[0] == source]
         if own or not self._is_full(pending, known=known):
@@ -440,11 +516,19 @@ class Admission:
         return [] if replaceable is None else [replaceable]
 
     def _is_full(self, pending: Pending, *, known: bool) -> bool:
-        return sum(handshake.known == known for handshake in pending.values()) >= MAX_HANDSHAKES
+        return (
+            sum(handshake.known == known for handshake in pending.values())
+            >= MAX_HANDSHAKES
+        )
 
-    def _replaceable(self, pending: Pending, *, known: bool, now: float) -> tuple[Address, bytes] | None:
+    def _replaceable(
+        self, pending: Pending, *, known: bool, now: float
+    ) -> tuple[Address, bytes] | None:
         """Return the oldest handshake; none while a stranger's is too young to give way."""
-        oldest = next((key for key, handshake in pending.items() if handshake.known == known), None)
+        oldest = next(
+            (key for key, handshake in pending.items() if handshake.known == known),
+            None,
+        )
         if oldest is None or known or now - pending[oldest].begun > STRANGER_TIME:
             return oldest
         return None

@@ -32,7 +32,14 @@ PEERS_FILE = "peers.txt"
 _LIFETIME = datetime.timedelta(days=365 * 30)
 """A certificate ends with its pin, not by date; OpenSSL requires a date."""
 
-_UNREADABLE = (OSError, ValueError, TypeError, IndexError, UnsupportedAlgorithm, x509.InvalidVersion)
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    TypeError,
+    IndexError,
+    UnsupportedAlgorithm,
+    x509.InvalidVersion,
+)
 """What the library raises for a damaged key or certificate."""
 
 
@@ -50,7 +57,9 @@ class Identity:
         title = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
         now = datetime.datetime.now(datetime.UTC)
         builder = (
-            x509.CertificateBuilder(title, title, key.public_key(), x509.random_serial_number())
+            x509.CertificateBuilder(
+                title, title, key.public_key(), x509.random_serial_number()
+            )
             .not_valid_before(now - datetime.timedelta(days=1))
             .not_valid_after(now + _LIFETIME)
         )
@@ -65,8 +74,12 @@ class Identity:
         key_path = folder / KEY_FILE
         _check_permissions(key_path, forbidden=0o077)
         try:
-            key = serialization.load_pem_private_key(key_path.read_bytes(), password=None)
-            certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE_FILE).read_bytes())
+            key = serialization.load_pem_private_key(
+                key_path.read_bytes(), password=None
+            )
+            certificate = x509.load_pem_x509_certificate(
+                (folder / CERTIFICATE_FILE).read_bytes()
+            )
             # The library parses keys and names only when asked for them, so they are asked for here.
             matches = key.public_key() == certificate.public_key()
             _common_name(certificate)
@@ -101,13 +114,17 @@ class Identity:
         """
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         pem = self.key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
         )
         if (folder / KEY_FILE).exists():
             raise ConfigError(
                 f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to make a new one"
             )
-        (folder / CERTIFICATE_FILE).write_bytes(self.certificate.public_bytes(serialization.Encoding.PEM))
+        (folder / CERTIFICATE_FILE).write_bytes(
+            self.certificate.public_bytes(serialization.Encoding.PEM)
+        )
         write_private(folder / KEY_FILE, pem)
 
 
@@ -115,7 +132,9 @@ class Peers:
     """Trusted peers: names by pinned fingerprint, stored in a text file of lines ``FINGERPRINT NAME``."""
 
     def __init__(self, names: Mapping[str, str] | None = None) -> None:
-        self._names = {parse_fingerprint(pin): name for pin, name in (names or {}).items()}
+        self._names = {
+            parse_fingerprint(pin): name for pin, name in (names or {}).items()
+        }
 
     @classmethod
     def load(cls, folder: Path) -> Self:
@@ -135,7 +154,9 @@ class Peers:
             ) from error
         lines = [line.split(maxsplit=1) for line in text.splitlines() if line.strip()]
         if malformed := next((line for line in lines if len(line) != 2), None):
-            raise ConfigError(f"{path}: {malformed[0]!r} has no name; a line is `FINGERPRINT NAME`")
+            raise ConfigError(
+                f"{path}: {malformed[0]!r} has no name; a line is `FINGERPRINT NAME`"
+            )
         return cls(dict(lines))
 
     def save(self, folder: Path) -> None:
@@ -153,12 +174,20 @@ class Peers:
 
     def without(self, name: str) -> "Peers":
         if name not in self._names.values():
-            raise ConfigError(f"no peer is named {name!r}; there are: {', '.join(self._names.values()) or 'none'}")
-        return Peers({pin: other for pin, other in self._names.items() if other != name})
+            raise ConfigError(
+                f"no peer is named {name!r}; there are: {', '.join(self._names.values()) or 'none'}"
+            )
+        return Peers(
+            {pin: other for pin, other in self._names.items() if other != name}
+        )
 
     def name_of(self, fingerprint: str) -> str | None:
         """Return the name for a fingerprint, or ``None``; in constant time for each entry."""
-        matches = [name for pin, name in self._names.items() if hmac.compare_digest(pin, fingerprint)]
+        matches = [
+            name
+            for pin, name in self._names.items()
+            if hmac.compare_digest(pin, fingerprint)
+        ]
         return matches[0] if matches else None
 
     def items(self) -> list[tuple[str, str]]:
@@ -176,7 +205,9 @@ def parse_fingerprint(text: str) -> str:
     except ValueError:
         digest = b""
     if len(digest) != hashes.SHA256.digest_size:
-        raise ConfigError(f"{text!r} is not a fingerprint: 32 two-digit groups as `tactophone pair show` prints them")
+        raise ConfigError(
+            f"{text!r} is not a fingerprint: 32 two-digit groups as `tactophone pair show` prints them"
+        )
     return digest.hex(":").upper()
 
 
@@ -184,7 +215,9 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
     try:
         status = path.stat()
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}; make an identity with `tactophone pair init`") from error
+        raise ConfigError(
+            f"{path}: {error.strerror}; make an identity with `tactophone pair init`"
+        ) from error
     if status.st_mode & forbidden:
         mode = stat.filemode(status.st_mode)
         raise ConfigError(
@@ -192,7 +225,9 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
             "if somebody may have accessed it, delete it and pair again"
         )
     if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`")
+        raise ConfigError(
+            f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`"
+        )
 
 
 def write_private(path: Path, content: bytes) -> None:

@@ -57,7 +57,9 @@ PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 16
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
 _EXTENSION = struct.Struct("!HH")
-_EARLIER = struct.Struct("!I")  # RFC 2198 section 3: F, 7 bits of type, 14 of timestamp offset, 10 of length
+_EARLIER = struct.Struct(
+    "!I"
+)  # RFC 2198 section 3: F, 7 bits of type, 14 of timestamp offset, 10 of length
 
 MAX_EARLIER_OFFSET = (1 << 14) - 1
 """Maximum samples by which an earlier payload may lie behind its packet (RFC 2198 section 3): 341 ms."""
@@ -108,8 +110,14 @@ SOUND_FORMATS: dict[PayloadType, tuple[str, int]] = {
     PayloadType.L16_STEREO: ("pcm16", 2),
     PayloadType.OPUS: ("opus", 1),
     PayloadType.MULTIOPUS: ("opus", 2),
-    **{PayloadType(101 + fingers): ("pcm16", 2 * fingers) for fingers in range(2, MOST_FINGERS + 1)},
-    **{PayloadType(110 + fingers): ("opus", 2 * fingers) for fingers in range(2, MOST_FINGERS + 1)},
+    **{
+        PayloadType(101 + fingers): ("pcm16", 2 * fingers)
+        for fingers in range(2, MOST_FINGERS + 1)
+    },
+    **{
+        PayloadType(110 + fingers): ("opus", 2 * fingers)
+        for fingers in range(2, MOST_FINGERS + 1)
+    },
 }
 """Codec and channels of each payload type of sound: a hand of N fingers has 2 N."""
 
@@ -197,7 +205,11 @@ class Packet(msgspec.Struct, frozen=True):
     def __bytes__(self) -> bytes:
         kind = PayloadType.RED if self.earlier else self.payload.kind
         head = _HEADER.pack(
-            _PLAIN | self.moving, self.marker << 7 | kind, self.sequence, self.payload.timestamp % (1 << 32), self.ssrc
+            _PLAIN | self.moving,
+            self.marker << 7 | kind,
+            self.sequence,
+            self.payload.timestamp % (1 << 32),
+            self.ssrc,
         )
         if self.moving:
             head += MOTION
@@ -206,18 +218,26 @@ class Packet(msgspec.Struct, frozen=True):
         heads, contents = b"", b""
         for past in self.earlier:
             behind = (self.payload.timestamp - past.timestamp) % (1 << 32)
-            heads += _EARLIER.pack(1 << 31 | past.kind << 24 | behind << 10 | len(past.content))
+            heads += _EARLIER.pack(
+                1 << 31 | past.kind << 24 | behind << 10 | len(past.content)
+            )
             contents += past.content
-        return head + heads + bytes([self.payload.kind]) + contents + self.payload.content
+        return (
+            head + heads + bytes([self.payload.kind]) + contents + self.payload.content
+        )
 
 
 def parse_packet(datagram: bytes) -> Packet:
     """Parse an RTP packet; raises `PacketError` when the bytes are not RTP, or the payload type is unknown."""
     if len(datagram) < _HEADER.size:
-        raise PacketError(f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut")
+        raise PacketError(
+            f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut"
+        )
     first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(datagram)
     if first >> 6 != _VERSION:
-        raise PacketError(f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an RTP packet")
+        raise PacketError(
+            f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an RTP packet"
+        )
     if first == _PLAIN and (kind := _SOUND_KINDS.get(second & 0x7F)) is not None:
         # What our own senders make when nothing is lost: no extras in the header, one payload.
         payload = Payload(kind, timestamp, datagram[_HEADER.size :])
@@ -227,7 +247,10 @@ def parse_packet(datagram: bytes) -> Packet:
         payload, earlier = _read_redundancy(timestamp, body)
     else:
         payload, earlier = Payload(_kind(second & 0x7F), timestamp, body), ()
-    moving = first & 0x0F == 1 and datagram[_HEADER.size : _HEADER.size + len(MOTION)] == MOTION
+    moving = (
+        first & 0x0F == 1
+        and datagram[_HEADER.size : _HEADER.size + len(MOTION)] == MOTION
+    )
     return Packet(sequence, ssrc, payload, earlier, second > 0x7F, moving)
 
 
@@ -263,7 +286,11 @@ class TimestampUnwrapper:
         if self._newest is None:
             self._newest, self.origin = timestamp, timestamp - self._start
         # As `ahead`, without a call for each packet.
-        reached = self._newest + (timestamp - self._newest + _HALF_TURN) % (1 << 32) - _HALF_TURN
+        reached = (
+            self._newest
+            + (timestamp - self._newest + _HALF_TURN) % (1 << 32)
+            - _HALF_TURN
+        )
         # Only forwards: a late packet does not move the reference, or the next wrap could be taken for a step back.
         self._newest = max(self._newest, reached)
         return reached - self.origin
@@ -277,17 +304,25 @@ def _body(datagram: bytes, first: int) -> bytes:
     start, end = _HEADER.size + 4 * (first & 0x0F), len(datagram)
     if first & 0x10:
         if start + _EXTENSION.size > end:
-            raise PacketError(f"a header extension at byte {start} of {end}; the datagram was cut")
+            raise PacketError(
+                f"a header extension at byte {start} of {end}; the datagram was cut"
+            )
         start += _EXTENSION.size + 4 * _EXTENSION.unpack_from(datagram, start)[1]
     if start > end:
-        raise PacketError(f"a header of {start} bytes in a datagram of {end}; the datagram was cut")
+        raise PacketError(
+            f"a header of {start} bytes in a datagram of {end}; the datagram was cut"
+        )
     padding = datagram[-1] if first & 0x20 else 0
     if first & 0x20 and not 0 < padding <= end - start:
-        raise PacketError(f"{padding} bytes of padding in a datagram of {end}; its last byte is wrong")
+        raise PacketError(
+            f"{padding} bytes of padding in a datagram of {end}; its last byte is wrong"
+        )
     return datagram[start : end - padding]
 
 
-def _read_redundancy(timestamp: int, body: bytes) -> tuple[Payload, tuple[Payload, ...]]:
+def _read_redundancy(
+    timestamp: int, body: bytes
+) -> tuple[Payload, tuple[Payload, ...]]:
     """Return a packet's own payload, which is the last and takes the rest, and the earlier ones."""
     heads: list[tuple[int, int, int]] = []
     position, size = 0, len(body)
@@ -295,21 +330,31 @@ def _read_redundancy(timestamp: int, body: bytes) -> tuple[Payload, tuple[Payloa
     # length. The contents follow in the same order.
     while position < size and body[position] & 0x80:
         if position + _EARLIER.size > size:
-            raise PacketError("a redundancy header that ends within; the datagram was cut")
+            raise PacketError(
+                "a redundancy header that ends within; the datagram was cut"
+            )
         word = _EARLIER.unpack_from(body, position)[0]
         if len(heads) == MAX_EARLIER:
-            raise PacketError(f"more than {MAX_EARLIER} earlier payloads, which no sender makes")
+            raise PacketError(
+                f"more than {MAX_EARLIER} earlier payloads, which no sender makes"
+            )
         heads.append((word >> 24 & 0x7F, word >> 10 & 0x3FFF, word & 0x3FF))
         position += _EARLIER.size
     if position == size:
-        raise PacketError("redundancy without a last header: the packet's own payload is missing")
+        raise PacketError(
+            "redundancy without a last header: the packet's own payload is missing"
+        )
     own, position = _kind(body[position]), position + 1
     earlier: list[Payload] = []
     for number, offset, length in heads:
         if position + length > size:
-            raise PacketError(f"an earlier payload of {length} bytes, but {size - position} are left")
+            raise PacketError(
+                f"an earlier payload of {length} bytes, but {size - position} are left"
+            )
         content = body[position : position + length]
-        earlier.append(Payload(_kind(number), (timestamp - offset) % (1 << 32), content))
+        earlier.append(
+            Payload(_kind(number), (timestamp - offset) % (1 << 32), content)
+        )
         position += length
     return Payload(own, timestamp, body[position:]), tuple(earlier)
 
@@ -318,7 +363,9 @@ def _kind(number: int) -> PayloadType:
     """Return the payload type; RED within RED is refused like an unknown type."""
     if (kind := _SOUND_KINDS.get(number)) is not None:
         return kind
-    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known")
+    raise PacketError(
+        f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known"
+    )
 
 
 FRAME_SIZES = (120, 240, 480, 960)
@@ -357,7 +404,11 @@ def split_streams(payload: bytes, streams: int) -> list[bytes]:
     if length >= LONG_LENGTH:
         length, start = length + 4 * payload[2], 3
     end = start + length
-    if payload[0] & _CODE or not end < len(payload) <= end + 1 + LARGEST_FRAME or payload[end] != payload[0]:
+    if (
+        payload[0] & _CODE
+        or not end < len(payload) <= end + 1 + LARGEST_FRAME
+        or payload[end] != payload[0]
+    ):
         return []
     return [payload[:1] + payload[start:end], payload[end:]]
 
@@ -381,12 +432,20 @@ def write_prediction(prediction: Prediction) -> bytes:
     shares = (*prediction.probabilities, prediction.roughness)
     if not all(map(math.isfinite, shares)) or math.isnan(prediction.level_dbfs):
         return write_prediction(
-            replace(prediction, probabilities=(1, 0, 0), roughness=0, level_dbfs=-math.inf, faulty=True)
+            replace(
+                prediction,
+                probabilities=(1, 0, 0),
+                roughness=0,
+                level_dbfs=-math.inf,
+                faulty=True,
+            )
         )
     length = round((prediction.end - prediction.start) * CLOCK_RATE)
     level = round(100 * max(_SILENT / 100, min(prediction.level_dbfs, 327.0)))
     rounded = [round(_ONE * max(0.0, min(share, 1.0))) for share in shares]
-    return _PREDICTION.pack(prediction.touch, prediction.faulty, *rounded, level, max(0, length))
+    return _PREDICTION.pack(
+        prediction.touch, prediction.faulty, *rounded, level, max(0, length)
+    )
 
 
 def read_prediction(content: bytes, *, end: float) -> Prediction:
@@ -395,19 +454,29 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
     Raises `PacketError` when the bytes are not a prediction.
     """
     if len(content) != _PREDICTION.size:
-        raise PacketError(f"a prediction of {len(content)} bytes, but it has {_PREDICTION.size}")
+        raise PacketError(
+            f"a prediction of {len(content)} bytes, but it has {_PREDICTION.size}"
+        )
     touch, faulty, *shares, roughness, level, length = _PREDICTION.unpack(content)
     if touch not in list(Touch) or not sum(shares):
-        raise PacketError(f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
+        raise PacketError(
+            f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches"
+        )
     none, smooth, rough = (share / sum(shares) for share in shares)
     return Prediction(
-        probabilities=(none, smooth, rough), touch=Touch(touch), roughness=roughness / _ONE,
-        level_dbfs=-math.inf if level == _SILENT else level / 100, start=end - length / CLOCK_RATE, end=end,
+        probabilities=(none, smooth, rough),
+        touch=Touch(touch),
+        roughness=roughness / _ONE,
+        level_dbfs=-math.inf if level == _SILENT else level / 100,
+        start=end - length / CLOCK_RATE,
+        end=end,
         faulty=bool(faulty),
-    )  # fmt: skip
+    )
 
 
-def write_predictions(predictions: Mapping[int, Prediction], *, fingers: int) -> tuple[PayloadType, bytes]:
+def write_predictions(
+    predictions: Mapping[int, Prediction], *, fingers: int
+) -> tuple[PayloadType, bytes]:
     """Encode predictions by finger, of windows that end together.
 
     >>> silence = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -60.0, 0.0, 0.256)
@@ -417,11 +486,16 @@ def write_predictions(predictions: Mapping[int, Prediction], *, fingers: int) ->
     """
     if fingers == 1:
         return PayloadType.PREDICTION, write_prediction(predictions[0])
-    records = [bytes([fingers << 4 | finger]) + write_prediction(each) for finger, each in predictions.items()]
+    records = [
+        bytes([fingers << 4 | finger]) + write_prediction(each)
+        for finger, each in predictions.items()
+    ]
     return PayloadType.HAND_PREDICTION, b"".join(records)
 
 
-def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Prediction], int]:
+def read_predictions(
+    payload: Payload, *, end: float
+) -> tuple[dict[int, Prediction], int]:
     """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
 
     Raises `PacketError` when the bytes are not predictions of one hand, each of another finger.
@@ -430,11 +504,17 @@ def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Predict
         return {0: read_prediction(payload.content, end=end)}, 1
     content, size = payload.content, 1 + _PREDICTION.size
     records = [content[start : start + size] for start in range(0, len(content), size)]
-    predictions = {record[0] & 15: read_prediction(record[1:], end=end) for record in records}
+    predictions = {
+        record[0] & 15: read_prediction(record[1:], end=end) for record in records
+    }
     counts = {record[0] >> 4 for record in records}
     if len(counts) != 1 or len(predictions) != len(records):
-        raise PacketError(f"{len(records)} predictions of a hand, but of hands with {sorted(counts)} fingers, or twice")
+        raise PacketError(
+            f"{len(records)} predictions of a hand, but of hands with {sorted(counts)} fingers, or twice"
+        )
     fingers = counts.pop()
     if not 2 <= fingers <= MOST_FINGERS or max(predictions) >= fingers:
-        raise PacketError(f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}")
+        raise PacketError(
+            f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}"
+        )
     return predictions, fingers

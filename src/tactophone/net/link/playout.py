@@ -96,7 +96,9 @@ class PlayoutController:
     @property
     def margin(self) -> float:
         """Seconds from the play position to the newest sample that the empty network would have delivered."""
-        return (self._packet_size + self._block_size) / CLOCK_RATE + self._allowance.duration
+        return (
+            self._packet_size + self._block_size
+        ) / CLOCK_RATE + self._allowance.duration
 
     def push(self, start: int, size: int, *, now: float) -> None:
         """Add the arrival of a packet of ``size`` samples from position ``start``."""
@@ -127,14 +129,21 @@ class PlayoutController:
             self.position = target
         second = self._second
         second.begun = now if math.isnan(second.begun) else second.begun
-        second.error_sum, second.steps = second.error_sum + (target - self.position) / CLOCK_RATE, second.steps + 1
+        second.error_sum, second.steps = (
+            second.error_sum + (target - self.position) / CLOCK_RATE,
+            second.steps + 1,
+        )
         if now - second.begun >= 1.0:
             self._steer(second.error_sum / second.steps)
             if math.isfinite(second.min_transit):
                 # The path of the second that has ended. A small change is drift or chance, so half of it is believed; a
                 # larger one is another path, and is taken over whole.
                 change = second.min_transit - self._min_transit
-                self._min_transit = second.min_transit if abs(change) > DEAD_BAND else self._min_transit + change / 2
+                self._min_transit = (
+                    second.min_transit
+                    if abs(change) > DEAD_BAND
+                    else self._min_transit + change / 2
+                )
             self._second = _Second(now)
             self._allowance.update()
         # The position moves at the speed of the last second's end, until the next.
@@ -144,7 +153,9 @@ class PlayoutController:
     def _warmed_up(self, now: float) -> bool:
         if not math.isnan(self.position):
             return True
-        self._first = min(self._first, now if math.isfinite(self._min_transit) else math.inf)
+        self._first = min(
+            self._first, now if math.isfinite(self._min_transit) else math.inf
+        )
         if now - self._first < PLAYOUT_WARM_UP:
             return False
         self._allowance.update()
@@ -159,7 +170,9 @@ class PlayoutController:
         # second is short against the 11 s of 1/frequency, so the loop may be computed as if it were continuous.
         if abs(error) > DEAD_BAND:
             # A changed margin, not skew: the integral stays as it is, or it would wind up while the position slews.
-            self._speed = 1 + self._integral + math.copysign(min(SLEW, abs(error)), error)
+            self._speed = (
+                1 + self._integral + math.copysign(min(SLEW, abs(error)), error)
+            )
             return
         self._integral += error / (2 * TIME_CONSTANT**2)
         self._integral = max(-MAX_SKEW, min(self._integral, MAX_SKEW))
@@ -193,7 +206,11 @@ class Allowance:
 
 
 def _allowance_for(lateness: NDArray[np.float64]) -> float:
-    needed = np.quantile(lateness, 1 - _TARGET_LATE) + MIN_ALLOWANCE / 2 if lateness.size else MIN_ALLOWANCE
+    needed = (
+        np.quantile(lateness, 1 - _TARGET_LATE) + MIN_ALLOWANCE / 2
+        if lateness.size
+        else MIN_ALLOWANCE
+    )
     return float(np.clip(needed, MIN_ALLOWANCE, MAX_ALLOWANCE))
 
 
@@ -216,7 +233,9 @@ CONCEALMENT_FADE = 120
 _QUEUE_SIZE = 400
 """Packets kept while nothing is pulled: a second of 2.5 ms each."""
 
-_FADE_ANGLES = np.linspace(0, np.pi / 2, CONCEALMENT_FADE, dtype=np.float32)[:, np.newaxis]
+_FADE_ANGLES = np.linspace(0, np.pi / 2, CONCEALMENT_FADE, dtype=np.float32)[
+    :, np.newaxis
+]
 _MAX_EXTRAPOLATED = round(MAX_EXTRAPOLATION * CLOCK_RATE)
 
 
@@ -276,8 +295,13 @@ class Playout:
         while len(self._ready) < self.block_size:
             needed = math.ceil((self.block_size - len(self._ready)) * step.speed) + 1
             block = self._resampler.process(self._read(needed), 1 / step.speed)
-            self._ready = np.concatenate([self._ready, block.reshape(-1, self._channels)])
-        block, self._ready = self._ready[: self.block_size], self._ready[self.block_size :]
+            self._ready = np.concatenate(
+                [self._ready, block.reshape(-1, self._channels)]
+            )
+        block, self._ready = (
+            self._ready[: self.block_size],
+            self._ready[self.block_size :],
+        )
         return block
 
     def _accept(self, packet: Packet, now: float) -> None:
@@ -293,7 +317,9 @@ class Playout:
         if self._position is not None:
             self.reception.came_late(start, self._position)
         for payload in packet.earlier:
-            self._keep(self._timestamps.position(payload.timestamp), payload, primary=False)
+            self._keep(
+                self._timestamps.position(payload.timestamp), payload, primary=False
+            )
 
     def _keep(self, start: int, payload: Payload, *, primary: bool) -> int:
         """Store a payload until it is due; return its size in samples, 0 when it is broken."""
@@ -315,13 +341,19 @@ class Playout:
     def _next(self) -> FloatArray:
         """Decode, conceal or extrapolate the sound at the position."""
         assert self._position is not None
-        for start in [start for start, waiting in self._waiting.items() if waiting.end <= self._position]:
+        for start in [
+            start
+            for start, waiting in self._waiting.items()
+            if waiting.end <= self._position
+        ]:
             del self._waiting[start]
         following = min(self._waiting, default=None)
         if following is None or following - self._position > _MAX_EXTRAPOLATED:
             return self._extrapolate()
         if following > self._position:
-            return self._conceal(following - self._position, self._waiting[following].payload)
+            return self._conceal(
+                following - self._position, self._waiting[following].payload
+            )
         return self._decode(self._waiting.pop(following))
 
     def _decode(self, waiting: "_Waiting") -> FloatArray:
@@ -350,9 +382,13 @@ class Playout:
         size, was_silent = self._packet_size, self._extrapolated > _MAX_EXTRAPOLATED
         self._count_concealed(size)
         if self._decoder is not None and self._extrapolated <= _MAX_EXTRAPOLATED:
-            sound = self._append(self._decoder.conceal(size, None), fade=self._discontinuous)
+            sound = self._append(
+                self._decoder.conceal(size, None), fade=self._discontinuous
+            )
         else:
-            sound = self._append(np.zeros((size, self._channels), np.float32), fade=not was_silent)
+            sound = self._append(
+                np.zeros((size, self._channels), np.float32), fade=not was_silent
+            )
         self._discontinuous = True
         return sound
 
@@ -363,7 +399,9 @@ class Playout:
     def _append(self, samples: FloatArray, *, fade: bool) -> FloatArray:
         """Advance by ``samples``; with ``fade``, cross-fade from the sound before into them."""
         assert self._position is not None
-        samples = np.broadcast_to(samples[:, : self._channels], (len(samples), self._channels))
+        samples = np.broadcast_to(
+            samples[:, : self._channels], (len(samples), self._channels)
+        )
         self._position += len(samples)
         self.reception.stats.samples_received += len(samples)
         self._discontinuous = False
@@ -375,7 +413,9 @@ class Playout:
             # A fade may span several calls: the angles go on where the last call stopped.
             old, self._fading = self._fading[:length], self._fading[length:]
             new, rest = samples[:length], samples[length:]
-            angle = _FADE_ANGLES[CONCEALMENT_FADE - len(self._fading) - length :][:length]
+            angle = _FADE_ANGLES[CONCEALMENT_FADE - len(self._fading) - length :][
+                :length
+            ]
             samples = np.concatenate([np.cos(angle) * old + np.sin(angle) * new, rest])
         self._last = np.concatenate([self._last, samples])[-CONCEALMENT_FADE:]
         return samples
@@ -390,5 +430,7 @@ def _open_resampler(channels: int) -> Any:
     try:
         import samplerate
     except ImportError as error:
-        raise ConfigError("clocked playout needs: pip install 'tactophone[link]'") from error
+        raise ConfigError(
+            "clocked playout needs: pip install 'tactophone[link]'"
+        ) from error
     return samplerate.Resampler("sinc_fastest", channels=channels)

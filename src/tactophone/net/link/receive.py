@@ -8,7 +8,13 @@ import msgspec
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import FloatArray, Prediction
-from tactophone.net.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
+from tactophone.net.link.events import (
+    Connected,
+    Disconnected,
+    Event,
+    PacketReceived,
+    Renewed,
+)
 from tactophone.net.link.packet import (
     CLOCK_RATE,
     Packet,
@@ -29,9 +35,17 @@ DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
 
 _STREAM_COUNTERS = (
-    "packets_received", "packets_late", "packets_duplicated", "packets_reordered", "packets_recovered",
-    "packets_concealed", "packets_skipped", "packets_broken", "samples_received", "samples_concealed",
-)  # fmt: skip
+    "packets_received",
+    "packets_late",
+    "packets_duplicated",
+    "packets_reordered",
+    "packets_recovered",
+    "packets_concealed",
+    "packets_skipped",
+    "packets_broken",
+    "samples_received",
+    "samples_concealed",
+)
 
 _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 
@@ -62,7 +76,9 @@ class ReceiveSession:
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:
         self.session = session
-        self.tap: Callable[[float, list[Event], bool], None] = lambda now, events, polled: None
+        self.tap: Callable[[float, list[Event], bool], None] = (
+            lambda now, events, polled: None
+        )
         self._reorder = reorder
         self.playout: Playout | None = None
         self.bandwidth, self.moving = 0, False
@@ -84,7 +100,11 @@ class ReceiveSession:
     def counters(self) -> Counter[str]:
         """Totals over all sessions, in telemetry's names; may be read from another thread."""
         past, depacketizer = self._totals
-        return past + _stream_counters(depacketizer.reception.stats) + Counter(packets_rejected=self.session.refused)
+        return (
+            past
+            + _stream_counters(depacketizer.reception.stats)
+            + Counter(packets_rejected=self.session.refused)
+        )
 
     @property
     def gauges(self) -> dict[str, float]:
@@ -106,7 +126,11 @@ class ReceiveSession:
     @property
     def origin(self) -> int:
         """The RTP timestamp at time 0."""
-        return self._predictions.timestamps.origin if self._predictions.newest else self._depacketizer.origin
+        return (
+            self._predictions.timestamps.origin
+            if self._predictions.newest
+            else self._depacketizer.origin
+        )
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
         """Process everything that arrived by ``now`` (s); return what it contains, oldest first."""
@@ -176,19 +200,27 @@ class ReceiveSession:
                 received.append(event)
         return received + self._depacketizer.push(packets, now=now)
 
-    def _open(self, event: PacketReceived, received: list[ReceiveEvent], now: float) -> Packet | None:
+    def _open(
+        self, event: PacketReceived, received: list[ReceiveEvent], now: float
+    ) -> Packet | None:
         """Take a report, or add predictions to ``received``; return a packet of sound, which is still to be ordered."""
         if event.report:
             if isinstance(report := parse_report(event.packet), SenderReport):
                 self._depacketizer.reception.note_sender_report(report, now=now)
             return None
         packet = parse_packet(event.packet)
-        payload, self._depth, self.moving = packet.payload, len(packet.earlier), packet.moving
+        payload, self._depth, self.moving = (
+            packet.payload,
+            len(packet.earlier),
+            packet.moving,
+        )
         if payload.kind not in _PREDICTIONS:
             if self.playout:
                 self.playout.push(packet, now=now)
             return packet
-        if self._depacketizer.reception.count(packet.sequence, payload.timestamp, now=now):
+        if self._depacketizer.reception.count(
+            packet.sequence, payload.timestamp, now=now
+        ):
             received += self._predictions.push(payload, now=now)
         return None
 
@@ -217,14 +249,21 @@ class _PredictionStream:
         samples = self.timestamps.position(payload.timestamp)
         end = samples / CLOCK_RATE
         found, fingers = read_predictions(payload, end=end)
-        fresh = {finger: each for finger, each in found.items() if samples > self.newest.get(finger, -1)}
+        fresh = {
+            finger: each
+            for finger, each in found.items()
+            if samples > self.newest.get(finger, -1)
+        }
         if not fresh:
             return []
         self.newest |= dict.fromkeys(fresh, samples)
         transit = now - end
         self._delay.push(transit, now=now)
         stale = transit - self._delay.minimum > SOUND_STALE_AFTER
-        return [PredictionReceived(prediction, stale, finger, fingers) for finger, prediction in fresh.items()]
+        return [
+            PredictionReceived(prediction, stale, finger, fingers)
+            for finger, prediction in fresh.items()
+        ]
 
 
 class _Meter:

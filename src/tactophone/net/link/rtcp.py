@@ -79,7 +79,12 @@ class SenderReport:
         return _ntp(self.ntp) >> 16 & 0xFFFFFFFF
 
     def __bytes__(self) -> bytes:
-        sent = _SENT.pack(_ntp(self.ntp), self.timestamp % (1 << 32), self.packets % (1 << 32), self.octets % (1 << 32))
+        sent = _SENT.pack(
+            _ntp(self.ntp),
+            self.timestamp % (1 << 32),
+            self.packets % (1 << 32),
+            self.octets % (1 << 32),
+        )
         return _head(_SENDER, 0, self.ssrc, sent)
 
 
@@ -129,34 +134,57 @@ class ReceiverRequest:
         return _head(_APPLICATION, 0, self.ssrc, _REQUEST.pack(_NAME, self.bandwidth))
 
 
-Report: TypeAlias = ReceiverReport | SenderReport | Introduction | Goodbye | ReceiverRequest
+Report: TypeAlias = (
+    ReceiverReport | SenderReport | Introduction | Goodbye | ReceiverRequest
+)
 
 
 def parse_report(packet: bytes) -> Report:
     """Parse a report; raises `PacketError` when the bytes are not one of the five reports above."""
     if len(packet) < _HEAD.size:
-        raise PacketError(f"{len(packet)} bytes, but a report has at least {_HEAD.size}")
+        raise PacketError(
+            f"{len(packet)} bytes, but a report has at least {_HEAD.size}"
+        )
     first, kind, words, ssrc = _HEAD.unpack_from(packet)
     if first >> 6 != _VERSION or len(packet) != 4 * (words + 1):
-        raise PacketError(f"a report of {len(packet)} bytes that claims {4 * (words + 1)}, version {first >> 6}")
+        raise PacketError(
+            f"a report of {len(packet)} bytes that claims {4 * (words + 1)}, version {first >> 6}"
+        )
     body = packet[_HEAD.size :]
     match kind:
         case 203:
             return Goodbye(ssrc, _text(body))
-        case 202 if body[:1] == bytes([_TOOL]) and (program := _text(body[1:])).startswith(_PROGRAM):
+        case 202 if body[:1] == bytes([_TOOL]) and (
+            program := _text(body[1:])
+        ).startswith(_PROGRAM):
             if not _VERSION_TEXT.fullmatch(version := program.removeprefix(_PROGRAM)):
-                raise PacketError(f"a version of {len(version)} characters; at most 64 letters, digits and .+- are one")
+                raise PacketError(
+                    f"a version of {len(version)} characters; at most 64 letters, digits and .+- are one"
+                )
             return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:
             of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
             fraction, lost = (losses >> 24) / 256, losses & 0xFFFFFF
-            return ReceiverReport(ssrc, of, fraction, lost, highest, jitter / CLOCK_RATE, last_report, since / 65_536)
+            return ReceiverReport(
+                ssrc,
+                of,
+                fraction,
+                lost,
+                highest,
+                jitter / CLOCK_RATE,
+                last_report,
+                since / 65_536,
+            )
         case 200 if len(body) == _SENT.size:
             ntp, timestamp, packets, octets = _SENT.unpack(body)
-            return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
+            return SenderReport(
+                ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets
+            )
         case 204 if len(body) == _REQUEST.size and body.startswith(_NAME):
             return ReceiverRequest(ssrc, _REQUEST.unpack(body)[1])
-    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; 200 to 204 are known")
+    raise PacketError(
+        f"an RTCP packet of type {kind} with {len(body)} bytes; 200 to 204 are known"
+    )
 
 
 def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
@@ -180,7 +208,10 @@ def _text(field: bytes) -> str:
 
 
 def _head(kind: int, count: int, ssrc: int, body: bytes) -> bytes:
-    return _HEAD.pack(_VERSION << 6 | count, kind, (_HEAD.size + len(body)) // 4 - 1, ssrc) + body
+    return (
+        _HEAD.pack(_VERSION << 6 | count, kind, (_HEAD.size + len(body)) // 4 - 1, ssrc)
+        + body
+    )
 
 
 def _ntp(time: float) -> int:

@@ -7,11 +7,27 @@ from typing import TypeAlias
 from tactophone.core.errors import PacketError
 from tactophone.core.types import AudioBlock, Prediction, ignore
 from tactophone.net.link.codec import NARROW_BAND, Codec
-from tactophone.net.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
+from tactophone.net.link.events import (
+    Connected,
+    Disconnected,
+    Event,
+    PacketReceived,
+    Renewed,
+)
 from tactophone.net.link.packet import CLOCK_RATE, Address, Packet, write_predictions
-from tactophone.net.link.rtcp import ReceiverReport, ReceiverRequest, parse_report, round_trip_time
+from tactophone.net.link.rtcp import (
+    ReceiverReport,
+    ReceiverRequest,
+    parse_report,
+    round_trip_time,
+)
 from tactophone.net.link.session import Session
-from tactophone.net.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
+from tactophone.net.link.stream import (
+    BlockEncoder,
+    Packetizer,
+    Redundancy,
+    RedundancyRule,
+)
 
 MOST_OPERATORS = 4
 """Operators of one robot: trainer, trainee and two who watch. Each one more costs the robot an encryption a packet."""
@@ -58,20 +74,31 @@ class SendGroup:
     """
 
     def __init__(
-        self, sessions: Sequence[Session], codec: Codec, *, rule: RedundancyRule | None = None, follow: bool = False,
+        self,
+        sessions: Sequence[Session],
+        codec: Codec,
+        *,
+        rule: RedundancyRule | None = None,
+        follow: bool = False,
         prompt: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if not 1 <= len(sessions) <= MOST_OPERATORS:
-            raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
+            raise ValueError(
+                f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}"
+            )
         self.encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
-        self.members = [Member(session, rule or RedundancyRule()) for session in sessions]
+        self.members = [
+            Member(session, rule or RedundancyRule()) for session in sessions
+        ]
         self.tap: Callable[[Event], None] = ignore
         self._sound_faults = 0
         self._lowers = True
         self._logged: Member | None = None
         for member in self.members:
             # An operator that was given under two addresses belongs to one member alone.
-            member.session.leave_to_others([other.session for other in self.members if other is not member])
+            member.session.leave_to_others(
+                [other.session for other in self.members if other is not member]
+            )
 
     @property
     def connected(self) -> list[Member]:
@@ -79,7 +106,11 @@ class SendGroup:
 
     @property
     def peers(self) -> list[str]:
-        return [member.session.peer for member in self.members if member.session.peer is not None]
+        return [
+            member.session.peer
+            for member in self.members
+            if member.session.peer is not None
+        ]
 
     @property
     def counters(self) -> Counter[str]:
@@ -92,7 +123,14 @@ class SendGroup:
     @property
     def round_trip(self) -> float | None:
         """The longest round-trip time of all connected operators in s; ``None`` before the first report."""
-        return max((member.round_trip for member in self.connected if member.round_trip is not None), default=None)
+        return max(
+            (
+                member.round_trip
+                for member in self.connected
+                if member.round_trip is not None
+            ),
+            default=None,
+        )
 
     @property
     def loss(self) -> float:
@@ -115,7 +153,9 @@ class SendGroup:
         self._sound_faults += bool(self.encoder.faults)
         self.encoder.faults.clear()
 
-    def send_predictions(self, predictions: Mapping[int, Prediction], *, fingers: int = 1) -> None:
+    def send_predictions(
+        self, predictions: Mapping[int, Prediction], *, fingers: int = 1
+    ) -> None:
         """Send predictions by finger, of windows that end together, instead of sound."""
         end = round(next(iter(predictions.values())).end * CLOCK_RATE)
         kind, content = write_predictions(predictions, fingers=fingers)
@@ -123,11 +163,18 @@ class SendGroup:
             if member.stream:
                 self._send(member, [member.stream.wrap(kind, end, content)])
 
-    def receive(self, datagrams: Datagrams, *, now: float, operator: int = 0) -> list[Connected | Disconnected]:
+    def receive(
+        self, datagrams: Datagrams, *, now: float, operator: int = 0
+    ) -> list[Connected | Disconnected]:
         """Process what arrived at one operator's socket by ``now`` (s)."""
         member = self.members[operator]
-        received = [member.session.receive(data, source=source, now=now) for data, source in datagrams]
-        return self._handle(member, [event for events in received for event in events], now)
+        received = [
+            member.session.receive(data, source=source, now=now)
+            for data, source in datagrams
+        ]
+        return self._handle(
+            member, [event for events in received for event in events], now
+        )
 
     def poll(self, now: float, *, operator: int = 0) -> list[Connected | Disconnected]:
         """Let time pass for one operator; call it about twenty times a second for each."""
@@ -148,7 +195,9 @@ class SendGroup:
                 self.tap(PacketReceived(packet, report=False))
             member.session.send(packet)
 
-    def _handle(self, member: Member, events: list[Event], now: float) -> list[Connected | Disconnected]:
+    def _handle(
+        self, member: Member, events: list[Event], now: float
+    ) -> list[Connected | Disconnected]:
         for event in events:
             match event:
                 case PacketReceived(packet, report):
@@ -157,7 +206,11 @@ class SendGroup:
                     continue
                 case Connected():
                     member.begun, member.bandwidth = event, 0.0
-                    member.stream = Packetizer(self.encoder, ssrc=event.local_ssrc, redundancy=member.redundancy)
+                    member.stream = Packetizer(
+                        self.encoder,
+                        ssrc=event.local_ssrc,
+                        redundancy=member.redundancy,
+                    )
                     member.counters["handshakes"] += 1
                     if self.connected == [member]:
                         # Whoever comes later begins in the middle, as after a loss: a restart would disturb the others.
@@ -173,7 +226,9 @@ class SendGroup:
                         member.stream.ssrc = event.local_ssrc
             self._log(member, event)
         self._follow_request(member)
-        return [event for event in events if isinstance(event, Connected | Disconnected)]
+        return [
+            event for event in events if isinstance(event, Connected | Disconnected)
+        ]
 
     def _handle_report(self, member: Member, packet: bytes, now: float) -> None:
         try:

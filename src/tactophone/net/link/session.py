@@ -31,7 +31,13 @@ from typing import Literal
 import pylibsrtp
 
 from tactophone.core.errors import PacketError
-from tactophone.net.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
+from tactophone.net.link.events import (
+    Connected,
+    Disconnected,
+    Event,
+    PacketReceived,
+    Renewed,
+)
 from tactophone.net.link.handshake import (
     REFUSED,
     Admission,
@@ -63,12 +69,14 @@ CONFIRM_TIMEOUT = 10.0
 
 SessionState = Literal["idle", "handshaking", "connected", "rehandshaking"]
 
-TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType({
-    "idle": frozenset({"handshaking"}),
-    "handshaking": frozenset({"connected", "idle"}),
-    "connected": frozenset({"rehandshaking", "idle"}),
-    "rehandshaking": frozenset({"connected", "handshaking"}),
-})  # fmt: skip
+TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType(
+    {
+        "idle": frozenset({"handshaking"}),
+        "handshaking": frozenset({"connected", "idle"}),
+        "connected": frozenset({"rehandshaking", "idle"}),
+        "rehandshaking": frozenset({"connected", "handshaking"}),
+    }
+)
 """The table above, as `tests/net/link/test_session_states.py` walks it."""
 
 _LAST_SAFE_SEQUENCE = 0xC000
@@ -102,7 +110,9 @@ class SrtpCrypto:
                 return bytes(self._in.unprotect_rtcp(datagram))
             return bytes(self._in.unprotect(datagram))
         except (pylibsrtp.Error, ValueError) as error:
-            raise PacketError(f"a datagram of {len(datagram)} bytes was refused: {error}") from error
+            raise PacketError(
+                f"a datagram of {len(datagram)} bytes was refused: {error}"
+            ) from error
 
 
 def _policy(key: bytes, ssrc: int) -> pylibsrtp.Policy:
@@ -123,7 +133,9 @@ class Connection:
     - ``unprotect``: authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
     """
 
-    def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
+    def __init__(
+        self, handshake: Handshake, agreement: Agreement, address: Address, now: float
+    ) -> None:
         self.handshake, self.agreement, self.address = handshake, agreement, address
         self.begun = self.last_received = now
         self.until = now + MAX_KEY_AGE
@@ -167,7 +179,9 @@ class KeyRing:
         return None
 
     def __iter__(self) -> Iterator[Connection]:
-        return iter([connection for connection in (self.current, self.beside) if connection])
+        return iter(
+            [connection for connection in (self.current, self.beside) if connection]
+        )
 
     def use(self, current: Connection | None, beside: Connection | None = None) -> None:
         """Send through one connection, and accept packets of another one beside it."""
@@ -188,7 +202,10 @@ class KeyRing:
             return False
         # The two change places: packets under the keys before may still be on their way.
         self.use(connection, before)
-        connection.until, before.until = connection.begun + MAX_KEY_AGE, now + KEY_OVERLAP
+        connection.until, before.until = (
+            connection.begun + MAX_KEY_AGE,
+            now + KEY_OVERLAP,
+        )
         return True
 
 
@@ -223,9 +240,14 @@ class Session:
     """
 
     def __init__(
-        self, identity: Identity, peers: Peers, *, call: Address | list[Address] | None = None,
-        renew_after: float = RENEW_AFTER, version: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        identity: Identity,
+        peers: Peers,
+        *,
+        call: Address | list[Address] | None = None,
+        renew_after: float = RENEW_AFTER,
+        version: str = "",
+    ) -> None:
         self.faults: Counter[str] = Counter()
         self.failure: str | None = None
         self.sent_away: tuple[str, float] | None = None
@@ -236,7 +258,9 @@ class Session:
         self._admission = Admission()
         self._version, self._peer_version = version, ""
         self._introduce_at = 0.0
-        self._callees: list[Address] = call if isinstance(call, list) else [] if call is None else [call]
+        self._callees: list[Address] = (
+            call if isinstance(call, list) else [] if call is None else [call]
+        )
         self._call_after = -1.0
         self._renew_after = renew_after
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
@@ -258,7 +282,10 @@ class Session:
     @property
     def version_conflict(self) -> str:
         """One sentence for the user where the two ends run different versions; else empty."""
-        if not (self._keys.current and self._version and self._peer_version) or self._peer_version == self._version:
+        if (
+            not (self._keys.current and self._version and self._peer_version)
+            or self._peer_version == self._version
+        ):
             return ""
         return (
             f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
@@ -267,11 +294,16 @@ class Session:
 
     def leave_to_others(self, others: "Sequence[Session]") -> None:
         """Refuse the peers that other sessions of this end `claims`."""
-        self._handshakes.is_taken = lambda fingerprint: any(other.claims(fingerprint) for other in others)
+        self._handshakes.is_taken = lambda fingerprint: any(
+            other.claims(fingerprint) for other in others
+        )
 
     def claims(self, fingerprint: str) -> bool:
         """Whether this session is connected to a peer, or will be at the end of its handshake."""
-        if self._keys.current and self._keys.current.agreement.fingerprint == fingerprint:
+        if (
+            self._keys.current
+            and self._keys.current.agreement.fingerprint == fingerprint
+        ):
             return True
         return bool(self._pending) and self._handshakes.accepted == fingerprint
 
@@ -315,9 +347,20 @@ class Session:
         if self._keys.beside and now > self._keys.beside.until:
             self._keys.use(self._keys.current)
         if self._version and self._keys.current and now >= self._introduce_at:
-            self.send(bytes(Introduction(self._keys.current.agreement.secrets.local_ssrc, self._version)))
-            self._introduce_at = now + max(INTRODUCTION_PAUSE, now - self._keys.current.begun)
-        if self._keys.current and now - self._keys.current.last_received > SESSION_TIMEOUT:
+            self.send(
+                bytes(
+                    Introduction(
+                        self._keys.current.agreement.secrets.local_ssrc, self._version
+                    )
+                )
+            )
+            self._introduce_at = now + max(
+                INTRODUCTION_PAUSE, now - self._keys.current.begun
+            )
+        if (
+            self._keys.current
+            and now - self._keys.current.last_received > SESSION_TIMEOUT
+        ):
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
         if self._keys.current and now > self._keys.current.until:
             return self._end("the keys were not renewed in time")
@@ -329,7 +372,9 @@ class Session:
         """Send a goodbye, so that the other end need not wait for the timeout; a caller shows the reason."""
         if self._keys.current is None:
             return []
-        self.send(bytes(Goodbye(self._keys.current.agreement.secrets.local_ssrc, reason)))
+        self.send(
+            bytes(Goodbye(self._keys.current.agreement.secrets.local_ssrc, reason))
+        )
         return self._end("closed on this side")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
@@ -341,10 +386,15 @@ class Session:
         current = self._keys.current
         if current is None or now - current.last_received > RECALL_AFTER:
             # An operator that only stood still goes on with the stream; one that is new makes a new one of it.
-            continues, callee = current.agreement.continuation if current else b"", self._callees[0]
+            continues, callee = (
+                current.agreement.continuation if current else b"",
+                self._callees[0],
+            )
             # If this address does not answer, the next call tries the next one.
             self._callees = [*self._callees[1:], callee]
-        elif self._keys.beside is None and current.needs_renewal(now, after=self._renew_after):
+        elif self._keys.beside is None and current.needs_renewal(
+            now, after=self._renew_after
+        ):
             continues, callee = current.agreement.continuation, current.address
         else:
             return
@@ -364,12 +414,18 @@ class Session:
             self.faults["rejected"] += 1
             return []
         # The first packet under renewed keys is the proof that the peer has them too: from now on both ends use them.
-        events: list[Event] = [connection.renewed] if self._keys.confirm(connection, now) else []
+        events: list[Event] = (
+            [connection.renewed] if self._keys.confirm(connection, now) else []
+        )
         if current := self._keys.current:
-            current.last_received = now  # also under the keys before: it is the same peer, and it lives
+            current.last_received = (
+                now  # also under the keys before: it is the same peer, and it lives
+            )
         if not report:
             return [*events, PacketReceived(packet, report)]
-        with suppress(PacketError):  # one that cannot be read is counted where the others are
+        with suppress(
+            PacketError
+        ):  # one that cannot be read is counted where the others are
             match parse_report(packet):
                 case Goodbye(reason=""):
                     self.hung_up = self.peer or ""
@@ -391,7 +447,10 @@ class Session:
             if key[0] == source:
                 return self._advance(key, handshake, datagram, now)
         for connection in self._keys:
-            if source == connection.address and now - connection.begun < CONFIRM_TIMEOUT:
+            if (
+                source == connection.address
+                and now - connection.begun < CONFIRM_TIMEOUT
+            ):
                 connection.handshake.receive(datagram, now=now)
                 self._collect(connection.handshake, source)
                 return []
@@ -411,7 +470,9 @@ class Session:
         self._outgoing += [(reply, source) for reply in replies]
         if handshake is None:
             return
-        for displaced in self._admission.displaced(self._pending, source=source, known=known, now=now):
+        for displaced in self._admission.displaced(
+            self._pending, source=source, known=known, now=now
+        ):
             self._drop(displaced, "another call took its place")
         # The hello names the session that it continues, if any; only the finished handshake proves that it may.
         handshake.known = known
@@ -420,7 +481,13 @@ class Session:
         self._pending[key] = handshake
         self._collect(handshake, source)
 
-    def _advance(self, key: tuple[Address, bytes], handshake: Handshake, datagram: bytes, now: float) -> list[Event]:
+    def _advance(
+        self,
+        key: tuple[Address, bytes],
+        handshake: Handshake,
+        datagram: bytes,
+        now: float,
+    ) -> list[Event]:
         handshake.receive(datagram, now=now)
         self._collect(handshake, key[0])
         if handshake.refused:
@@ -435,24 +502,38 @@ class Session:
         del self._pending[key]
         return self._connect(handshake, handshake.agreement, key[0], now)
 
-    def _connect(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> list[Event]:
+    def _connect(
+        self, handshake: Handshake, agreement: Agreement, address: Address, now: float
+    ) -> list[Event]:
         """Take the keys of a finished handshake: only here is a running session replaced, or continued."""
         current = self._keys.current
         if current and current.agreement.fingerprint != agreement.fingerprint:
             # A second trusted caller gets a goodbye with the reason, under its own keys; the first goes on undisturbed.
             self.sent_away = agreement.peer, now
             goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
-            self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
+            self._outgoing.append(
+                (SrtpCrypto(agreement.secrets).protect(goodbye), address)
+            )
             return []
         connection = Connection(handshake, agreement, address, now)
         self.failure = None
         if current and handshake.continues == current.agreement.continuation:
             # The caller cannot decrypt yet: it is sent packets under the new keys once it has sent one.
             self._keys.add(connection, now)
-            return [connection.renewed] if self._callees and self._keys.confirm(connection, now) else []
+            return (
+                [connection.renewed]
+                if self._callees and self._keys.confirm(connection, now)
+                else []
+            )
         self._keys.use(connection)
         self._peer_version, self._introduce_at = "", now
-        return [Connected(agreement.peer, agreement.secrets.local_ssrc, agreement.secrets.remote_ssrc)]
+        return [
+            Connected(
+                agreement.peer,
+                agreement.secrets.local_ssrc,
+                agreement.secrets.remote_ssrc,
+            )
+        ]
 
     def _refusal(self) -> str:
         return f"{REFUSED}; if that is the right machine, run there: {self._identity.trust_command}"
@@ -465,7 +546,9 @@ class Session:
         self.faults["contained"] += 1
         # At a flood, the log gets the first, second, fourth, eighth... of them.
         if self.faults["contained"].bit_count() == 1:
-            _log.warning("a datagram from %s led to %r; its handshake was ended", source, error)
+            _log.warning(
+                "a datagram from %s led to %r; its handshake was ended", source, error
+            )
         for key in [key for key in self._pending if key[0] == source]:
             self._drop(key, f"the handshake failed ({type(error).__name__})")
 

@@ -119,18 +119,34 @@ class Reception:
     def report(self, *, ssrc: int, of: int, now: float) -> ReceiverReport:
         """Make the receiver report on stream ``of`` since the last report."""
         stats = self.stats
-        expected, received = stats.packets_expected - self._reported[0], stats.packets_received - self._reported[1]
+        expected, received = (
+            stats.packets_expected - self._reported[0],
+            stats.packets_received - self._reported[1],
+        )
         self._reported = (stats.packets_expected, stats.packets_received)
         fraction = max(0.0, 1 - received / expected) if expected > 0 else 0.0
         stamp, received_at = self._last_report
         since = now - received_at if stamp else 0.0
-        return ReceiverReport(ssrc, of, fraction, stats.packets_lost, stats.highest, stats.jitter, stamp, since)
+        return ReceiverReport(
+            ssrc,
+            of,
+            fraction,
+            stats.packets_lost,
+            stats.highest,
+            stats.jitter,
+            stamp,
+            since,
+        )
 
     def _mark_seen(self, number: int) -> None:
         self._seen.add(number)
-        self._seen.discard(number - (1 << 10))  # one by one: the sweep below, which gaps make necessary, takes long
+        self._seen.discard(
+            number - (1 << 10)
+        )  # one by one: the sweep below, which gaps make necessary, takes long
         if len(self._seen) > 1 << 11:
-            self._seen = {seen for seen in self._seen if seen > self.stats.highest - (1 << 10)}
+            self._seen = {
+                seen for seen in self._seen if seen > self.stats.highest - (1 << 10)
+            }
 
     def _update_jitter(self, timestamp: int, now: float) -> None:
         """Average the change of transit times with a weight of 1/16 (RFC 3550 appendix A.8)."""
@@ -205,7 +221,10 @@ class Skew:
     @property
     def ppm(self) -> float:
         """Parts per million; NaN until ten seconds have passed."""
-        if len(self._points) < 2 or self._points[-1][0] - self._points[0][0] < _MIN_SPAN:
+        if (
+            len(self._points) < 2
+            or self._points[-1][0] - self._points[0][0] < _MIN_SPAN
+        ):
             return math.nan
         times, transits = zip(*self._points, strict=True)
         return -1e6 * linear_regression(times, transits).slope

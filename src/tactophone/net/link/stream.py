@@ -92,8 +92,12 @@ class BlockEncoder:
         if self._prompt and block.size > self.codec.packet_size:
             # The rest goes in shorter packets, as far as the codec has so short ones.
             while size := self.codec.largest_packet(self._filled):
-                encoded.append(self._code(block.end - self._filled, self._buffer[:size]))
-                self._buffer[: self._filled - size] = self._buffer[size : self._filled].copy()
+                encoded.append(
+                    self._code(block.end - self._filled, self._buffer[:size])
+                )
+                self._buffer[: self._filled - size] = self._buffer[
+                    size : self._filled
+                ].copy()
                 self._filled -= size
         return encoded
 
@@ -113,14 +117,18 @@ class BlockEncoder:
         taken = 0
         while taken < len(samples):
             step = min(self.codec.packet_size - self._filled, len(samples) - taken)
-            self._buffer[self._filled : self._filled + step] = samples[taken : taken + step]
+            self._buffer[self._filled : self._filled + step] = samples[
+                taken : taken + step
+            ]
             self._filled, taken = self._filled + step, taken + step
             if self._filled == self.codec.packet_size:
                 self._filled = 0
                 yield self._code(start + taken - self.codec.packet_size, self._buffer)
 
     def _code(self, start: int, samples: FloatArray) -> EncodedSound:
-        encoded = EncodedSound(self.codec.kind, start, self._encoder.encode(samples), self._after_gap)
+        encoded = EncodedSound(
+            self.codec.kind, start, self._encoder.encode(samples), self._after_gap
+        )
         self._after_gap = False
         return encoded
 
@@ -143,7 +151,9 @@ class RedundancyRule:
 
     def __post_init__(self) -> None:
         if not 0 <= self.least <= self.most <= 2:
-            raise ValueError(f"redundancy from {self.least} to {self.most}, but it lies between 0 and 2")
+            raise ValueError(
+                f"redundancy from {self.least} to {self.most}, but it lies between 0 and 2"
+            )
 
 
 class Redundancy:
@@ -164,7 +174,9 @@ class Redundancy:
         """Adapt the depth to the loss in the newest report, 0 to 1."""
         if fraction_lost > 0:
             self._clean = 0
-            self.depth = self._bounded(2 if fraction_lost > self._rule.heavy else max(1, self.depth))
+            self.depth = self._bounded(
+                2 if fraction_lost > self._rule.heavy else max(1, self.depth)
+            )
             return
         self._clean += 1
         if self._clean >= self._rule.patience:
@@ -181,7 +193,9 @@ class Packetizer:
     The encoder is of this stream, or the one encoder of several streams that carry the same sound.
     """
 
-    def __init__(self, encoder: BlockEncoder, *, ssrc: int, redundancy: Redundancy) -> None:
+    def __init__(
+        self, encoder: BlockEncoder, *, ssrc: int, redundancy: Redundancy
+    ) -> None:
         self.encoder = encoder
         self.packets = self.octets = 0
         self.ssrc, self._redundancy = ssrc, redundancy
@@ -202,7 +216,9 @@ class Packetizer:
         """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
         payload = Payload(kind, (self.encoder.origin + position) % (1 << 32), content)
         earlier, moving = self._earlier(payload), self.encoder.moving
-        packet = Packet(self._sequence, self.ssrc, payload, earlier, self._marker, moving)
+        packet = Packet(
+            self._sequence, self.ssrc, payload, earlier, self._marker, moving
+        )
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
         return packet
@@ -210,16 +226,24 @@ class Packetizer:
     def report(self, now: float) -> SenderReport:
         """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
         timestamp = self.encoder.origin + (self.encoder.position or 0)
-        return SenderReport(self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
+        return SenderReport(
+            self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets
+        )
 
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
         """Return the newest past payloads that fit, oldest first."""
         chosen: list[Payload] = []
-        space = PAYLOAD_SPACE - 1 - len(payload.content)  # a byte for the last header of RFC 2198
+        space = (
+            PAYLOAD_SPACE - 1 - len(payload.content)
+        )  # a byte for the last header of RFC 2198
         for past in list(reversed(self._past))[: self._redundancy.depth]:
             space -= _EARLIER_HEADER + len(past.content)
             behind = (payload.timestamp - past.timestamp) % (1 << 32)
-            if space < 0 or len(past.content) > MAX_EARLIER_SIZE or behind > MAX_EARLIER_OFFSET:
+            if (
+                space < 0
+                or len(past.content) > MAX_EARLIER_SIZE
+                or behind > MAX_EARLIER_OFFSET
+            ):
                 break
             chosen.insert(0, past)
         return tuple(chosen)
@@ -302,7 +326,10 @@ class Depacketizer:
             self._decode_contiguous(decoded, now)
             # More packets wait than may: the one before them is lost. Redundant copies do not count, because they say
             # nothing about the order of the packets.
-            while sum(waiting.primary for waiting in self._waiting.values()) > self._reorder:
+            while (
+                sum(waiting.primary for waiting in self._waiting.values())
+                > self._reorder
+            ):
                 self._fill_gap(decoded, now)
         return decoded
 
@@ -332,11 +359,16 @@ class Depacketizer:
         if not self._waiting:
             self._waiting_since = now
         for payload in packet.earlier:
-            self._keep(self._timestamps.position(payload.timestamp), _Waiting(payload, primary=False, arrival=now))
+            self._keep(
+                self._timestamps.position(payload.timestamp),
+                _Waiting(payload, primary=False, arrival=now),
+            )
         self._keep(position, _Waiting(packet.payload, primary=True, arrival=now))
 
     def _keep(self, position: int, waiting: _Waiting) -> None:
-        if position >= self._next and (waiting.primary or position not in self._waiting):
+        if position >= self._next and (
+            waiting.primary or position not in self._waiting
+        ):
             self._waiting[position] = waiting
 
     def _skip_old(self) -> None:
@@ -357,7 +389,14 @@ class Depacketizer:
             if self._decode(decoded, waiting.payload, now, arrival=waiting.arrival):
                 self.reception.stats.packets_recovered += not waiting.primary
 
-    def _decode(self, decoded: list[DecodedAudio], payload: Payload, now: float, *, arrival: float) -> bool:
+    def _decode(
+        self,
+        decoded: list[DecodedAudio],
+        payload: Payload,
+        now: float,
+        *,
+        arrival: float,
+    ) -> bool:
         """Decode the next payload; false, and counted, if it is malformed."""
         decoder = self._decoder
         try:
@@ -374,7 +413,11 @@ class Depacketizer:
     def _fill_gap(self, decoded: list[DecodedAudio], now: float) -> None:
         """Conceal or skip the gap before the oldest waiting payload, and decode from there."""
         # A copy may still wait for a place that its packet has filled meanwhile.
-        self._waiting = {start: waiting for start, waiting in self._waiting.items() if start >= self._next}
+        self._waiting = {
+            start: waiting
+            for start, waiting in self._waiting.items()
+            if start >= self._next
+        }
         position = min(self._waiting, default=self._next)
         stats, size = self.reception.stats, position - self._next
         if size > MAX_CONCEALED_GAP * CLOCK_RATE:
@@ -389,11 +432,15 @@ class Depacketizer:
                 self._next = position
             else:
                 stats.samples_concealed += size
-                stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
+                stats.packets_concealed += (
+                    max(1, round(size / self._size)) if self._size else 1
+                )
                 decoded.append(self._emit(samples, now, concealed=True, arrival=now))
         self._decode_contiguous(decoded, now)
 
-    def _emit(self, samples: FloatArray, now: float, *, concealed: bool, arrival: float) -> DecodedAudio:
+    def _emit(
+        self, samples: FloatArray, now: float, *, concealed: bool, arrival: float
+    ) -> DecodedAudio:
         block = AudioBlock(samples, CLOCK_RATE, self._next, concealed, self._moving)
         size, stats = len(samples), self.reception.stats
         self._next += size
@@ -407,5 +454,7 @@ class Depacketizer:
         if self._decoder is None:
             self._decoder = open_decoder(payload.kind)
         if self._decoder.kind != payload.kind:
-            raise PacketError(f"a payload of {payload.kind.name} in a stream of {self._decoder.kind.name}")
+            raise PacketError(
+                f"a payload of {payload.kind.name} in a stream of {self._decoder.kind.name}"
+            )
         return self._decoder

@@ -31,9 +31,13 @@ Instruction = tuple[int, int, int, int]
 
 
 def set_filter(
-    target: socket.socket, streams: Collection[int], *, handshakes: bool = True, stun: bool = True,
+    target: socket.socket,
+    streams: Collection[int],
+    *,
+    handshakes: bool = True,
+    stun: bool = True,
     channel: int | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
 
     With ``channel`` the socket belongs to a `Way`: STUN passes too (with ``stun``), and where it is not 0, what is in
@@ -48,7 +52,9 @@ def set_filter(
             target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
             return
         # Two structures of the kernel, sock_filter and sock_fprog: it copies both during the call.
-        instructions = _program(sorted(streams), handshakes=handshakes, stun=stun, channel=channel)
+        instructions = _program(
+            sorted(streams), handshakes=handshakes, stun=stun, channel=channel
+        )
         program = [struct.pack("HBBI", *each) for each in instructions]
         buffer = ctypes.create_string_buffer(b"".join(program))
         pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
@@ -56,7 +62,11 @@ def set_filter(
 
 
 def _program(
-    streams: Collection[int], *, handshakes: bool, stun: bool = True, channel: int | None = None
+    streams: Collection[int],
+    *,
+    handshakes: bool,
+    stun: bool = True,
+    channel: int | None = None,
 ) -> Iterator[Instruction]:
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
     header = CHANNEL_HEADER if channel else 0
@@ -76,13 +86,23 @@ def _program(
         return target - index - 1
 
     yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
-    yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
+    yield (
+        _JUMP_AT_LEAST,
+        0,
+        skip(1, drop),
+        20,
+    )  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
     yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
     yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
     yield (_AND, 0, 0, 0x7F)
-    yield (_JUMP_AT_LEAST, 0, skip(7, rtp), 64)  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
+    yield (
+        _JUMP_AT_LEAST,
+        0,
+        skip(7, rtp),
+        64,
+    )  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
     yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
     yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTCP)
     yield (_JUMP, 0, 0, skip(10, compare))
@@ -166,7 +186,9 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     channel: int | None = None
     """That the filter lets pass, as in `set_filter`."""
 
-    def __init__(self, host: str = "", port: int = 0, *, bound: socket.socket | None = None) -> None:
+    def __init__(
+        self, host: str = "", port: int = 0, *, bound: socket.socket | None = None
+    ) -> None:
         self._socket = bound or _open(host, port)
         self._followed: tuple[Address, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
@@ -207,17 +229,23 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             if timeout > 0 and not self._left:
                 select.select([self._socket], [], [], timeout)
             datagrams, self._left = self._left, []
-            return self._without_stun(datagrams + _read(self._socket, _MOST_AT_ONCE), timeout, own=False)
+            return self._without_stun(
+                datagrams + _read(self._socket, _MOST_AT_ONCE), timeout, own=False
+            )
         if timeout > 0 and not self._left:
             self._peer_poll.poll(1000 * timeout)
         datagrams, self._left = self._left, []
-        from_peer = self._without_flood(self._read_peer(self._peer_socket, self._followed[0]), timeout)
+        from_peer = self._without_flood(
+            self._read_peer(self._peer_socket, self._followed[0]), timeout
+        )
         datagrams += self._without_stun(from_peer, timeout, own=True)
         # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
             return datagrams
-        return datagrams + self._without_stun(_read(self._socket, MAX_FOREIGN), timeout, own=False)
+        return datagrams + self._without_stun(
+            _read(self._socket, MAX_FOREIGN), timeout, own=False
+        )
 
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send each without waiting; return how many the system refused."""
@@ -233,7 +261,9 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         self._connect(None)
         self._socket.close()
 
-    def _read_peer(self, source: socket.socket, peer: Address) -> list[tuple[bytes, Address]]:
+    def _read_peer(
+        self, source: socket.socket, peer: Address
+    ) -> list[tuple[bytes, Address]]:
         """Read from the connected socket, whose datagrams all come from ``peer``."""
         datagrams: list[tuple[bytes, Address]] = []
         for _ in range(_MOST_AT_ONCE):
@@ -248,10 +278,14 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                 break
         return datagrams
 
-    def _without_flood(self, datagrams: list[tuple[bytes, Address]], waited: float) -> list[tuple[bytes, Address]]:
+    def _without_flood(
+        self, datagrams: list[tuple[bytes, Address]], waited: float
+    ) -> list[tuple[bytes, Address]]:
         """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
         if self._closed_reads:
-            self._closed_reads = max(0, self._closed_reads - max(1, round(waited / CLOSED_READ)))
+            self._closed_reads = max(
+                0, self._closed_reads - max(1, round(waited / CLOSED_READ))
+            )
             self._accept_handshakes(not self._closed_reads)
         if len(datagrams) <= MAX_PEER_HANDSHAKES:
             return datagrams
@@ -260,7 +294,9 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             return datagrams
         self._closed_reads = CLOSED_READS
         self._accept_handshakes(False)
-        return [each for each in datagrams if not is_dtls(each[0])] + handshakes[:MAX_FOREIGN]
+        return [each for each in datagrams if not is_dtls(each[0])] + handshakes[
+            :MAX_FOREIGN
+        ]
 
     def _without_stun(
         self, datagrams: list[tuple[bytes, Address]], waited: float, *, own: bool
@@ -287,12 +323,20 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         return [each for each in datagrams if id(each) not in dropped]
 
     def _holds_stun(self, datagram: bytes) -> bool:
-        return is_stun(datagram) or bool(self.channel and is_stun(datagram[CHANNEL_HEADER:]))
+        return is_stun(datagram) or bool(
+            self.channel and is_stun(datagram[CHANNEL_HEADER:])
+        )
 
     def _set_filter(self, own: bool) -> None:
         if (target := self._peer_socket if own else self._socket) and self._followed:
             closed, stun = own and self._closed, not self._stun_closed[own]
-            set_filter(target, self._followed[1], handshakes=not closed, stun=stun, channel=self.channel)
+            set_filter(
+                target,
+                self._followed[1],
+                handshakes=not closed,
+                stun=stun,
+                channel=self.channel,
+            )
 
     def _accept_handshakes(self, accepted: bool) -> None:
         if accepted == self._closed and self._peer_socket and self._followed:
@@ -313,7 +357,10 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._peer_socket = None
         if peer is not None:
             with contextlib.suppress(OSError):
-                self._peer_socket, self._peer_poll = _share(self._socket, peer), select.poll()
+                self._peer_socket, self._peer_poll = (
+                    _share(self._socket, peer),
+                    select.poll(),
+                )
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
 
 
@@ -327,13 +374,19 @@ def resolve(host: str, port: int) -> list[Address]:
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
-        raise DeviceError(f"{host!r} cannot be resolved ({error.strerror}); check link.peer") from error
+        raise DeviceError(
+            f"{host!r} cannot be resolved ({error.strerror}); check link.peer"
+        ) from error
     return list(dict.fromkeys(_address(address) for *_, address in found))
 
 
 def _open(host: str, port: int) -> socket.socket:
     """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too, where there is IPv6."""
-    families = [socket.AF_INET6, socket.AF_INET] if not host else [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    families = (
+        [socket.AF_INET6, socket.AF_INET]
+        if not host
+        else [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    )
     error = OSError()
     for family in families:
         opened = None
@@ -363,7 +416,9 @@ def prepare(opened: socket.socket) -> None:
     """Never let a UDP socket wait; give it a large queue, and its packets the priority of voice."""
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
-    with contextlib.suppress(OSError):  # works without, where a system does not support it
+    with contextlib.suppress(
+        OSError
+    ):  # works without, where a system does not support it
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
     with contextlib.suppress(OSError, AttributeError):
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
@@ -374,7 +429,9 @@ def _share(first: socket.socket, peer: Address) -> socket.socket:
 
     Sharing is permitted for the time of the two calls only, so that no other program can ever take the port too.
     """
-    only = first.family == socket.AF_INET6 and bool(first.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY))
+    only = first.family == socket.AF_INET6 and bool(
+        first.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY)
+    )
     second = _socket(first.family, only=only)
     try:
         for each in (first, second):

@@ -18,7 +18,13 @@ from typing import Self, TypeAlias
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
-from tactophone.net.link.udp import CHANNEL_HEADER, UdpSocket, is_stun, prepare, set_filter
+from tactophone.net.link.udp import (
+    CHANNEL_HEADER,
+    UdpSocket,
+    is_stun,
+    prepare,
+    set_filter,
+)
 
 Keeper: TypeAlias = socket
 """The live side's end of a pair of sockets, to the process that finds the way and keeps it open."""
@@ -87,7 +93,10 @@ class WaySocket(UdpSocket):
         """Return the datagrams of the session; STUN goes to the process that keeps the way open."""
         datagrams = super().receive(timeout)
         found = [
-            (content, PEER if self.channel or source in (PEER, self.way.peer) else source)
+            (
+                content,
+                PEER if self.channel or source in (PEER, self.way.peer) else source,
+            )
             for datagram, source in datagrams
             if (content := self._content(datagram, source))
         ]
@@ -107,7 +116,10 @@ class WaySocket(UdpSocket):
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send to the peer; through a relay each with the header of the channel."""
         if not self.channel:
-            return super().send((each, self.way.peer if target == PEER else target) for each, target in datagrams)
+            return super().send(
+                (each, self.way.peer if target == PEER else target)
+                for each, target in datagrams
+            )
         refused, number = 0, self.channel.to_bytes(2)
         for datagram, _ in datagrams:
             try:
@@ -122,12 +134,16 @@ class WaySocket(UdpSocket):
         self.close()
         self.way = way
         self._open()
-        self._silence = -WAY_SILENCE  # the other end runs already: without a word of it, this way has died too
+        self._silence = (
+            -WAY_SILENCE
+        )  # the other end runs already: without a word of it, this way has died too
         self.follow(followed)
 
     def _open(self) -> None:
         prepare(self.way.bound)
-        set_filter(self.way.bound, ())  # that of a process before this one, which the socket keeps
+        set_filter(
+            self.way.bound, ()
+        )  # that of a process before this one, which the socket keeps
         self.channel, self._silence = self.way.channel, -math.inf
         super().__init__(bound=self.way.bound)
         self._say(READING)

@@ -30,14 +30,19 @@ class Span(NamedTuple):
 
     def at(self, logit: float) -> float:
         off = (logit - self.centre) / self.width
-        share = 0.5 + 0.505 * off / math.sqrt(1 + off * off)  # both ends are reached, seven widths from the centre
+        share = 0.5 + 0.505 * off / math.sqrt(
+            1 + off * off
+        )  # both ends are reached, seven widths from the centre
         return self.bottom + (self.top - self.bottom) * min(max(share, 0.0), 1.0)
 
 
 SMOOTH_GRADE = 0.46
 """Grade at which the paper's smooth stimulus is drawn; its rough one is drawn at 1, and what is smoother below this."""
 
-SPANS = {Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE), Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0)}
+SPANS = {
+    Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE),
+    Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0),
+}
 """A just-noticeable difference of `GradedProfile`'s vibration is 0.056: near the centre a unit of the logit is four of
 them in smooth and one in rough. A smooth touch stays weaker than any rough one, so a false bump cannot outdo it."""
 
@@ -63,7 +68,9 @@ class Grade:
             return 0.0
         span = SPANS[prediction.touch]
         if prediction.start == prediction.end:
-            return span.at(_logit(prediction))  # of no window: asked for what would be drawn
+            return span.at(
+                _logit(prediction)
+            )  # of no window: asked for what would be drawn
         # Time may begin anew, where a stream is restarted.
         if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
             self._heard, self._end = 0.0, -math.inf

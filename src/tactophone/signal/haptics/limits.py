@@ -44,8 +44,12 @@ class Limits:
 
     def __post_init__(self) -> None:
         self.machine = max(self.machine, self.ceiling)
-        if not (0 <= self.ceiling <= 1 and 0 < self.lowest <= self.highest < math.inf):  # also where one is NaN
-            raise ValueError(f"{self}: wanted 0 <= ceiling <= 1 and 0 < lowest <= highest")
+        if not (
+            0 <= self.ceiling <= 1 and 0 < self.lowest <= self.highest < math.inf
+        ):  # also where one is NaN
+            raise ValueError(
+                f"{self}: wanted 0 <= ceiling <= 1 and 0 < lowest <= highest"
+            )
 
     def scale_for(self, peak: float) -> float:
         """Return the factor that brings a profile's greatest amplitude ``peak`` down to the ceiling; at most 1.
@@ -62,10 +66,17 @@ class Limits:
         """Return the nearest command within the bounds; silence for one that is not finite (see :func:`is_finite`)."""
         if not is_finite(command):
             return HapticCommand(0.0, self.lowest, command.time)
-        if 0.0 <= command.amplitude <= self.ceiling and self.lowest <= command.frequency <= self.highest:
+        if (
+            0.0 <= command.amplitude <= self.ceiling
+            and self.lowest <= command.frequency <= self.highest
+        ):
             return command
         amplitude = min(max(command.amplitude, 0.0), self.ceiling)
-        return HapticCommand(amplitude, min(max(command.frequency, self.lowest), self.highest), command.time)
+        return HapticCommand(
+            amplitude,
+            min(max(command.frequency, self.lowest), self.highest),
+            command.time,
+        )
 
 
 def is_finite(command: HapticCommand) -> bool:
@@ -79,8 +90,15 @@ def peak_amplitude(profile: Profile) -> float:
     Found by trying 101 values of roughness for either touch, ends included, so that a profile need not declare it.
     """
     commands = (
-        profile.command(Prediction((0.0, 1.0 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0))
+        profile.command(
+            Prediction(
+                (0.0, 1.0 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0
+            )
+        )
         for touch in SURFACE_LABELS
         for roughness in (step / 100 for step in range(101))
     )
-    return max((min(command.amplitude, 1.0) for command in commands if is_finite(command)), default=0.0)
+    return max(
+        (min(command.amplitude, 1.0) for command in commands if is_finite(command)),
+        default=0.0,
+    )

@@ -116,7 +116,9 @@ class Oscillator(Renderer):
     (0.5, 0.0, {'stale': 1})
     """
 
-    def __init__(self, limits: Limits | None = None, *, sample_rate: int = LIVE_SAMPLE_RATE) -> None:
+    def __init__(
+        self, limits: Limits | None = None, *, sample_rate: int = LIVE_SAMPLE_RATE
+    ) -> None:
         super().__init__(limits)
         self.sample_rate = sample_rate
         self._timeout = round(COMMAND_STALE_AFTER * sample_rate)
@@ -141,7 +143,9 @@ class Oscillator(Renderer):
         self.silent = True
         # The newest command holds for so many samples more, counted as rendered: no clock is read, so that a late
         # callback neither shortens nor lengthens a vibration. Silence never becomes stale.
-        fresh = max(0, self._timeout - self._since_command) if self._amplitude else len(out)
+        fresh = (
+            max(0, self._timeout - self._since_command) if self._amplitude else len(out)
+        )
         if fresh >= len(out):
             self._write(out)
             return
@@ -153,7 +157,10 @@ class Oscillator(Renderer):
     def _apply_changes(self) -> None:
         """Follow a command, limits or a stop set since the last call, perhaps by another thread."""
         # All are read once and compared by identity: no lock, and a change between two reads is seen next time.
-        seen, before = (self._slot, self.limits, self.limits.ceiling, self.stopped), self._seen
+        seen, before = (
+            (self._slot, self.limits, self.limits.ceiling, self.stopped),
+            self._seen,
+        )
         if all(map(operator.is_, seen, before)):
             return
         if seen[0] is not self._seen[0]:
@@ -182,9 +189,14 @@ class Oscillator(Renderer):
         else:
             turns = self._frequency * self._age + self._frequency_gap * decay_sum
             self._phase = (self._phase + turns / self.sample_rate) % 1.0
-            self._frequency_gap = self._frequency + self._frequency_gap * decay - frequency
+            self._frequency_gap = (
+                self._frequency + self._frequency_gap * decay - frequency
+            )
         self._amplitude, self._amplitude_gap = amplitude, here - amplitude
-        self._frequency, self._age = frequency, 0 if here or amplitude else self._settled
+        self._frequency, self._age = (
+            frequency,
+            0 if here or amplitude else self._settled,
+        )
 
     def _write(self, out: FloatArray) -> None:
         self._since_command += len(out)
@@ -204,7 +216,9 @@ class Oscillator(Renderer):
         np.add(self._counts[:size], self._age, out=phases)
         phases *= self._frequency
         if self._frequency_gap:
-            np.multiply(self._decay_sum[first : first + size], self._frequency_gap, out=envelope)
+            np.multiply(
+                self._decay_sum[first : first + size], self._frequency_gap, out=envelope
+            )
             phases += envelope
         phases *= 1 / self.sample_rate
         phases += self._phase
@@ -212,16 +226,22 @@ class Oscillator(Renderer):
         phases -= np.floor(phases, out=envelope)
         phases *= 2 * np.pi
         np.sin(phases, out=phases)
-        np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
+        np.multiply(
+            self._decay[first : first + size], self._amplitude_gap, out=envelope
+        )
         envelope += self._amplitude
         # Commands are bounded already, and a ceiling that was lowered is followed like a command: cut, it would click.
-        if max(self._amplitude, self._amplitude + self._amplitude_gap) > (machine := self._seen[1].machine):
+        if max(self._amplitude, self._amplitude + self._amplitude_gap) > (
+            machine := self._seen[1].machine
+        ):
             np.minimum(envelope, machine, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
         self._age += size
 
 
-def _tables(time_constant: float, settled: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _tables(
+    time_constant: float, settled: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the powers r^n of the decay after n = 0, 1, ... samples, and their running sums from n = 1.
 
     The frequency n samples into a segment is f + (f0 - f) r^n. The phase adds up the frequencies of all samples before,
@@ -253,7 +273,11 @@ class Playback:
         end = max(self._done, round(until * self._oscillator.sample_rate))
         out = np.empty(end - self._done, np.float32)
         first = self._done
-        while self._waiting and (place := round(self._waiting[0].time * self._oscillator.sample_rate)) < end:
+        while (
+            self._waiting
+            and (place := round(self._waiting[0].time * self._oscillator.sample_rate))
+            < end
+        ):
             place = max(place, self._done)
             self._oscillator.render(out[self._done - first : place - first])
             self._oscillator.submit(self._waiting.popleft())

@@ -19,9 +19,21 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand, Prediction, Touch
+from tactophone.core.types import (
+    LIVE_SAMPLE_RATE,
+    FloatArray,
+    HapticCommand,
+    Prediction,
+    Touch,
+)
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.oscillator import COMMAND_STALE_AFTER, MAX_PIECE, NEGLIGIBLE, RAMP, Renderer
+from tactophone.signal.haptics.oscillator import (
+    COMMAND_STALE_AFTER,
+    MAX_PIECE,
+    NEGLIGIBLE,
+    RAMP,
+    Renderer,
+)
 
 STEP_SIZE = 12
 """Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
@@ -67,16 +79,28 @@ class Passthrough:
     """
 
     def __init__(
-        self, *, shift: float = 1.0, threshold_dbfs: float = -38.0, limits: Limits | None = None,
+        self,
+        *,
+        shift: float = 1.0,
+        threshold_dbfs: float = -38.0,
+        limits: Limits | None = None,
         open_chain: "type[_Chain] | None" = None,
-    ) -> None:  # fmt: skip
-        self._shift, self._threshold_dbfs, self._limits = shift, threshold_dbfs, limits or Limits()
+    ) -> None:
+        self._shift, self._threshold_dbfs, self._limits = (
+            shift,
+            threshold_dbfs,
+            limits or Limits(),
+        )
         self._open_chain = open_chain or _Chain
         # A windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz.
         place, corner = np.arange(TAPS) - TAPS // 2, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4
-        kernel = np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(TAPS + 2)[1:-1]
+        kernel = (
+            np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(TAPS + 2)[1:-1]
+        )
         self._kernel: Floats = kernel / kernel.sum()
-        self.latency: float = (TAPS // 2 + STEP_SIZE + (GRAIN / 2 if shift != 1 else 0)) / LIVE_SAMPLE_RATE
+        self.latency: float = (
+            TAPS // 2 + STEP_SIZE + (GRAIN / 2 if shift != 1 else 0)
+        ) / LIVE_SAMPLE_RATE
         """Seconds: the low-pass, the step to the next value, and half a grain if pitch is shifted."""
         self.reset()
 
@@ -89,7 +113,9 @@ class Passthrough:
 
     def push(self, samples: FloatArray) -> FloatArray:
         """Process 48 kHz sound, shape ``(samples, channels)``; returns the vibration it completes, in steps of 12."""
-        sound = np.nan_to_num(samples[:, 0].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+        sound = np.nan_to_num(
+            samples[:, 0].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0
+        )
         sound = np.clip(sound, -1.0, 1.0)
         shifted = sound if self._shift == 1 else self._shifted(sound)
         self._waiting = np.concatenate((self._waiting, shifted))
@@ -97,8 +123,13 @@ class Passthrough:
         if count <= 0:
             # After a whole number of steps less than a window waits, and a view of it cannot be made.
             return np.zeros(0, np.float32)
-        windows = sliding_window_view(self._waiting, TAPS)[: count * STEP_SIZE : STEP_SIZE]
-        values = [self._chain.step(float(value)) for value in (windows * self._kernel).sum(axis=1)]
+        windows = sliding_window_view(self._waiting, TAPS)[
+            : count * STEP_SIZE : STEP_SIZE
+        ]
+        values = [
+            self._chain.step(float(value))
+            for value in (windows * self._kernel).sum(axis=1)
+        ]
         self._waiting = self._waiting[count * STEP_SIZE :]
         return self._ramps(np.array(values))
 
@@ -130,8 +161,13 @@ class Passthrough:
         """Interpolate linearly from value to value, ``STEP_SIZE`` samples each."""
         before = np.concatenate(([self._last], values[:-1]))
         self._last = float(values[-1])
-        share = np.arange(1, STEP_SIZE + 1) / STEP_SIZE  # shape (STEP_SIZE,); broadcast to (values, STEP_SIZE)
-        return np.asarray((before[:, None] + (values - before)[:, None] * share).reshape(-1), np.float32)
+        share = (
+            np.arange(1, STEP_SIZE + 1) / STEP_SIZE
+        )  # shape (STEP_SIZE,); broadcast to (values, STEP_SIZE)
+        return np.asarray(
+            (before[:, None] + (values - before)[:, None] * share).reshape(-1),
+            np.float32,
+        )
 
 
 class _Chain:
@@ -144,14 +180,23 @@ class _Chain:
 
     def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
         rate = LIVE_SAMPLE_RATE / STEP_SIZE
-        self._low, self._high = _Pole(limits.lowest, rate), _Pole(min(limits.highest, 0.2 * rate), rate)
-        self._fast, self._slow = _Pole(1 / (2 * math.pi * 2e-3), rate), _Pole(1 / (2 * math.pi * 40e-3), rate)
+        self._low, self._high = (
+            _Pole(limits.lowest, rate),
+            _Pole(min(limits.highest, 0.2 * rate), rate),
+        )
+        self._fast, self._slow = (
+            _Pole(1 / (2 * math.pi * 2e-3), rate),
+            _Pole(1 / (2 * math.pi * 40e-3), rate),
+        )
         self._threshold, self._gain, self._ceiling = (
             10 ** (threshold_dbfs / 20),
             10 ** (PASSTHROUGH_GAIN_DB / 20),
             limits.ceiling,
         )
-        self._offset_share, self._steepest = 2 * math.pi * limits.lowest / rate, 2 * math.pi * limits.highest / rate
+        self._offset_share, self._steepest = (
+            2 * math.pi * limits.lowest / rate,
+            2 * math.pi * limits.highest / rate,
+        )
         self._offset = self._last = 0.0
 
     def step(self, value: float) -> float:
@@ -161,7 +206,9 @@ class _Chain:
         # The ratio is held within 12 dB either way: for a tap after silence it would be unbounded.
         sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** SHARPNESS
         wanted = math.tanh(band * under * sharp * self._gain) - self._offset
-        wanted = min(max(wanted, self._last - self._steepest), self._last + self._steepest)
+        wanted = min(
+            max(wanted, self._last - self._steepest), self._last + self._steepest
+        )
         self._last = min(1.0, max(-1.0, wanted))
         self._offset += self._offset_share * self._last
         return self._ceiling * self._last
@@ -193,15 +240,25 @@ class _MedianChain(_Chain):
         if self._count % MEDIAN_HOP == 0:
             self._median = self._measure()
         # Continuous phase: the frequency glides, and nothing clicks.
-        self._phase = (self._phase + self._frequency.step(self._median) / self._rate) % 1.0
+        self._phase = (
+            self._phase + self._frequency.step(self._median) / self._rate
+        ) % 1.0
         under = min(1.0, slow / self._threshold) ** (RATIO - 1)
-        return self._ceiling * math.tanh(slow * under * self._gain) * math.sin(2 * math.pi * self._phase)
+        return (
+            self._ceiling
+            * math.tanh(slow * under * self._gain)
+            * math.sin(2 * math.pi * self._phase)
+        )
 
     def _measure(self) -> float:
         ordered = np.roll(self._past, -(self._count % MEDIAN_SIZE))
         powers = np.square(np.abs(np.fft.rfft(ordered * self._window))[self._band])
         total = np.cumsum(powers)
-        return float(self._bins[np.searchsorted(total, total[-1] / 2)]) if total[-1] > 0 else self._median
+        return (
+            float(self._bins[np.searchsorted(total, total[-1] / 2)])
+            if total[-1] > 0
+            else self._median
+        )
 
 
 class _Pole:
@@ -218,8 +275,12 @@ class _Pole:
 
 PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = {
     "direct": lambda limits: Passthrough(limits=limits),
-    "median-frequency": lambda limits: Passthrough(limits=limits, open_chain=_MedianChain),
-    "pitch": lambda limits: Passthrough(shift=1 / 8, threshold_dbfs=-45.0, limits=limits),
+    "median-frequency": lambda limits: Passthrough(
+        limits=limits, open_chain=_MedianChain
+    ),
+    "pitch": lambda limits: Passthrough(
+        shift=1 / 8, threshold_dbfs=-45.0, limits=limits
+    ),
 }
 """Renderers of the sound itself, by the name that ``feel --profile`` takes."""
 
@@ -232,7 +293,9 @@ class GateProfile:
 
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return full amplitude during contact, and zero without."""
-        return HapticCommand(float(prediction.touch is not Touch.NONE), 0.0, prediction.end)
+        return HapticCommand(
+            float(prediction.touch is not Touch.NONE), 0.0, prediction.end
+        )
 
 
 class PassthroughRenderer(Renderer):
@@ -243,13 +306,18 @@ class PassthroughRenderer(Renderer):
     """
 
     def __init__(
-        self, passthrough: Passthrough, pull: Callable[[int], FloatArray], limits: Limits | None = None
+        self,
+        passthrough: Passthrough,
+        pull: Callable[[int], FloatArray],
+        limits: Limits | None = None,
     ) -> None:
         super().__init__(limits)
         self._passthrough, self._pull = passthrough, pull
         self.latency = passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
         self._timeout = round(COMMAND_STALE_AFTER * LIVE_SAMPLE_RATE)
-        self._decay = np.exp(-np.arange(1, MAX_PIECE + 1) / (RAMP * LIVE_SAMPLE_RATE)).astype(np.float32)
+        self._decay = np.exp(
+            -np.arange(1, MAX_PIECE + 1) / (RAMP * LIVE_SAMPLE_RATE)
+        ).astype(np.float32)
         self.reset()
 
     def reset(self) -> None:
@@ -292,6 +360,8 @@ class PassthroughRenderer(Renderer):
         # Always in pieces of one length, which the clocked buffer needs, though PortAudio's periods may vary.
         self._period = max(self._period, size)
         while len(self._ready) < size:
-            self._ready = np.concatenate((self._ready, self._passthrough.push(self._pull(self._period))))
+            self._ready = np.concatenate(
+                (self._ready, self._passthrough.push(self._pull(self._period)))
+            )
         now, self._ready = self._ready[:size], self._ready[size:]
         return now

@@ -62,8 +62,13 @@ class PaperProfile:
 
     def between(self, prediction: Prediction, share: float) -> HapticCommand:
         """Return the vibration at a share of the way from smooth (0) to rough (1); under 0 it is smoother yet."""
-        frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** share
-        level_dbfs = self.smooth.level_dbfs + share * (self.rough.level_dbfs - self.smooth.level_dbfs)
+        frequency = (
+            self.smooth.frequency
+            * (self.rough.frequency / self.smooth.frequency) ** share
+        )
+        level_dbfs = self.smooth.level_dbfs + share * (
+            self.rough.level_dbfs - self.smooth.level_dbfs
+        )
         return _vibration(prediction, 10 ** (level_dbfs / 20), frequency)
 
 
@@ -78,12 +83,19 @@ class GradedProfile(PaperProfile):
     grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        return self.between(prediction, (self.grade.push(prediction) - SMOOTH_GRADE) / (1 - SMOOTH_GRADE))
+        return self.between(
+            prediction,
+            (self.grade.push(prediction) - SMOOTH_GRADE) / (1 - SMOOTH_GRADE),
+        )
 
 
-def _vibration(prediction: Prediction, amplitude: float, frequency: float) -> HapticCommand:
+def _vibration(
+    prediction: Prediction, amplitude: float, frequency: float
+) -> HapticCommand:
     """Return the vibration for a prediction, silent without contact; its time is the window's end."""
-    return HapticCommand(0.0 if prediction.touch is Touch.NONE else amplitude, frequency, prediction.end)
+    return HapticCommand(
+        0.0 if prediction.touch is Touch.NONE else amplitude, frequency, prediction.end
+    )
 
 
 _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,250:-6"
@@ -115,7 +127,9 @@ class ActuatorResponse:
     def __post_init__(self) -> None:
         for low, high in ((self.lowest, self.highest), (self.slowest, self.fastest)):
             if low >= high:  # false for NaN
-                raise ConfigError(f"actuator: {low:g} to {high:g} Hz is no range; wanted the lower figure first")
+                raise ConfigError(
+                    f"actuator: {low:g} to {high:g} Hz is no range; wanted the lower figure first"
+                )
 
     def level_db(self, frequency: float) -> float:
         """Return the level at a frequency, interpolated over the logarithm of frequency; 0 where unknown."""
@@ -125,7 +139,9 @@ class ActuatorResponse:
         return float(np.interp(math.log(frequency), np.log(frequencies), levels))
 
     def within(self, frequency: float) -> float:
-        return min(max(frequency, known(self.lowest, -math.inf)), known(self.highest, math.inf))
+        return min(
+            max(frequency, known(self.lowest, -math.inf)), known(self.highest, math.inf)
+        )
 
 
 UNKNOWN = ActuatorResponse()
@@ -154,7 +170,9 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}") from None
     frequencies = [frequency for frequency, _ in levels]
     rising = all(low < high for low, high in itertools.pairwise([0.0, *frequencies]))
-    if not rising or not all(high <= MOST_HZ and abs(level) <= MOST_DB for high, level in levels):  # also where NaN
+    if not rising or not all(
+        high <= MOST_HZ and abs(level) <= MOST_DB for high, level in levels
+    ):  # also where NaN
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}")
     return levels
 
@@ -173,9 +191,12 @@ class DualSenseProfile(GradedProfile):
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
         rough = response.within(ROUGH_STIMULUS.frequency)
-        smooth = response.within(rough * SMOOTH_STIMULUS.frequency / ROUGH_STIMULUS.frequency)
+        smooth = response.within(
+            rough * SMOOTH_STIMULUS.frequency / ROUGH_STIMULUS.frequency
+        )
         return cls(
-            smooth=Stimulus(smooth, SMOOTH_STIMULUS.level_dbfs), rough=Stimulus(rough, ROUGH_STIMULUS.level_dbfs)
+            smooth=Stimulus(smooth, SMOOTH_STIMULUS.level_dbfs),
+            rough=Stimulus(rough, ROUGH_STIMULUS.level_dbfs),
         )
 
 
@@ -200,7 +221,11 @@ class PerceptualProfile:
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
         """Make the profile for an actuator, in the part of the default band that it plays."""
-        return cls(lowest=response.within(cls().lowest), highest=response.within(cls().highest), response=response)
+        return cls(
+            lowest=response.within(cls().lowest),
+            highest=response.within(cls().highest),
+            response=response,
+        )
 
     def command(self, prediction: Prediction) -> HapticCommand:
         share = prediction.roughness
@@ -226,7 +251,10 @@ class ErmProfile:
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        return cls(slowest=known(response.slowest, cls().slowest), fastest=known(response.fastest, cls().fastest))
+        return cls(
+            slowest=known(response.slowest, cls().slowest),
+            fastest=known(response.fastest, cls().fastest),
+        )
 
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
@@ -251,7 +279,11 @@ class LraProfile:
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        return _vibration(prediction, 10 ** (self.faint_db * (1 - self.grade.push(prediction)) / 20), self.resonance)
+        return _vibration(
+            prediction,
+            10 ** (self.faint_db * (1 - self.grade.push(prediction)) / 20),
+            self.resonance,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +308,11 @@ class PiezoProfile:
 
     def command(self, prediction: Prediction) -> HapticCommand:
         share = self.grade.push(prediction)
-        return _vibration(prediction, 10 ** (self.faint_db * (1 - share) / 20), self.resonance * 2**-share)
+        return _vibration(
+            prediction,
+            10 ** (self.faint_db * (1 - share) / 20),
+            self.resonance * 2**-share,
+        )
 
 
 CLICK_DURATION = 0.03
@@ -307,17 +343,24 @@ class EventsProfile:
         if any(event.kind in CLICKS for event in prediction.events):
             self._clicked = prediction.end
         # Time may begin anew, where a stream is restarted.
-        if 0 <= prediction.end - self._clicked < CLICK_DURATION and not prediction.faulty:
+        if (
+            0 <= prediction.end - self._clicked < CLICK_DURATION
+            and not prediction.faulty
+        ):
             return HapticCommand(1.0, CLICK_FREQUENCY, prediction.end)
         return self._base.command(prediction)
 
 
 PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = {
-    "graded": lambda response: GradedProfile(), "paper": lambda response: PaperProfile(),
-    "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted, "lra": LraProfile.fitted,
-    "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
+    "graded": lambda response: GradedProfile(),
+    "paper": lambda response: PaperProfile(),
+    "perceptual": PerceptualProfile.fitted,
+    "erm": ErmProfile.fitted,
+    "lra": LraProfile.fitted,
+    "piezo": PiezoProfile.fitted,
+    "dualsense": DualSenseProfile.fitted,
     "events": lambda response: EventsProfile(GradedProfile()),
-}  # fmt: skip
+}
 """Makes each profile for an actuator, by the name that ``feel --profile`` takes."""
 
 
@@ -334,7 +377,9 @@ def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
     if name in PROFILES:
         return PROFILES[name](response)
     hint = did_you_mean(name, PROFILES)
-    raise ConfigError(f"no rendering profile {name!r}; there are {', '.join(PROFILES)}{hint}")
+    raise ConfigError(
+        f"no rendering profile {name!r}; there are {', '.join(PROFILES)}{hint}"
+    )
 
 
 _PATH = 200
@@ -346,6 +391,8 @@ def discriminable_steps(profile: Profile) -> tuple[float, float]:
     for place in range(_PATH + 1):
         roughness = place / _PATH
         touch = Touch.ROUGH if roughness >= 0.5 else Touch.SMOOTH
-        command = profile.command(Prediction((0.0, 1 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0))
+        command = profile.command(
+            Prediction((0.0, 1 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0)
+        )
         stimuli.append((command.amplitude, command.frequency))
     return count_steps(stimuli)

@@ -28,7 +28,9 @@ def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
     >>> [round(float(threshold_db(f)), 1) for f in (20, 40, 60, 120, 250)]
     [31.7, 31.7, 24.7, 12.7, 0.0]
     """
-    octaves = np.log2(np.maximum(np.asarray(frequency, dtype=np.float64), _CORNER) / _BEST)
+    octaves = np.log2(
+        np.maximum(np.asarray(frequency, dtype=np.float64), _CORNER) / _BEST
+    )
     return np.asarray(12.0 * np.abs(octaves))
 
 
@@ -40,7 +42,9 @@ def sensation_db(amplitude: float, frequency: float) -> float:
     """
     if amplitude <= 0:
         return 0.0
-    return max(0.0, FULL_DRIVE_DB + 20 * math.log10(amplitude) - float(threshold_db(frequency)))
+    return max(
+        0.0, FULL_DRIVE_DB + 20 * math.log10(amplitude) - float(threshold_db(frequency))
+    )
 
 
 def amplitude_for(level_db: float, frequency: float) -> float:
@@ -49,7 +53,12 @@ def amplitude_for(level_db: float, frequency: float) -> float:
     >>> round(amplitude_for(sensation_db(0.3, 90.0), 90.0), 3)
     0.3
     """
-    return float(min(1.0, 10 ** ((level_db - FULL_DRIVE_DB + float(threshold_db(frequency))) / 20)))
+    return float(
+        min(
+            1.0,
+            10 ** ((level_db - FULL_DRIVE_DB + float(threshold_db(frequency))) / 20),
+        )
+    )
 
 
 def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -63,6 +72,12 @@ def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
     >>> round(frequency, 1)
     4.2
     """
-    path = [(math.log(pitch), sensation_db(amplitude, pitch)) for amplitude, pitch in stimuli]
-    moves = np.abs(np.diff(np.array(path), axis=0)) / (math.log1p(PITCH_JND), LEVEL_JND_DB)
+    path = [
+        (math.log(pitch), sensation_db(amplitude, pitch))
+        for amplitude, pitch in stimuli
+    ]
+    moves = np.abs(np.diff(np.array(path), axis=0)) / (
+        math.log1p(PITCH_JND),
+        LEVEL_JND_DB,
+    )
     return float(moves[:, 0].sum()), float(np.hypot(*moves.T).sum())

@@ -23,7 +23,12 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
-from tactophone.signal.perception.contact import CLEAR_DB, TOUCH_HOLD, Contact, ContactGate
+from tactophone.signal.perception.contact import (
+    CLEAR_DB,
+    TOUCH_HOLD,
+    Contact,
+    ContactGate,
+)
 from tactophone.signal.perception.health import (
     HARMLESS_HUM_DBFS,
     ChannelStatistics,
@@ -33,8 +38,19 @@ from tactophone.signal.perception.health import (
     SensorFault,
     SignalStatistics,
 )
-from tactophone.signal.perception.levels import BANDS_HOP, FAST, SLOW, BandLevels, LoudnessRule
-from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, SHORTEST_ALARM, NoiseFloor, measure_floor
+from tactophone.signal.perception.levels import (
+    BANDS_HOP,
+    FAST,
+    SLOW,
+    BandLevels,
+    LoudnessRule,
+)
+from tactophone.signal.perception.noise_floor import (
+    BAND_MARGIN_DB,
+    SHORTEST_ALARM,
+    NoiseFloor,
+    measure_floor,
+)
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
@@ -72,7 +88,11 @@ class Calibration:
         """Return the contact threshold for a model's rule, if it was measured."""
         if rule == "rms":
             return self.threshold_dbfs
-        return self.banded_dbfs if rule == "banded" and math.isfinite(self.banded_dbfs) else None
+        return (
+            self.banded_dbfs
+            if rule == "banded" and math.isfinite(self.banded_dbfs)
+            else None
+        )
 
     @property
     def channels(self) -> int:
@@ -83,19 +103,33 @@ class Calibration:
     def reference(self) -> Reference:
         """The normal state that sensor faults are compared with."""
         levels = (self.floor_dbfs, self.stroke_dbfs)
-        contrast_db = min(each[CONTACT] - each[AIR] for each in levels) if self.channels > 1 else 0.0
-        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db)
+        contrast_db = (
+            min(each[CONTACT] - each[AIR] for each in levels)
+            if self.channels > 1
+            else 0.0
+        )
+        return Reference(
+            self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db
+        )
 
     def write(self, path: Path) -> None:
         """Write the file; raises `ConfigError` if it cannot be written."""
         # Texts, numbers and lists are written alike in JSON and TOML; only infinity is not.
-        entries = {name: json.dumps(value, ensure_ascii=False) for name, value in dataclasses.asdict(self).items()}
-        lines = (f"{name} = {'inf' if value == 'Infinity' else value}\n" for name, value in entries.items())
+        entries = {
+            name: json.dumps(value, ensure_ascii=False)
+            for name, value in dataclasses.asdict(self).items()
+        }
+        lines = (
+            f"{name} = {'inf' if value == 'Infinity' else value}\n"
+            for name, value in entries.items()
+        )
         try:
             with atomic_write(path) as unfinished:
                 unfinished.write_text(f"[{_TABLE}]\n{''.join(lines)}", encoding="utf-8")
         except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror}; give a folder that can be written to") from None
+            raise ConfigError(
+                f"{path}: {error.strerror}; give a folder that can be written to"
+            ) from None
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -106,7 +140,9 @@ class Calibration:
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None
         except (msgspec.DecodeError, UnicodeDecodeError, KeyError) as error:
-            raise ConfigError(f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}") from None
+            raise ConfigError(
+                f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}"
+            ) from None
 
 
 CALIBRATION_WINDOW = 0.256
@@ -190,7 +226,11 @@ class CalibrationSounds:
 
 
 def measure_calibration(
-    sounds: CalibrationSounds, *, made: str, source: str, false_alarms_per_minute: float = 1.0
+    sounds: CalibrationSounds,
+    *,
+    made: str,
+    source: str,
+    false_alarms_per_minute: float = 1.0,
 ) -> CalibrationResult:
     """Measure the levels of a set-up and find what is wrong with it.
 
@@ -201,62 +241,109 @@ def measure_calibration(
     Raises `ValueError` if a sound is shorter than a second.
     """
     motion = sounds.silence if sounds.motion is None else sounds.motion
-    if min(map(len, (sounds.silence, sounds.stroke, sounds.tap, motion))) < sounds.sample_rate:
-        raise ValueError("each of silence, stroke, tap and motion must last a second or more")
+    if (
+        min(map(len, (sounds.silence, sounds.stroke, sounds.tap, motion)))
+        < sounds.sample_rate
+    ):
+        raise ValueError(
+            "each of silence, stroke, tap and motion must last a second or more"
+        )
     silence, stroke = (
         SignalStatistics(sounds.sample_rate).push(AudioBlock(part, sounds.sample_rate))
         for part in (sounds.silence, sounds.stroke)
     )
     # A stroke pauses where it turns: its louder half is contact.
-    touching = sorted(stroke, key=lambda statistics: statistics.level_dbfs[CONTACT])[len(stroke) // 2 :]
+    touching = sorted(stroke, key=lambda statistics: statistics.level_dbfs[CONTACT])[
+        len(stroke) // 2 :
+    ]
     peaks = 20 * np.log10(np.maximum(np.abs(sounds.stroke).max(axis=0), 1e-6))
-    margin, heard, motion_db = (BAND_MARGIN_DB, 0.0, math.nan) if sounds.motion is None else _measure_motion(sounds)
+    margin, heard, motion_db = (
+        (BAND_MARGIN_DB, 0.0, math.nan)
+        if sounds.motion is None
+        else _measure_motion(sounds)
+    )
     calibration = Calibration(
         made=made,
         source=source,
         sample_rate=sounds.sample_rate,
         false_alarms_per_minute=false_alarms_per_minute,
         threshold_dbfs=gate_threshold(sounds, false_alarms_per_minute),
-        window_dbfs=level_threshold(sounds, CALIBRATION_WINDOW, false_alarms_per_minute),
+        window_dbfs=level_threshold(
+            sounds, CALIBRATION_WINDOW, false_alarms_per_minute
+        ),
         floor_dbfs=_median(statistics.level_dbfs for statistics in silence),
         hum_dbfs=_median(statistics.hum_dbfs for statistics in silence),
         stroke_dbfs=_median(statistics.level_dbfs for statistics in touching),
         peak_dbfs=tuple(round(float(level), 2) for level in peaks),
-        banded_dbfs=_banded_threshold(motion, sounds.sample_rate, false_alarms_per_minute),
+        banded_dbfs=_banded_threshold(
+            motion, sounds.sample_rate, false_alarms_per_minute
+        ),
         margin_db=margin,
     )
-    gain_db = tuple(_gain_db(sounds.stroke, channel) for channel in range(calibration.channels))
+    gain_db = tuple(
+        _gain_db(sounds.stroke, channel) for channel in range(calibration.channels)
+    )
     faults = tuple(_faults(sounds, calibration, gain_db))
     codes = {finding.code for finding in faults}
     weaknesses = _weaknesses(sounds, calibration, silence, gain_db)
-    findings = [*faults, *(finding for finding in weaknesses if finding.code not in codes)]
+    findings = [
+        *faults,
+        *(finding for finding in weaknesses if finding.code not in codes),
+    ]
     if heard > MOST_MOTION:
         found = f"{heard:.0%} of the robot's motion is contact, even if bands are heard from {margin:g} dB over noise"
-        findings.append(Finding("loud-motion", f"{found}; keep its motors and cables from the finger", fatal=False))
+        findings.append(
+            Finding(
+                "loud-motion",
+                f"{found}; keep its motors and cables from the finger",
+                fatal=False,
+            )
+        )
     return CalibrationResult(calibration, tuple(findings), gain_db, motion_db)
 
 
 def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
     """Return the threshold in dBFS at which silence opens the contact gate this often a minute."""
-    fast, slow = (level_threshold(sounds, seconds, false_alarms_per_minute) for seconds in (FAST, SLOW))
+    fast, slow = (
+        level_threshold(sounds, seconds, false_alarms_per_minute)
+        for seconds in (FAST, SLOW)
+    )
     return round(max(slow, fast - CLEAR_DB), 2)
 
 
-def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float) -> float:
+def level_threshold(
+    sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float
+) -> float:
     """Return the level in dBFS, measured over ``duration`` s, that silence reaches this often a minute."""
-    powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=SPECTRUM_OVERLAP)
+    powers = _powers(
+        sounds.silence[:, CONTACT],
+        round(duration * sounds.sample_rate),
+        overlap=SPECTRUM_OVERLAP,
+    )
     loud = np.quantile(powers, 1 - LEVEL_TAIL)
-    excess = float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0
+    excess = (
+        float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0
+    )
     # The mean of so few excesses is uncertain: one standard error, that of exponential values, is added.
-    excess *= 1 + 1 / math.sqrt(LEVEL_TAIL * len(sounds.silence) / (duration * sounds.sample_rate))
+    excess *= 1 + 1 / math.sqrt(
+        LEVEL_TAIL * len(sounds.silence) / (duration * sounds.sample_rate)
+    )
     chance = min(LEVEL_TAIL, false_alarms_per_minute * duration / 60)
-    return round(_dbfs(float(loud) + excess * math.log(LEVEL_TAIL / chance)) + CALIBRATION_DRIFT_DB, 2)
+    return round(
+        _dbfs(float(loud) + excess * math.log(LEVEL_TAIL / chance))
+        + CALIBRATION_DRIFT_DB,
+        2,
+    )
 
 
-def _banded_threshold(quiet: FloatArray, rate: int, false_alarms_per_minute: float) -> float:
+def _banded_threshold(
+    quiet: FloatArray, rate: int, false_alarms_per_minute: float
+) -> float:
     """Return the gate's threshold by the rule ``banded``; infinite where silence, or motion, was not steady."""
     share = min(1.0, false_alarms_per_minute * SHORTEST_ALARM / 60)
-    floor = measure_floor([AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share)
+    floor = measure_floor(
+        [AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share
+    )
     return round(floor.threshold_dbfs, 2) if floor.known else math.inf
 
 
@@ -266,13 +353,25 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
     for margin in MARGINS_DB:
         floor = NoiseFloor(math.inf)
         floor.margin_db = margin
-        gate = ContactGate(math.inf, sample_rate=rate, rule="banded", floor=floor, bands=True, hold=TOUCH_HOLD)
+        gate = ContactGate(
+            math.inf,
+            sample_rate=rate,
+            rule="banded",
+            floor=floor,
+            bands=True,
+            hold=TOUCH_HOLD,
+        )
         gate.push(AudioBlock(sounds.silence, rate))
         share = _without_jerks(gate.push(AudioBlock(motion, rate)))
         if share <= MOST_MOTION:
             break
     rest, moving = (
-        np.median(BandLevels(rate, hop=round(BANDS_HOP * rate)).push(part.T[CONTACT : CONTACT + 1]), axis=0)[0]
+        np.median(
+            BandLevels(rate, hop=round(BANDS_HOP * rate)).push(
+                part.T[CONTACT : CONTACT + 1]
+            ),
+            axis=0,
+        )[0]
         for part in (sounds.silence, motion)
     )
     return margin, share, round(float((moving - rest)[:LOW_BANDS].mean()), 1)
@@ -281,7 +380,9 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
 def _without_jerks(contacts: Sequence[Contact]) -> float:
     """Return the share of contact but for starts and stops, from changes and heartbeats."""
     times = np.array([each.time for each in (*contacts, contacts[-1])])
-    edges = np.flatnonzero(np.diff([each.touching for each in contacts], prepend=False, append=False))
+    edges = np.flatnonzero(
+        np.diff([each.touching for each in contacts], prepend=False, append=False)
+    )
     touches = np.diff(times[edges])[::2]
     jerks = np.sort(np.minimum(touches, JERK))[-JERKS:]
     return float((touches.sum() - jerks.sum()) / (times[-1] - times[0]))
@@ -315,41 +416,71 @@ def _gain_db(stroke: FloatArray, channel: int) -> int:
     return round(room_db) if room_db < 0 or highest < 10 ** (FAINT_DBFS / 20) else 0
 
 
-def _faults(sounds: CalibrationSounds, calibration: Calibration, gain_db: Sequence[int]) -> Iterator[Finding]:
+def _faults(
+    sounds: CalibrationSounds, calibration: Calibration, gain_db: Sequence[int]
+) -> Iterator[Finding]:
     """Yield the faults that the run-time detector finds in the three sounds, by a stricter limit for clipping."""
-    reference = Reference(calibration.window_dbfs, calibration.floor_dbfs, clipped=CALIBRATION_CLIPPED_SHARE)
+    reference = Reference(
+        calibration.window_dbfs,
+        calibration.floor_dbfs,
+        clipped=CALIBRATION_CLIPPED_SHARE,
+    )
     detector = FaultDetector(sounds.sample_rate, reference)
     found = _faults_over_time(detector, np.concatenate([sounds.silence, sounds.stroke]))
     # Taps may be as hard as the user likes: that they clip is no fault.
-    found |= {fault: None for fault in _faults_over_time(detector, sounds.tap) if fault.kind is not FaultKind.CLIPPED}
+    found |= {
+        fault: None
+        for fault in _faults_over_time(detector, sounds.tap)
+        if fault.kind is not FaultKind.CLIPPED
+    }
     both_in_doubt = any(fault.channel is None for fault in found)
     for fault in found:
         if fault.channel is None:
             yield Finding(fault.code, str(fault))
         elif not both_in_doubt:
-            turn = f" by {-gain_db[fault.channel]} dB or more" if fault.kind is FaultKind.CLIPPED else ""
+            turn = (
+                f" by {-gain_db[fault.channel]} dB or more"
+                if fault.kind is FaultKind.CLIPPED
+                else ""
+            )
             yield Finding(fault.code, f"{fault}{turn}")
 
 
-def _faults_over_time(detector: FaultDetector, samples: FloatArray) -> dict[SensorFault, None]:
+def _faults_over_time(
+    detector: FaultDetector, samples: FloatArray
+) -> dict[SensorFault, None]:
     """Return every fault that is present at any time, in order."""
     found: dict[SensorFault, None] = {}
     for start in range(0, len(samples), detector.cell_size):
-        detector.push(AudioBlock(samples[start : start + detector.cell_size], detector.sample_rate))
+        detector.push(
+            AudioBlock(
+                samples[start : start + detector.cell_size], detector.sample_rate
+            )
+        )
         found |= dict.fromkeys(detector.faults)
     return found
 
 
 def _weaknesses(
-    sounds: CalibrationSounds, calibration: Calibration, silence: Sequence[ChannelStatistics], gain_db: Sequence[int]
+    sounds: CalibrationSounds,
+    calibration: Calibration,
+    silence: Sequence[ChannelStatistics],
+    gain_db: Sequence[int],
 ) -> Iterator[Finding]:
     """Yield what is wrong with the recordings, and what could be better in the set-up."""
     levels = 10 * np.log10(
-        np.maximum(_powers(sounds.silence[:, CONTACT], round(CALIBRATION_WINDOW * sounds.sample_rate)), 1e-12)
+        np.maximum(
+            _powers(
+                sounds.silence[:, CONTACT],
+                round(CALIBRATION_WINDOW * sounds.sample_rate),
+            ),
+            1e-12,
+        )
     )
     if levels.max() > np.median(levels) + RESTLESS_DB:
         yield Finding(
-            "restless", "the silence was not silent: keep the finger and the table still, and calibrate again"
+            "restless",
+            "the silence was not silent: keep the finger and the table still, and calibrate again",
         )
     clearance_db = calibration.stroke_dbfs[CONTACT] - calibration.window_dbfs
     if clearance_db < CLEARANCE_DB:
@@ -358,16 +489,27 @@ def _weaknesses(
             f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but needs {CLEARANCE_DB:+g} dB: "
             "press harder, lower the noise, or turn the contact microphone's gain up",
         )
-    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], round(FAST * sounds.sample_rate)).max()))
+    tap_dbfs = _dbfs(
+        float(_powers(sounds.tap[:, CONTACT], round(FAST * sounds.sample_rate)).max())
+    )
     if tap_dbfs < calibration.threshold_dbfs + CLEAR_DB:
-        yield Finding("no-tap", "no tap was found: tap the finger on something hard, about twice a second")
+        yield Finding(
+            "no-tap",
+            "no tap was found: tap the finger on something hard, about twice a second",
+        )
     for channel, name in enumerate(MICROPHONES[: calibration.channels]):
         hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
         if hum > max(floor - 3, HARMLESS_HUM_DBFS):
             found = f"half of the {name} microphone's noise is hum at {silence[-1].mains} Hz and its multiples"
             yield Finding(
-                f"{name}-hum", f"{found}; better shielding would let lighter touches be detected", fatal=False
+                f"{name}-hum",
+                f"{found}; better shielding would let lighter touches be detected",
+                fatal=False,
             )
         if gain_db[channel] > 0:
             found = f"the {name} microphone peaks at {calibration.peak_dbfs[channel]:.0f} dBFS"
-            yield Finding(f"{name}-faint", f"{found}; turn its gain up by {gain_db[channel]} dB", fatal=False)
+            yield Finding(
+                f"{name}-faint",
+                f"{found}; turn its gain up by {gain_db[channel]} dB",
+                fatal=False,
+            )

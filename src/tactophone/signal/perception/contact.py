@@ -26,8 +26,19 @@ import numpy as np
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
-from tactophone.signal.perception.levels import BANDS, BANDS_HOP, BANDS_WINDOW, Ear, LoudnessRule
-from tactophone.signal.perception.noise_floor import HIGHEST_DBFS, Floats, NoiseFloor, RecordingFloor
+from tactophone.signal.perception.levels import (
+    BANDS,
+    BANDS_HOP,
+    BANDS_WINDOW,
+    Ear,
+    LoudnessRule,
+)
+from tactophone.signal.perception.noise_floor import (
+    HIGHEST_DBFS,
+    Floats,
+    NoiseFloor,
+    RecordingFloor,
+)
 
 CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
@@ -108,7 +119,10 @@ class ContactGate:
         bands: bool = False,
         hold: float = 0.0,
     ) -> None:
-        self.ear, self._has_bands = Ear(rule, sample_rate=sample_rate, bands=bands), bands
+        self.ear, self._has_bands = (
+            Ear(rule, sample_rate=sample_rate, bands=bands),
+            bands,
+        )
         self._finger, self._shared = 0, False
         self._sample_rate, self._step_size = sample_rate, self.ear.steps.step_size
         count = self.ear.steps.count
@@ -117,7 +131,10 @@ class ContactGate:
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         self._early, self._distrust = count(EARLY), count(DISTRUST)
         self._jerk, self._persistent = count(JERK), count(PERSISTENT)
-        self.threshold, self.floor = ContactThreshold(threshold_dbfs, follows_floor=floor is not None), floor
+        self.threshold, self.floor = (
+            ContactThreshold(threshold_dbfs, follows_floor=floor is not None),
+            floor,
+        )
         self.reset()
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
@@ -158,12 +175,21 @@ class ContactGate:
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every second hop."""
         threshold = self.threshold
-        if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
-            self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)  # another was assigned
+        if (
+            threshold.dbfs != self._threshold_dbfs
+            or threshold.follows_floor is not self._following
+        ):
+            self._set(
+                threshold.dbfs, threshold.dbfs - RELEASE_DB
+            )  # another was assigned
         if block.moving is not self._moving:
             self._moving, self._jerk_until = block.moving, self._steps + self._jerk
             # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
-            self._waits |= block.moving and self._begun >= 0 and self._steps - self._begun < self._persistent
+            self._waits |= (
+                block.moving
+                and self._begun >= 0
+                and self._steps - self._begun < self._persistent
+            )
         if not self._shared:
             self.ear.hear(self.heard(block))
         self._part += block.size
@@ -186,15 +212,24 @@ class ContactGate:
     @property
     def quiet(self) -> bool:
         """Whether the level says of what was heard and not pushed what it said before; then it may wait `patience`."""
-        plain = self.threshold.dbfs == self._threshold_dbfs and self.threshold.follows_floor is self._following
+        plain = (
+            self.threshold.dbfs == self._threshold_dbfs
+            and self.threshold.follows_floor is self._following
+        )
         if self._open and self._lasted < self._early:
             return False  # the bands are about to confirm it, or to end it
-        return plain and self._stays(self.ear.slow[self._finger], self.ear.fast[self._finger])
+        return plain and self._stays(
+            self.ear.slow[self._finger], self.ear.fast[self._finger]
+        )
 
     def _take(self, steps: int) -> list[Contact]:
         """Evaluate steps one after another, and a row of the bands at each hop; return what changed."""
         finger, ear = self._finger, self.ear
-        heard_slow, heard_fast, rows = ear.slow[finger], ear.fast[finger], ear.bands[finger]
+        heard_slow, heard_fast, rows = (
+            ear.slow[finger],
+            ear.fast[finger],
+            ear.bands[finger],
+        )
         slow, fast = heard_slow[:steps], heard_fast[:steps]
         del heard_slow[:steps], heard_fast[:steps]
         contacts, start, count = list[Contact](), 0, steps
@@ -208,7 +243,9 @@ class ContactGate:
                 for each in map(self._step, slow[start:end], fast[start:end]):
                     contacts += each
             if self._steps % self._hop == 0:
-                contacts += self._end_hop(slow[end - 1], rows.pop(0) if rows else _NO_BANDS)
+                contacts += self._end_hop(
+                    slow[end - 1], rows.pop(0) if rows else _NO_BANDS
+                )
             start = end
         return contacts
 
@@ -222,7 +259,11 @@ class ContactGate:
             return True
         if self._open:
             return min(slow) >= self._close_under and slow[-1] >= self._close_under
-        return slow[-1] < self._open_from and max(slow) < self._open_from and max(fast) < self._clear_from
+        return (
+            slow[-1] < self._open_from
+            and max(slow) < self._open_from
+            and max(fast) < self._clear_from
+        )
 
     def _step(self, slow: float, fast: float) -> list[Contact]:
         was_open, held = self._open, self._held
@@ -233,7 +274,9 @@ class ContactGate:
         loud = slow >= self._open_from or fast >= self._clear_from
         if not loud and was_open and not held:
             # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST_GATED_TOUCH` at least.
-            loud = slow >= self._close_under or (self._lasted < self._shortest and fast >= 0)
+            loud = slow >= self._close_under or (
+                self._lasted < self._shortest and fast >= 0
+            )
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
         self._held = not loud and was_open and slow >= 0 and self._quiet <= self._hold
@@ -244,22 +287,40 @@ class ContactGate:
 
     def _end_hop(self, slow: float, bands: Floats) -> list[Contact]:
         """Ask the bands, and let the floor follow."""
-        level_dbfs = 20 / self.ear.steps.power * math.log10(slow) if slow > 0 else math.nan
+        level_dbfs = (
+            20 / self.ear.steps.power * math.log10(slow) if slow > 0 else math.nan
+        )
         if self._by_bands and self.floor:
             self._hear(self.floor, bands)
         touching, _ = self._decide()
         if self.floor and self._following:
             # Until the windows are full of sound, part of the levels is that of their zeros.
             full = self._steps * self._step_size >= BANDS_WINDOW * self._sample_rate
-            self.floor.push(level_dbfs if full else math.nan, bands, touching=touching, loud=self._open)
+            self.floor.push(
+                level_dbfs if full else math.nan,
+                bands,
+                touching=touching,
+                loud=self._open,
+            )
             if self.floor.threshold_dbfs != self._threshold_dbfs:
                 self._move(self.floor)
         return self._report(due=self._steps % (2 * self._hop) == 0)
 
     def _hear(self, floor: NoiseFloor, bands: Floats) -> None:
-        over = float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0))) / BANDS  # their mean
-        self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)  # false where it is NaN
-        self._silent_for = 0 if self._heard else self._hold + 1 if math.isnan(over) else self._silent_for + self._hop
+        over = (
+            float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0)))
+            / BANDS
+        )  # their mean
+        self._heard = over >= (
+            BANDS_OFF_DB if self._heard else BANDS_ON_DB
+        )  # false where it is NaN
+        self._silent_for = (
+            0
+            if self._heard
+            else self._hold + 1
+            if math.isnan(over)
+            else self._silent_for + self._hop
+        )
         if self._open and self._believed and self._lasted >= self._early:
             self._believed = False
             if self._silent_for > self._hold:
@@ -269,14 +330,20 @@ class ContactGate:
     @property
     def _by_bands(self) -> bool:
         # Sound as loud as the highest threshold is touch, not noise, however steady it is.
-        known = self.floor is not None and self.floor.known and self._threshold_dbfs < HIGHEST_DBFS
+        known = (
+            self.floor is not None
+            and self.floor.known
+            and self._threshold_dbfs < HIGHEST_DBFS
+        )
         return known and self._has_bands and self._following
 
     def _decide(self) -> tuple[bool, bool]:
         """Return whether there is contact, and whether it is only held: by the level, as the bands lag by a window."""
         if not self._by_bands:
             return self._open, self._held
-        touching = not self._invalid and ((self._open and self._believed) or self._silent_for <= self._hold)
+        touching = not self._invalid and (
+            (self._open and self._believed) or self._silent_for <= self._hold
+        )
         return touching, touching and (self._held or not self._open)
 
     def _report(self, *, due: bool = False) -> list[Contact]:
@@ -285,7 +352,13 @@ class ContactGate:
         if decided == self._reported and not due:
             return []
         self._reported = decided
-        return [Contact(self._steps * self._step_size / self._sample_rate, *decided, self._threshold_dbfs)]
+        return [
+            Contact(
+                self._steps * self._step_size / self._sample_rate,
+                *decided,
+                self._threshold_dbfs,
+            )
+        ]
 
     def _wait(self, touching: bool, held: bool) -> tuple[bool, bool]:
         """Return a decision as it counts: not yet, where a robot starts or stops and the contact is young."""

@@ -42,7 +42,9 @@ class DecisionRule:
 
     def __post_init__(self) -> None:
         if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
-            raise ValueError(f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1")
+            raise ValueError(
+                f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1"
+            )
 
 
 class Decision:
@@ -56,7 +58,9 @@ class Decision:
         self._rough = False
         self._streak = self._quiet = 0
 
-    def decide(self, probabilities: Probabilities, *, contact: bool) -> tuple[Touch, float]:
+    def decide(
+        self, probabilities: Probabilities, *, contact: bool
+    ) -> tuple[Touch, float]:
         """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
 
         Missing contact overrides the network, whose own *none* is trained but not used (paper, section IV-C).
@@ -72,9 +76,15 @@ class Decision:
         # Hysteresis: the threshold in force depends on the last decision.
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
         self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
-        self._rough = share >= threshold and (self._rough or self._streak >= self._rule.confirm)
+        self._rough = share >= threshold and (
+            self._rough or self._streak >= self._rule.confirm
+        )
         # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where they are.
-        roughness = 0.5 * share / threshold if share < threshold else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
+        roughness = (
+            0.5 * share / threshold
+            if share < threshold
+            else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
+        )
         if self._rough:
             return Touch.ROUGH, roughness
         # A share over the threshold that is not confirmed yet must not be rendered as rough either.
@@ -106,6 +116,11 @@ def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
     >>> count_dips(np.array([1, 0, 0, 1, 0, 1], bool), np.array([1, 1, 1, 1, 0, 1], bool))
     1
     """
-    touches = np.flatnonzero(np.diff(touching.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    begun = [int((np.diff(rough[first:end].astype(np.int8), prepend=0) > 0).sum()) for first, end in touches]
+    touches = np.flatnonzero(
+        np.diff(touching.astype(np.int8), prepend=0, append=0)
+    ).reshape(-1, 2)
+    begun = [
+        int((np.diff(rough[first:end].astype(np.int8), prepend=0) > 0).sum())
+        for first, end in touches
+    ]
     return sum(max(0, count - 1) for count in begun)

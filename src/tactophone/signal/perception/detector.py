@@ -22,16 +22,32 @@ from msgspec.structs import replace
 
 from tactophone.core.errors import ModelError
 from tactophone.core.microphones import AIR, CONTACT, check_channels
-from tactophone.core.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
+from tactophone.core.types import (
+    AudioBlock,
+    ContactThreshold,
+    Detector,
+    FloatArray,
+    Prediction,
+    Touch,
+)
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.health import InvalidSampleFilter
 from tactophone.signal.perception.levels import loudness
-from tactophone.signal.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
+from tactophone.signal.perception.model_file import (
+    KINDS,
+    SUPPORTS_MISSING_CHANNEL,
+    Engine,
+    Model,
+)
 from tactophone.signal.perception.no_touch import NO_TOUCH_TEXT, NoTouchCheck
 from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
-from tactophone.signal.perception.resample import RESAMPLER_LOWEST_RATE, Resampler, Windower
+from tactophone.signal.perception.resample import (
+    RESAMPLER_LOWEST_RATE,
+    Resampler,
+    Windower,
+)
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
 """A detector and the windows that it waits for, oldest first: the sample after the last, and the sound."""
@@ -40,14 +56,20 @@ Processing: TypeAlias = Generator[PendingWindows, list[Prediction], list[Predict
 """A detector at work on a block: yields windows, is sent their predictions, and returns those of the block."""
 
 
-def push_together(detectors: Sequence[Detector], blocks: Sequence[AudioBlock]) -> list[list[Prediction]]:
+def push_together(
+    detectors: Sequence[Detector], blocks: Sequence[AudioBlock]
+) -> list[list[Prediction]]:
     """Let several detectors process a block each, their windows together; returns the predictions of each."""
-    return process_together([_processing(*each) for each in zip(detectors, blocks, strict=True)])
+    return process_together(
+        [_processing(*each) for each in zip(detectors, blocks, strict=True)]
+    )
 
 
 def _processing(detector: Detector, block: AudioBlock) -> Processing:
     # A detector of a user's own need not have this method, and computes its windows alone.
-    process: Callable[[AudioBlock], Processing] | None = getattr(detector, "process", None)
+    process: Callable[[AudioBlock], Processing] | None = getattr(
+        detector, "process", None
+    )
     if process:
         return (yield from process(block))
     return detector.push(block)
@@ -83,13 +105,17 @@ def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
         # A window of each finger at a time: what the graph remembers of a touch depends on the windows before.
         for place in range(max(len(pending[number][1]) for number in numbers)):
             due = [number for number in numbers if place < len(pending[number][1])]
-            found = _predict_one_each([(pending[number][0], *pending[number][1][place]) for number in due])
+            found = _predict_one_each(
+                [(pending[number][0], *pending[number][1][place]) for number in due]
+            )
             for number, prediction in zip(due, found, strict=True):
                 results[number].append(prediction)
     return results
 
 
-def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
+def _predict_one_each(
+    due: Sequence[tuple["WindowDetector", int, FloatArray]],
+) -> list[Prediction]:
     """Return the prediction of a window of each detector, all of one network."""
     sound = [window.T for _, _, window in due]
     levels = loudness(due[0][0].card.gate.rule, [each[CONTACT] for each in sound])
@@ -97,7 +123,11 @@ def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -
         detector.measure(each, level_dbfs, end)
         for each, level_dbfs, (detector, end, _) in zip(sound, levels, due, strict=True)
     ]
-    found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
+    found = due[0][0].classify(
+        sound,
+        [loud for _, loud in measured],
+        [detector.state for detector, _, _ in due],
+    )
     return [
         detector.decide(end, *level, *each)
         for (detector, end, _), level, each in zip(due, measured, found, strict=True)
@@ -139,7 +169,11 @@ class WindowDetector:
             raise ModelError(
                 f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(KINDS)}; update Tactophone"
             )
-        self.name, self.hop, self.bandwidth = card.name, float(card.hop / card.sample_rate), card.sample_rate / 2
+        self.name, self.hop, self.bandwidth = (
+            card.name,
+            float(card.hop / card.sample_rate),
+            card.sample_rate / 2,
+        )
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
         self.contact_at: Callable[[float], Contact] | None = None
@@ -156,7 +190,9 @@ class WindowDetector:
         self.reset()
         # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
         # the low-pass has all around it.
-        self.latency: float = self._resampler.latency + 1 / sample_rate - 1 / card.sample_rate
+        self.latency: float = (
+            self._resampler.latency + 1 / sample_rate - 1 / card.sample_rate
+        )
 
     @property
     def threshold_dbfs(self) -> float:
@@ -167,7 +203,9 @@ class WindowDetector:
         """Return to the initial state; the fault counts stay."""
         card = self.card
         self._invalid_samples = InvalidSampleFilter()
-        self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
+        self._resampler = Resampler(
+            self._sample_rate, card.sample_rate, channels=card.channels
+        )
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
         self._arrived: list[FloatArray] = []
         self.missing = self._resampler.missing_until(self._windower.next_end)
@@ -195,7 +233,10 @@ class WindowDetector:
         size, channels = samples.shape
         if channels > 2:
             check_channels(channels)
-        if channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
+        if (
+            channels < self.card.channels
+            and self.card.kind not in SUPPORTS_MISSING_CHANNEL
+        ):
             raise ModelError(
                 f"sound with {channels} channel, but the model {self.card.name} needs {self.card.channels} "
                 "(contact and air); choose a one-channel model, such as paper-mono"
@@ -216,7 +257,11 @@ class WindowDetector:
 
     def _complete_windows(self) -> list[tuple[int, FloatArray]]:
         """Resample all that arrived; return the windows that it completes."""
-        samples = self._arrived[0] if len(self._arrived) == 1 else np.concatenate(self._arrived)
+        samples = (
+            self._arrived[0]
+            if len(self._arrived) == 1
+            else np.concatenate(self._arrived)
+        )
         self._arrived = []
         samples = self._invalid_samples.clean(self._select_channels(samples))
         windows = self._windower.push(self._resampler.push(samples))
@@ -229,31 +274,53 @@ class WindowDetector:
             return np.pad(samples, ((0, 0), (0, missing)))
         return self.card.heard(samples)
 
-    def measure(self, sound: FloatArray, level_dbfs: float, end: int) -> tuple[float, bool]:
+    def measure(
+        self, sound: FloatArray, level_dbfs: float, end: int
+    ) -> tuple[float, bool]:
         """Return the level of a window, ``(channels, samples)``, and whether that is contact.
 
         ``end`` is the sample after its last one.
         """
         # As the gate stood when this window could be known, however many blocks later it is read.
-        gate = self.contact_at(end / self.card.sample_rate + self.latency) if self.contact_at else None
-        threshold_dbfs = gate.threshold_dbfs - self.margin_db if gate else self.threshold_dbfs
+        gate = (
+            self.contact_at(end / self.card.sample_rate + self.latency)
+            if self.contact_at
+            else None
+        )
+        threshold_dbfs = (
+            gate.threshold_dbfs - self.margin_db if gate else self.threshold_dbfs
+        )
         loud = level_dbfs >= threshold_dbfs
         if self.fit:
             self.fit.push(sound, touching=gate.touching if gate else loud)
         return level_dbfs, loud
 
     def decide(
-        self, end: int, level_dbfs: float, loud: bool, probabilities: Probabilities, features: FloatArray
+        self,
+        end: int,
+        level_dbfs: float,
+        loud: bool,
+        probabilities: Probabilities,
+        features: FloatArray,
     ) -> Prediction:
         """Return the prediction of the next window, from its level and what the graph returned."""
         faulty = self._is_faulty(end, probabilities)
-        if faulty or (self.no_touch and self.no_touch.push(features, probabilities, loud=loud)):
+        if faulty or (
+            self.no_touch and self.no_touch.push(features, probabilities, loud=loud)
+        ):
             probabilities = CERTAINLY_NONE
         if self.fit and loud:
             self.fit.hear(probabilities)
-        touch, roughness = self._decision.decide(probabilities, contact=loud and not faulty)
-        start, until = (end - self.card.window_size) / self.card.sample_rate, end / self.card.sample_rate
-        prediction = Prediction(probabilities, touch, roughness, level_dbfs, start, until, faulty=faulty)
+        touch, roughness = self._decision.decide(
+            probabilities, contact=loud and not faulty
+        )
+        start, until = (
+            (end - self.card.window_size) / self.card.sample_rate,
+            end / self.card.sample_rate,
+        )
+        prediction = Prediction(
+            probabilities, touch, roughness, level_dbfs, start, until, faulty=faulty
+        )
         if self.trace:
             self.trace(features, prediction)
         return prediction
@@ -261,7 +328,10 @@ class WindowDetector:
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
         # The input samples that contribute to the window that ends before sample `end` at the model's rate.
         ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
-        first, last = int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach
+        first, last = (
+            int((end - self.card.window_size) * ratio) - reach,
+            int((end - 1) * ratio) + reach,
+        )
         if self._invalid_samples.any_between(first, last + 1):
             self.faults["sound"] += 1
             return True
@@ -316,7 +386,9 @@ def begins_anew(lost: int, sample_rate: int) -> bool:
     return not 0 <= lost <= LONGEST_GAP * sample_rate
 
 
-_NO_PREDICTION = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
+_NO_PREDICTION = Prediction(
+    (1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0
+)
 
 
 class TouchState(enum.Enum):
@@ -364,12 +436,26 @@ class TouchDetector:
     what was before it and what is after, and times follow the stream.
     """
 
-    def __init__(self, detector: WindowDetector, gate: ContactGate | None = None, *, window: float = 0.256) -> None:
+    def __init__(
+        self,
+        detector: WindowDetector,
+        gate: ContactGate | None = None,
+        *,
+        window: float = 0.256,
+    ) -> None:
         self.detector, self.gate, self._window = detector, gate, window
-        self.name, self.bandwidth, self.faults = detector.name, detector.bandwidth, detector.faults
+        self.name, self.bandwidth, self.faults = (
+            detector.name,
+            detector.bandwidth,
+            detector.faults,
+        )
         self.latency = detector.latency
         # From here on all three share one threshold. While it follows the noise, it is the gate that moves it.
-        self.threshold = gate.threshold if gate and gate.threshold.follows_floor else detector.threshold
+        self.threshold = (
+            gate.threshold
+            if gate and gate.threshold.follows_floor
+            else detector.threshold
+        )
         detector.threshold = self.threshold
         if gate:
             gate.threshold = self.threshold
@@ -377,7 +463,9 @@ class TouchDetector:
                 gate.microphone = AIR  # it hears what the model does
             detector.contact_at = self._contact_at
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
-        self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
+        self._threshold_dbfs = (
+            self.threshold.dbfs
+        )  # as it was at the event that is being applied
         self._first = self._next = 0
         self._begin(0)
 
@@ -424,16 +512,29 @@ class TouchDetector:
         self._contacts.extend(contacts)
         predictions = yield from self.detector.process(block)
         if self.gate is None:
-            return [self._revise(self._shifted(prediction)) for prediction in predictions]
-        return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
+            return [
+                self._revise(self._shifted(prediction)) for prediction in predictions
+            ]
+        return (
+            self._merge(predictions, contacts, block.sample_rate)
+            if predictions or contacts
+            else []
+        )
 
     @property
     def due(self) -> int:
         """Position in the stream up to which sound may wait while `gate` is quiet."""
-        return self._next + min(self.detector.missing, self.gate.patience) if self.gate else self._next
+        return (
+            self._next + min(self.detector.missing, self.gate.patience)
+            if self.gate
+            else self._next
+        )
 
     def flush(self) -> list[Prediction]:
-        return [self._revise(self._shifted(prediction)) for prediction in self.detector.flush()]
+        return [
+            self._revise(self._shifted(prediction))
+            for prediction in self.detector.flush()
+        ]
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
@@ -450,23 +551,37 @@ class TouchDetector:
         return contacts[0]
 
     def _begin(self, start: int) -> None:
-        self._contacts = deque([Contact(0.0, False, threshold_dbfs=self.threshold.dbfs)])
+        self._contacts = deque(
+            [Contact(0.0, False, threshold_dbfs=self.threshold.dbfs)]
+        )
         self.state = TouchState.ABSENT
         self._first = self._next = start
         self._shift = 0.0
         self._newest = _NO_PREDICTION
-        self._touching, self._since, self._held, self._held_since = self.gate is None, 0.0, False, 0.0
+        self._touching, self._since, self._held, self._held_since = (
+            self.gate is None,
+            0.0,
+            False,
+            0.0,
+        )
         self._reported_until = -math.inf
         self._loud_until, self._pause = -math.inf, PAUSE
         self._against = self._rough_since = 0.0
         # The last decision of this touch.
         self._decided, self._roughness = Touch.SMOOTH, 0.0
 
-    def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
+    def _merge(
+        self, predictions: list[Prediction], contacts: list[Contact], rate: int
+    ) -> list[Prediction]:
         """Put windows and changes of contact in the order in which they became known, to the sample."""
-        events: list[tuple[int, Contact | Prediction]] = [(round(contact.time * rate), contact) for contact in contacts]
+        events: list[tuple[int, Contact | Prediction]] = [
+            (round(contact.time * rate), contact) for contact in contacts
+        ]
         # A thousandth of a sample covers the rounding of times; at odd rates windows end between two samples.
-        events += [(math.floor((window.end + self.latency) * rate + 1e-3), window) for window in predictions]
+        events += [
+            (math.floor((window.end + self.latency) * rate + 1e-3), window)
+            for window in predictions
+        ]
         events.sort(key=lambda event: event[0])
         found = []
         for _, event in events:
@@ -490,8 +605,12 @@ class TouchDetector:
         if window.probabilities[Touch.NONE] >= rule.abstain_from:
             self._against += EVIDENCE_OF_UNKNOWN
         else:
-            self._against = self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
-        if self._against >= min(EVIDENCE, EVIDENCE_RATE * (window.end - self._rough_since)):
+            self._against = (
+                self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
+            )
+        if self._against >= min(
+            EVIDENCE, EVIDENCE_RATE * (window.end - self._rough_since)
+        ):
             return window
         return replace(window, touch=Touch.ROUGH, roughness=self._roughness)
 
@@ -502,7 +621,9 @@ class TouchDetector:
             self._threshold_dbfs = contact.threshold_dbfs
         if contact.held and not self._held:
             self._held_since = contact.time + self._shift
-            self._pause = FADED_PAUSE if self._held_since - self._loud_until >= FADING else PAUSE
+            self._pause = (
+                FADED_PAUSE if self._held_since - self._loud_until >= FADING else PAUSE
+            )
         self._held = contact.held
         if contact.touching is not self._touching:
             self._touching, self._since = contact.touching, contact.time + self._shift
@@ -511,7 +632,11 @@ class TouchDetector:
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
         # Between two windows: the newest window's prediction, revised by contact, its bounds moved up to this moment.
-        return self._revise(replace(self._newest, start=self._newest.start + end - self._newest.end, end=end))
+        return self._revise(
+            replace(
+                self._newest, start=self._newest.start + end - self._newest.end, end=end
+            )
+        )
 
     def _revise(self, prediction: Prediction) -> Prediction:
         self._newest, self._reported_until = prediction, prediction.end
@@ -522,14 +647,19 @@ class TouchDetector:
             return replace(prediction, touch=Touch.NONE, roughness=0.0)
         now = prediction.end + self.latency
         paused = self._held and now - self._held_since < self._pause
-        usable = prediction.level_dbfs >= self._threshold_dbfs or now - self._since >= FULL_OF_CONTACT * self._window
+        usable = (
+            prediction.level_dbfs >= self._threshold_dbfs
+            or now - self._since >= FULL_OF_CONTACT * self._window
+        )
         # A held touch may already be over, so it is rendered as smooth at most: a rough vibration would outlast the
         # contact. So is a window that still holds more of what was before the touch.
         if not paused and (self._held or not usable):
             self.state = TouchState.HELD if self._held else TouchState.LANDING
             return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
         # The level of a touch falls between two strokes, and where one turns: the last decision stands.
-        decided = TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
+        decided = (
+            TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
+        )
         if paused or prediction.touch is Touch.NONE:
             self.state = TouchState.PAUSED if paused else decided
             return replace(prediction, touch=self._decided, roughness=self._roughness)
@@ -541,13 +671,19 @@ class TouchDetector:
         if prediction.touch is not self._decided:
             self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness
-        self.state = TouchState.ROUGH if prediction.touch is Touch.ROUGH else TouchState.SMOOTH
+        self.state = (
+            TouchState.ROUGH if prediction.touch is Touch.ROUGH else TouchState.SMOOTH
+        )
         return prediction
 
     def _shifted(self, prediction: Prediction) -> Prediction:
         if not self._shift:
             return prediction
-        return replace(prediction, start=prediction.start + self._shift, end=prediction.end + self._shift)
+        return replace(
+            prediction,
+            start=prediction.start + self._shift,
+            end=prediction.end + self._shift,
+        )
 
 
 def _logit(share: float) -> float:

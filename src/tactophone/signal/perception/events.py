@@ -105,8 +105,14 @@ class EventDetector:
     ['contact', 'tap']
     """
 
-    def __init__(self, *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> None:
-        self._rate, self._channels, self._air_led = sample_rate, channels, TIPS[tip].air_led_db
+    def __init__(
+        self, *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP
+    ) -> None:
+        self._rate, self._channels, self._air_led = (
+            sample_rate,
+            channels,
+            TIPS[tip].air_led_db,
+        )
         self._step = max(1, sample_rate // STEPS_PER_SECOND)
         self._window = np.hanning(2 * self._step + 2)[1:-1][:, None]
         self._edges = _band_edges(2 * self._step, sample_rate)
@@ -141,7 +147,9 @@ class EventDetector:
             self.reset()
             self._origin = block.start
         self._next = block.end
-        samples = np.nan_to_num(block.samples[:, : self._channels], nan=0.0, posinf=0.0, neginf=0.0)
+        samples = np.nan_to_num(
+            block.samples[:, : self._channels], nan=0.0, posinf=0.0, neginf=0.0
+        )
         sound = np.concatenate((self._rest, samples))
         steps = len(sound) // self._step - 1
         events: list[tuple[float, TouchEvent]] = []
@@ -158,7 +166,9 @@ class EventDetector:
     def _levels(self, sound: FloatArray) -> Floats:
         """Return the level of each band and channel over a window, of which the last half is new."""
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
-        bands = np.add.reduceat(spectrum, self._edges, axis=0)[: self._band_count] / np.square(len(sound))
+        bands = np.add.reduceat(spectrum, self._edges, axis=0)[
+            : self._band_count
+        ] / np.square(len(sound))
         return np.asarray(10 * np.log10(bands + EVENT_POWER_FLOOR))
 
     def _find_onset(self, level: Floats) -> list[TouchEvent]:
@@ -176,7 +186,11 @@ class EventDetector:
         # The median of the fluxes is never under 0, so most steps need no threshold.
         if settled and flux > LEAST_FLUX_DB and flux > self._threshold():
             self._begin_onset(mean, flux)
-        elif ATTACK < since <= CLASSIFIED_AFTER and self._sharpest < flux and _is_sharp(flux, mean[CONTACT] - REST_DB):
+        elif (
+            ATTACK < since <= CLASSIFIED_AFTER
+            and self._sharpest < flux
+            and _is_sharp(flux, mean[CONTACT] - REST_DB)
+        ):
             # A sharper rise soon after an onset: what a codec smears before an impact, or a light touch before the
             # landing, began too early.
             self._begin_onset(mean, flux)
@@ -204,11 +218,19 @@ class EventDetector:
         peak, decayed = means.max(axis=0), np.median(means[-DECAYED:, CONTACT])
         early = int(means[:, CONTACT].argmax()) <= LATEST_PEAK
         rings = decayed - REST_DB > RINGING * (peak[CONTACT] - REST_DB)
-        if not early or rings or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT]):
+        if (
+            not early
+            or rings
+            or peak[CONTACT] < LEAST_PEAK_DB
+            or not self._is_rise(peak[CONTACT])
+        ):
             return []
         fluxes = np.array([*self._fluxes, flux])[-len(later) :]
         # Another rise of the same train.
-        if np.any((fluxes > LIKE_IT * self._sharpest) & (later[:, CONTACT] > peak[CONTACT] - LIKE_IT_DB)):
+        if np.any(
+            (fluxes > LIKE_IT * self._sharpest)
+            & (later[:, CONTACT] > peak[CONTACT] - LIKE_IT_DB)
+        ):
             return []
         if self._channels > AIR and peak[AIR] - peak[CONTACT] > self._air_led:
             return [TouchEvent("knock", self._time(self._onset))]
@@ -220,21 +242,28 @@ class EventDetector:
     def _is_rise(self, peak: float) -> bool:
         """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
         height = peak - REST_DB
-        return self._unrest < max(STEADY_DB, STEADY * height) and _is_sharp(self._sharpest, height)
+        return self._unrest < max(STEADY_DB, STEADY * height) and _is_sharp(
+            self._sharpest, height
+        )
 
     def _flux(self, excess: Floats) -> float:
         """Return the mean rise of the bands, in dB, over the loudest of three neighbours two steps before."""
         if len(self._bands) < 2:
             return 0.0
         before = self._bands[-2]
-        above, below = np.append(before[1:], before[-1]), np.insert(before[:-1], 0, before[0])
+        above, below = (
+            np.append(before[1:], before[-1]),
+            np.insert(before[:-1], 0, before[0]),
+        )
         loudest = np.maximum(before, np.maximum(above, below))
         return float(np.maximum(excess - loudest, 0.0).mean())
 
     def _threshold(self) -> float:
         fluxes = np.array(self._fluxes)
         median = np.median(fluxes)
-        return float(median + max(LEAST_FLUX_DB, DEVIATIONS * np.abs(fluxes - median).mean()))
+        return float(
+            median + max(LEAST_FLUX_DB, DEVIATIONS * np.abs(fluxes - median).mean())
+        )
 
     def _follow_sliding(self, level: Floats) -> list[TouchEvent]:
         # By how much the bands exceed their background, in dB, on average.
@@ -242,11 +271,18 @@ class EventDetector:
         median = float(np.median(self._excess))
         # The sound of a tap is no background.
         if self._count - self._landed > CLASSIFIED_AFTER:
-            rate = max(1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE)
+            rate = max(
+                1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE
+            )
             self._background = self._background + rate * (level - self._background)
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._landed > CLASSIFIED_AFTER
-        if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > EVENT_HISTORY // 2:
+        if (
+            not self._sliding
+            and settled
+            and median >= SLIDING_ON_DB
+            and self._count > EVENT_HISTORY // 2
+        ):
             self._sliding, self._still = True, 0
             kind = "stroke" if self._touched_down else "slip"
             self._touched_down = False
@@ -268,7 +304,9 @@ def _is_sharp(rise: float, height: float) -> bool:
 def _band_edges(size: int, rate: int) -> NDArray[np.intp]:
     """Return the first bin of each band, and of what lies over them; fewer bands at low rates."""
     highest = min(HIGHEST, 0.45 * rate)
-    edges = np.round(np.geomspace(LOWEST, highest, BANDS + 1) * size / rate).astype(np.intp)
+    edges = np.round(np.geomspace(LOWEST, highest, BANDS + 1) * size / rate).astype(
+        np.intp
+    )
     # At least a bin for each band: low ones are narrower than a bin.
     for band in range(1, len(edges)):
         edges[band] = max(edges[band], edges[band - 1] + 1)
@@ -288,9 +326,13 @@ class EventMerger:
 
     def reset(self) -> None:
         self._detector.reset()
-        self._newest = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0)
+        self._newest = Prediction(
+            (1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0
+        )
 
-    def merge(self, block: AudioBlock, predictions: list[Prediction], *, latency: float) -> Iterator[Prediction]:
+    def merge(
+        self, block: AudioBlock, predictions: list[Prediction], *, latency: float
+    ) -> Iterator[Prediction]:
         """Yield a block's predictions, known ``latency`` s after their end, with those of its events."""
         waiting = list(predictions)
         for known, event in self._detector.push_timed(block):

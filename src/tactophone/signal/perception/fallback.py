@@ -16,9 +16,18 @@ from msgspec.structs import replace
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ContactRule, Prediction, Touch
 from tactophone.signal.perception.contact import ContactGate
-from tactophone.signal.perception.detector import Processing, TouchDetector, process_together
+from tactophone.signal.perception.detector import (
+    Processing,
+    TouchDetector,
+    process_together,
+)
 from tactophone.signal.perception.fit import Misfit
-from tactophone.signal.perception.health import FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.signal.perception.health import (
+    FaultDetector,
+    FaultKind,
+    Reference,
+    SensorFault,
+)
 from tactophone.signal.perception.models import fallback_model, open_detector
 from tactophone.signal.perception.noise_floor import NoiseFloor
 
@@ -45,7 +54,9 @@ FALLBACK_MESSAGES: Mapping[FallbackMode, str] = MappingProxyType(
 )
 """What each fallback does, for people."""
 
-_ON_CONTACT: Mapping[FaultKind, FallbackMode] = MappingProxyType({FaultKind.CLIPPED: FallbackMode.CONTACT_ONLY})
+_ON_CONTACT: Mapping[FaultKind, FallbackMode] = MappingProxyType(
+    {FaultKind.CLIPPED: FallbackMode.CONTACT_ONLY}
+)
 _UNKNOWN = (0.0, 0.5, 0.5)
 
 
@@ -56,7 +67,12 @@ def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode
     'CONTACT_ONLY'
     """
     alone = FallbackMode.ONE_CHANNEL if spare else FallbackMode.CONTACT_ONLY
-    modes = [alone if fault.channel == AIR else _ON_CONTACT.get(fault.kind, FallbackMode.SILENCE) for fault in faults]
+    modes = [
+        alone
+        if fault.channel == AIR
+        else _ON_CONTACT.get(fault.kind, FallbackMode.SILENCE)
+        for fault in faults
+    ]
     return max(modes, default=FallbackMode.FULL)
 
 
@@ -75,7 +91,13 @@ def with_fallback(
     """
     name = fallback_model(model) if channels > 1 else None
     follows = detector.threshold.follows_floor
-    spare = open_detector(name, sample_rate=sample_rate, contact=contact, follow_floor=follows) if name else None
+    spare = (
+        open_detector(
+            name, sample_rate=sample_rate, contact=contact, follow_floor=follows
+        )
+        if name
+        else None
+    )
     return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
 
 
@@ -89,12 +111,19 @@ class FallbackDetector:
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
     """
 
-    def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:
+    def __init__(
+        self,
+        main: TouchDetector,
+        spare: TouchDetector | None,
+        fault_detector: FaultDetector,
+    ) -> None:
         self._main, self._spare, self._fault_detector = main, spare, fault_detector
         self.threshold = main.threshold
         self._spare_in_use = False
         self._floors: deque[NoiseFloor] = deque(maxlen=REMEMBERED_CELLS)
-        self._left = fault_detector.cell_size  # samples until the fault detector measures again
+        self._left = (
+            fault_detector.cell_size
+        )  # samples until the fault detector measures again
         self._next = 0
         self._choose()
 
@@ -103,7 +132,9 @@ class FallbackDetector:
         # A model of one channel does without the second, which with a microphone on both inputs is the first again.
         single = self._main.detector.card.channels == 1
         faults = self._fault_detector.faults
-        self.sensor_faults = tuple(each for each in faults if not (single and each.kind is FaultKind.ALIKE))
+        self.sensor_faults = tuple(
+            each for each in faults if not (single and each.kind is FaultKind.ALIKE)
+        )
         self.mode = fallback_mode(self.sensor_faults, spare=self._spare is not None)
         spare = self._spare if self.mode is FallbackMode.ONE_CHANNEL else None
         active = self.active = spare or self._main
@@ -137,7 +168,11 @@ class FallbackDetector:
     @property
     def due(self) -> int:
         """As of `TouchDetector`; only while no microphone is faulty may sound wait."""
-        return min(self._main.due, self._next + self._left) if self.active is self._main else self._next
+        return (
+            min(self._main.due, self._next + self._left)
+            if self.active is self._main
+            else self._next
+        )
 
     @property
     def gate(self) -> ContactGate | None:
@@ -161,7 +196,11 @@ class FallbackDetector:
         start = 0
         while start < block.size:
             size = min(self._left, block.size - start)
-            yield replace(block, samples=block.samples[start : start + size], start=block.start + start)
+            yield replace(
+                block,
+                samples=block.samples[start : start + size],
+                start=block.start + start,
+            )
             start += size
             self._left = self._left - size or self._fault_detector.cell_size
 
@@ -177,8 +216,14 @@ class FallbackDetector:
         # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
         predictions = yield from self._main.process(part)
         if active is not self._main:
-            predictions = yield from active.process(replace(part, samples=part.samples[:, : CONTACT + 1]))
-        revised = [self._revised(prediction) for prediction in predictions] if self.mode else predictions
+            predictions = yield from active.process(
+                replace(part, samples=part.samples[:, : CONTACT + 1])
+            )
+        revised = (
+            [self._revised(prediction) for prediction in predictions]
+            if self.mode
+            else predictions
+        )
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed and self._fault_detector.push(part):
             self._choose()
@@ -195,5 +240,7 @@ class FallbackDetector:
             return replace(prediction, touch=Touch.NONE, roughness=0.0, faulty=True)
         if self.mode is FallbackMode.CONTACT_ONLY:
             touch = Touch.NONE if prediction.touch is Touch.NONE else Touch.SMOOTH
-            return replace(prediction, touch=touch, roughness=0.0, probabilities=_UNKNOWN)
+            return replace(
+                prediction, touch=touch, roughness=0.0, probabilities=_UNKNOWN
+            )
         return prediction

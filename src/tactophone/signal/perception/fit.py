@@ -81,7 +81,9 @@ def _tips() -> dict[str, Floats]:
 
 
 @functools.cache
-def _taper_power_and_bounds(size: int, sample_rate: int) -> tuple[Floats, float, NDArray[np.intp]]:
+def _taper_power_and_bounds(
+    size: int, sample_rate: int
+) -> tuple[Floats, float, NDArray[np.intp]]:
     taper = np.hanning(size + 1)[:-1]
     bounds = np.searchsorted(np.fft.rfftfreq(size, 1 / sample_rate), EDGES)
     return taper, np.square(taper).sum() * size / 2, bounds
@@ -100,8 +102,15 @@ class FitCheck:
     - ``misfit``: what does not fit now, the first cause of several.
     """
 
-    def __init__(self, name: str, sample_rate: int, *, tip: str = "", air: bool = False) -> None:
-        self._name, self._sample_rate, self._tip, self._air = name, sample_rate, tip, air
+    def __init__(
+        self, name: str, sample_rate: int, *, tip: str = "", air: bool = False
+    ) -> None:
+        self._name, self._sample_rate, self._tip, self._air = (
+            name,
+            sample_rate,
+            tip,
+            air,
+        )
         # Read now, as a run may open no file once it goes. A tip whose sound is not in the file is not compared.
         if tip and [*TIPS].index(tip) >= len(_tips()["both-means"]):
             self._tip = ""
@@ -130,17 +139,24 @@ class FitCheck:
             self._touched += 1
             weight = max(1 / self._touched, 1 / TOUCH_MEMORY)
             new = level, np.square(level), _impulses(sound[:, 1:] - sound[:, :-1])
-            self._touch = tuple(old + weight * (each - old) for old, each in zip(self._touch, new, strict=True))
+            self._touch = tuple(
+                old + weight * (each - old)
+                for old, each in zip(self._touch, new, strict=True)
+            )
             if self._touched >= LEAST and self._touched % EVERY == 0:
                 self.misfit = self._judge()
         elif self._since > RINGING:
             self._quiet += 1
-            self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
+            self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (
+                level - self._noise
+            )
 
     def hear(self, probabilities: tuple[float, float, float]) -> None:
         """Take what the model made of a window of touch."""
         self._decided_on = min(self._decided_on + 1, UNKNOWN_MEMORY)
-        self._unknown += (float(is_unknown(*probabilities)) - self._unknown) / self._decided_on
+        self._unknown += (
+            float(is_unknown(*probabilities)) - self._unknown
+        ) / self._decided_on
 
     def description(self) -> tuple[Floats, int]:
         """Return touch less noise, whatever the gains, in dB for each channel heard, and the number of its windows.
@@ -152,12 +168,16 @@ class FitCheck:
         shape = np.maximum(levels, levels.max(axis=1, keepdims=True) - RANGE_DB)
         shape -= shape.mean(axis=1, keepdims=True)
         deviation = np.sqrt(np.maximum(square - np.square(level), 0.01))[heard]
-        values = np.concatenate((shape.ravel(), deviation.ravel(), impulses[heard].ravel()))
+        values = np.concatenate(
+            (shape.ravel(), deviation.ravel(), impulses[heard].ravel())
+        )
         return values, min(self._touched, TOUCH_MEMORY)
 
     def _band_levels(self, sound: FloatArray) -> Floats:
         """Return the level of each channel in each band, ``(channels, bands)``."""
-        taper, power, bounds = _taper_power_and_bounds(sound.shape[1], self._sample_rate)
+        taper, power, bounds = _taper_power_and_bounds(
+            sound.shape[1], self._sample_rate
+        )
         powers = np.square(np.abs(np.fft.rfft(sound * taper))) / power
         return _decibels(np.add.reduceat(powers, bounds, axis=1)[:, :-1])
 
@@ -166,7 +186,11 @@ class FitCheck:
 
     def _levels(self) -> Floats:
         touch = 10 ** (self._touch[0][self._heard()] / 10)
-        noise = 10 ** (self._noise[self._heard()] / 10) if self._quiet >= LEAST_NOISE else np.zeros(1)
+        noise = (
+            10 ** (self._noise[self._heard()] / 10)
+            if self._quiet >= LEAST_NOISE
+            else np.zeros(1)
+        )
         return _decibels(np.maximum(touch - noise, noise / 4))
 
     def _judge(self) -> Misfit | None:
@@ -207,25 +231,41 @@ class FitCheck:
         means = _tips()[f"{self._microphones()}-means"][[*TIPS].index(self._tip)]
         off = levels - means[: levels.size].reshape(levels.shape)
         for band in range(LEAST_BANDS, off.shape[1]):
-            if (off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB).all():
+            if (
+                off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB
+            ).all():
                 return float(EDGES[band])
         return 0.0
 
     def _other_tip(self) -> Misfit | None:
         microphones = self._microphones()
-        means, basis, within = (_tips()[f"{microphones}-{each}"] for each in ("means", "basis", "within"))
+        means, basis, within = (
+            _tips()[f"{microphones}-{each}"] for each in ("means", "basis", "within")
+        )
         values, windows = self.description()
-        likelihoods = -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1) / 2
+        likelihoods = (
+            -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1)
+            / 2
+        )
         own, tips = TIPS[self._tip], list(TIPS.values())[: len(_tips()["both-means"])]
-        rows = [*tips, *tips[-1:] * (len(means) - len(tips))]  # one microphone has further rows of the last tip
+        rows = [
+            *tips,
+            *tips[-1:] * (len(means) - len(tips)),
+        ]  # one microphone has further rows of the last tip
         others = np.array([tip.hard != own.hard for tip in rows])
         # Of one kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing under a pad
         # sounds like a hard one under rubber.
-        others |= np.array([tip.impulses > own.impulses for tip in rows]) & (microphones == "both")
+        others |= np.array([tip.impulses > own.impulses for tip in rows]) & (
+            microphones == "both"
+        )
         likeliest, (least, farthest) = likelihoods[others].max(), ANOTHER[microphones]
         ratio = likeliest - likelihoods[~others].max()
-        self._against = self._against + 1 if ratio > least and likeliest > -farthest else 0
-        noticed = self.misfit is not None and self.misfit.code == "other-tip" and ratio > 0
+        self._against = (
+            self._against + 1 if ratio > least and likeliest > -farthest else 0
+        )
+        noticed = (
+            self.misfit is not None and self.misfit.code == "other-tip" and ratio > 0
+        )
         if self._against < 2 and not noticed:
             return None
         best = rows[np.where(others, likelihoods, -np.inf).argmax()]
@@ -234,7 +274,11 @@ class FitCheck:
             "other-tip",
             f"this sounds like {'another' if kind == other else 'a'} {other} tip, but the model {self._name} is for a "
             f"{kind} one, {own.name}: if so, "
-            + " or ".join(f"--tip {tip.name}" for tip in tips if tip.hard == best.hard and tip is not own),
+            + " or ".join(
+                f"--tip {tip.name}"
+                for tip in tips
+                if tip.hard == best.hard and tip is not own
+            ),
         )
 
 
@@ -242,7 +286,13 @@ def _impulses(slopes: FloatArray) -> Floats:
     """Return crest, kurtosis and mean absolute value of each channel, all by its RMS: ``(channels, 3)``, in dB."""
     sizes, squares = np.abs(slopes), np.square(slopes)
     # The means of all in one call, and not by `mean`, which takes five times as long for so few.
-    mean, power, fourth = np.add.reduce((sizes, squares, np.square(squares)), axis=2) / slopes.shape[1]
+    mean, power, fourth = (
+        np.add.reduce((sizes, squares, np.square(squares)), axis=2) / slopes.shape[1]
+    )
     power += 1e-18
-    measures = np.square(np.maximum.reduce(sizes, axis=1)) / power, np.square(mean) / power, fourth / np.square(power)
+    measures = (
+        np.square(np.maximum.reduce(sizes, axis=1)) / power,
+        np.square(mean) / power,
+        fourth / np.square(power),
+    )
     return _decibels(np.array(measures).T)

@@ -145,7 +145,9 @@ class SignalStatistics:
     def __init__(self, sample_rate: int) -> None:
         self._rate = sample_rate
         self._decimation = max(1, sample_rate // TREBLE_LOWEST_RATE)
-        self.cell_size = round(HEALTH_CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
+        self.cell_size = (
+            round(HEALTH_CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
+        )
         self.reset()
 
     def push(self, block: AudioBlock) -> list[ChannelStatistics]:
@@ -172,18 +174,33 @@ class SignalStatistics:
         self._parts, self._filled = [], 0
         peak = np.abs(cell).max()
         with np.errstate(invalid="ignore", over="ignore"):
-            self._clipped.append(clipped_samples(cell).mean(axis=1) if not peak <= _LOUD else np.zeros(len(cell)))
+            self._clipped.append(
+                clipped_samples(cell).mean(axis=1)
+                if not peak <= _LOUD
+                else np.zeros(len(cell))
+            )
             if not peak <= _LARGEST:  # also where it is NaN
-                cell = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-_LARGEST, _LARGEST)
+                cell = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(
+                    -_LARGEST, _LARGEST
+                )
         finite = cell.astype(np.float64)
         self._decimated.append(_mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:
             return []
-        sound, clipped = np.concatenate(self._decimated, axis=1), np.mean(self._clipped, axis=0)
-        return [_measure(sound, clipped, rate=self._rate / self._decimation, end=end / self._rate)]
+        sound, clipped = (
+            np.concatenate(self._decimated, axis=1),
+            np.mean(self._clipped, axis=0),
+        )
+        return [
+            _measure(
+                sound, clipped, rate=self._rate / self._decimation, end=end / self._rate
+            )
+        ]
 
 
-def _measure(sound: NDArray[np.float64], clipped: NDArray[np.float64], *, rate: float, end: float) -> ChannelStatistics:
+def _measure(
+    sound: NDArray[np.float64], clipped: NDArray[np.float64], *, rate: float, end: float
+) -> ChannelStatistics:
     """Measure sound of shape ``(channels, samples)``."""
     treble = np.diff(sound)
     hums, maskings = _hum_powers(sound, rate / _TREBLE_STEPS)
@@ -209,13 +226,19 @@ def clipped_samples(sound: FloatArray) -> NDArray[np.bool_]:
     return railed
 
 
-def _hum_powers(sound: NDArray[np.float64], rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _hum_powers(
+    sound: NDArray[np.float64], rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the power of each mains' harmonics, and of the noise in their bands; shape ``(mains, channels)`` each."""
     bass = _mean_of_neighbours(sound, _TREBLE_STEPS)
     size = bass.shape[1]
     taper, tones, noises = _harmonics(size, rate)
     # The main lobe of a Hann window, three bins, holds all but 0.1 % of a tone; one-sided, so twice its power.
-    power = 2 * np.abs(np.fft.rfft((bass - bass.mean(axis=1)[:, None]) * taper)) ** 2 / (size * (taper**2).sum())
+    power = (
+        2
+        * np.abs(np.fft.rfft((bass - bass.mean(axis=1)[:, None]) * taper)) ** 2
+        / (size * (taper**2).sum())
+    )
     # The median of a noise bin's power, exponentially distributed, is its mean times ln 2. Of an even number of bins
     # it is the mean of the two in the middle; `np.median` for each band takes ten times as long.
     middle = noises.shape[-1] // 2
@@ -226,11 +249,22 @@ def _hum_powers(sound: NDArray[np.float64], rate: float) -> tuple[NDArray[np.flo
 
 
 @functools.cache
-def _harmonics(size: int, rate: float) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
+def _harmonics(
+    size: int, rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
     """Return a taper, ``(size,)``, and the bins of tones and of noise, ``(mains, harmonics, bins)`` each."""
-    centres = np.array([[round(n * mains * size / rate) for n in range(1, _HARMONICS + 1)] for mains in MAINS])
+    centres = np.array(
+        [
+            [round(n * mains * size / rate) for n in range(1, _HARMONICS + 1)]
+            for mains in MAINS
+        ]
+    )
     noises = [*range(-7, -2), *range(3, 8)]
-    return np.hanning(size + 1)[:-1], centres[..., None] + [-1, 0, 1], centres[..., None] + noises
+    return (
+        np.hanning(size + 1)[:-1],
+        centres[..., None] + [-1, 0, 1],
+        centres[..., None] + noises,
+    )
 
 
 def _mean_of_neighbours(sound: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -247,7 +281,9 @@ def _correlation(treble: NDArray[np.float64]) -> float:
 
 
 def _dbfs(power: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple((10 * np.log10(np.maximum(power, 10 ** (FAINTEST_DBFS / 10)))).tolist())
+    return tuple(
+        (10 * np.log10(np.maximum(power, 10 ** (FAINTEST_DBFS / 10)))).tolist()
+    )
 
 
 RAISE_AFTER = 3
@@ -282,26 +318,48 @@ class SensorFault(msgspec.Struct, frozen=True, order=True):
     @property
     def code(self) -> str:
         """For programs: ``air-dead``."""
-        return str(self.kind) if self.channel is None else f"{MICROPHONES[self.channel]}-{self.kind}"
+        return (
+            str(self.kind)
+            if self.channel is None
+            else f"{MICROPHONES[self.channel]}-{self.kind}"
+        )
 
     def __str__(self) -> str:
         sign, remedy = _MESSAGES[self.kind]
-        subject = "microphones" if self.channel is None else f"{MICROPHONES[self.channel]} microphone"
-        return f"{subject} {self.kind.replace('offset', 'off centre')}: {sign}; {remedy}"
+        subject = (
+            "microphones"
+            if self.channel is None
+            else f"{MICROPHONES[self.channel]} microphone"
+        )
+        return (
+            f"{subject} {self.kind.replace('offset', 'off centre')}: {sign}; {remedy}"
+        )
 
 
 _MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
     {
         FaultKind.DEAD: ("no sound comes from it", "check its plug, cable and supply"),
         FaultKind.CLIPPED: ("its loud parts are cut off", "turn its gain down"),
-        FaultKind.OFFSET: ("its sound has a constant part (DC)", "check the interface's coupling and the supply"),
-        FaultKind.HUM: ("mains hum stands out from its noise", "mend its shield or ground, keep away from supplies"),
+        FaultKind.OFFSET: (
+            "its sound has a constant part (DC)",
+            "check the interface's coupling and the supply",
+        ),
+        FaultKind.HUM: (
+            "mains hum stands out from its noise",
+            "mend its shield or ground, keep away from supplies",
+        ),
         FaultKind.COVERED: (
             "a touch that the contact microphone picks up hardly reaches it",
             "open the case or clear its port",
         ),
-        FaultKind.SWAPPED: ("input 2 (air) sounds like the contact microphone", "exchange the two plugs"),
-        FaultKind.ALIKE: ("both channels carry the same sound", "switch off direct monitoring and mono mixing"),
+        FaultKind.SWAPPED: (
+            "input 2 (air) sounds like the contact microphone",
+            "exchange the two plugs",
+        ),
+        FaultKind.ALIKE: (
+            "both channels carry the same sound",
+            "switch off direct monitoring and mono mixing",
+        ),
     }
 )
 """The sign and the remedy of each kind."""
@@ -396,7 +454,9 @@ class FaultDetector:
                 self._update(fault, sign)
             # Where one concerns both channels, those of single channels are left out.
             present = tuple(fault for fault in FAULTS if self._present[fault])
-            self.faults = tuple(fault for fault in present if fault.channel is None) or present
+            self.faults = (
+                tuple(fault for fault in present if fault.channel is None) or present
+            )
         return bool(measured)
 
     def reset(self) -> None:
@@ -412,12 +472,16 @@ class FaultDetector:
             # A hidden sign breaks the row towards a fault, but not the row towards its end.
             self._streak[fault] *= self._present[fault]
             return
-        self._streak[fault] = 0 if sign is self._present[fault] else self._streak[fault] + 1
+        self._streak[fault] = (
+            0 if sign is self._present[fault] else self._streak[fault] + 1
+        )
         if self._streak[fault] >= (RAISE_AFTER if sign else HEAL_AFTER):
             self._present[fault], self._streak[fault] = sign, 0
 
 
-def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[SensorFault, bool | None]:
+def find_signs(
+    statistics: ChannelStatistics, reference: Reference
+) -> dict[SensorFault, bool | None]:
     """Return whether the sign of each fault is present; ``None`` where it is hidden by the sound or another fault."""
     channels = range(len(statistics.level_dbfs))
     if max(statistics.level_dbfs) < DEAD_DBFS and reference == UNCALIBRATED:
@@ -436,20 +500,32 @@ def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[Sens
     alike = paired and abs(statistics.correlation) > MAX_CORRELATION
     swapped = paired and not alike and _swapped(statistics, reference)
     for channel in channels:
-        hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
-        found[SensorFault(FaultKind.HUM, channel)] = None if hidden else _shows_hum(statistics, reference, channel)
+        hidden = (
+            alike
+            or swapped
+            or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
+        )
+        found[SensorFault(FaultKind.HUM, channel)] = (
+            None if hidden else _shows_hum(statistics, reference, channel)
+        )
         if not hidden:
             alive_from = max(DEAD_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
-            found[SensorFault(FaultKind.DEAD, channel)] = statistics.level_dbfs[channel] < alive_from
+            found[SensorFault(FaultKind.DEAD, channel)] = (
+                statistics.level_dbfs[channel] < alive_from
+            )
     if len(channels) > 1:
         hidden = alike or swapped or any(found.values())
         found[SensorFault(FaultKind.ALIKE)] = alike if paired else None
         found[SensorFault(FaultKind.SWAPPED)] = swapped if paired else None
-        found[SensorFault(FaultKind.COVERED, AIR)] = None if hidden else _covered(statistics, reference)
+        found[SensorFault(FaultKind.COVERED, AIR)] = (
+            None if hidden else _covered(statistics, reference)
+        )
     return found
 
 
-def _shows_hum(statistics: ChannelStatistics, reference: Reference, channel: int) -> bool | None:
+def _shows_hum(
+    statistics: ChannelStatistics, reference: Reference, channel: int
+) -> bool | None:
     """Hum is present when it is clear of the noise in its bands, and absent when that noise could not hide it."""
     limit = max(reference.hum_dbfs[channel] + HUM_RISE_DB, HARMLESS_HUM_DBFS)
     hum, masking = statistics.hum_dbfs[channel], statistics.masking_dbfs[channel]
@@ -472,7 +548,9 @@ def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None
     if touch_db < _STRONG_DB:
         return None
     fainter = statistics.level_dbfs[AIR] < statistics.level_dbfs[CONTACT] - _STRONG_DB
-    return air_db < _MARGIN_DB or (fainter and statistics.tilt_db(AIR) < statistics.tilt_db(CONTACT) - _DULLER_DB)
+    return air_db < _MARGIN_DB or (
+        fainter and statistics.tilt_db(AIR) < statistics.tilt_db(CONTACT) - _DULLER_DB
+    )
 
 
 def _swapped(statistics: ChannelStatistics, reference: Reference) -> bool:
@@ -483,11 +561,18 @@ def _swapped(statistics: ChannelStatistics, reference: Reference) -> bool:
     contact, air = (_without_hum(statistics, channel) for channel in (CONTACT, AIR))
     if air < contact + _MARGIN_DB:
         return False
-    duller = statistics.treble_dbfs[AIR] - air < statistics.treble_dbfs[CONTACT] - contact - _DULLER_DB
+    duller = (
+        statistics.treble_dbfs[AIR] - air
+        < statistics.treble_dbfs[CONTACT] - contact - _DULLER_DB
+    )
     return duller or reference.contrast_db > _CLEAR_DB
 
 
 def _without_hum(statistics: ChannelStatistics, channel: int) -> float:
-    power = 10 ** (statistics.level_dbfs[channel] / 10) - 10 ** (statistics.hum_dbfs[channel] / 10)
+    power = 10 ** (statistics.level_dbfs[channel] / 10) - 10 ** (
+        statistics.hum_dbfs[channel] / 10
+    )
     # A hundredth of the hum escapes its bands: the rest must be above that to be anything else.
-    return 10 * math.log10(max(power, 0.02 * 10 ** (statistics.level_dbfs[channel] / 10)))
+    return 10 * math.log10(
+        max(power, 0.02 * 10 ** (statistics.level_dbfs[channel] / 10))
+    )

@@ -86,7 +86,11 @@ def _taper(size: int) -> NDArray[np.float64]:
 
 def _dbfs(amplitude: float) -> float:
     # Rounded to an inaudible 1e-6 dB, so that levels compare equal whatever the order of summation.
-    return max(ZERO_DBFS, round(20 * math.log10(amplitude), 6)) if amplitude > 0 else ZERO_DBFS
+    return (
+        max(ZERO_DBFS, round(20 * math.log10(amplitude), 6))
+        if amplitude > 0
+        else ZERO_DBFS
+    )
 
 
 LARGEST_PIECE = 512
@@ -127,18 +131,28 @@ class StepLevels:
         self._sample_rate = sample_rate
         self._decimation = max(1, sample_rate // BANDED_RATE) if rule == "banded" else 1
         whole_steps = sample_rate / STEP_RATE / self._decimation
-        parts = max(1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE)
+        parts = max(
+            1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE
+        )
         self.step_size = parts * self._decimation
         # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
         self.power = 1 if rule == "mean_absolute" else 2
         # The mean of `decimation` neighbours, a low-pass that costs little (what it lets alias is quiet in a contact
         # sound), less the mean a lag before. As one filter, because each call on a packet costs more than its sums.
         # Scaled so that the squares of a step's differences sum up to its power.
-        mean = np.full(self._decimation, math.sqrt(BANDED_POWER / parts) / self._decimation, np.float32)
-        self._filter = np.concatenate((-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean))
+        mean = np.full(
+            self._decimation,
+            math.sqrt(BANDED_POWER / parts) / self._decimation,
+            np.float32,
+        )
+        self._filter = np.concatenate(
+            (-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean)
+        )
         self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
         # What precedes the next step and is part of its differences, and the beginning of that step; then new sound.
-        self._sound: FloatArray = np.zeros((count, self._before + self.step_size + LARGEST_PIECE), np.float32)
+        self._sound: FloatArray = np.zeros(
+            (count, self._before + self.step_size + LARGEST_PIECE), np.float32
+        )
         # Of each number of steps: they always begin at the same place, and making a view takes as long as a sum.
         self._views: dict[int, tuple[FloatArray, FloatArray]] = {}
         self.reset()
@@ -158,7 +172,10 @@ class StepLevels:
         """
         if (size := contacts.shape[1]) <= LARGEST_PIECE:
             return self._push(contacts)
-        pieces = (contacts[:, start : start + LARGEST_PIECE] for start in range(0, size, LARGEST_PIECE))
+        pieces = (
+            contacts[:, start : start + LARGEST_PIECE]
+            for start in range(0, size, LARGEST_PIECE)
+        )
         return np.concatenate([self._push(piece) for piece in pieces], axis=1)
 
     def _push(self, contacts: FloatArray) -> FloatArray:
@@ -189,7 +206,11 @@ class StepLevels:
         """Return so many steps, and what the filter covers for each of their differences."""
         rows, (far, one) = len(self._sound), self._sound.strides
         new = np.ndarray(
-            (rows, steps, self.step_size), np.float32, self._sound, one * self._before, (far, one * self.step_size, one)
+            (rows, steps, self.step_size),
+            np.float32,
+            self._sound,
+            one * self._before,
+            (far, one * self.step_size, one),
         )
         # Without a filter its view would reach over the end of the sound.
         around = new
@@ -230,7 +251,11 @@ class BandLevels:
         self._decimation = max(each for each in range(1, most + 1) if hop % each == 0)
         rate = sample_rate / self._decimation
         size = round(BANDS_WINDOW * rate)
-        edges = np.geomspace(LOWEST_BAND, min(HIGHEST_BAND, 0.45 * rate), BANDS + 1) * size / rate
+        edges = (
+            np.geomspace(LOWEST_BAND, min(HIGHEST_BAND, 0.45 * rate), BANDS + 1)
+            * size
+            / rate
+        )
         # At low rates the lowest bands have one bin each.
         order = np.arange(BANDS + 1)
         self._edges = np.maximum.accumulate(np.round(edges).astype(int) - order) + order
@@ -248,7 +273,11 @@ class BandLevels:
         While a window holds an invalid sample they are NaN.
         """
         rows = list[FloatArray]()
-        sound = np.concatenate((self._rest, contacts), axis=1) if self._rest.shape[1] else contacts
+        sound = (
+            np.concatenate((self._rest, contacts), axis=1)
+            if self._rest.shape[1]
+            else contacts
+        )
         whole = sound.shape[1] // self._hop * self._hop
         self._rest = sound[:, whole:]
         for start in range(0, whole, MOST_HOPS * self._hop):
@@ -267,12 +296,24 @@ class BandLevels:
         sound = np.concatenate((self._recent, new.reshape(count, -1)), axis=1)
         self._recent = sound[:, -size:]
         if not np.vdot(sound, sound):
-            return [np.full((count, BANDS), 10 * np.log10(FAINTEST_POWER), np.float32)] * steps
+            return [
+                np.full((count, BANDS), 10 * np.log10(FAINTEST_POWER), np.float32)
+            ] * steps
         # As `sliding_window_view`, which takes as long as the rest of this for a single hop.
-        windows = np.ndarray((count, steps, size), np.float32, sound, 4 * step, (sound.strides[0], 4 * step, 4))
+        windows = np.ndarray(
+            (count, steps, size),
+            np.float32,
+            sound,
+            4 * step,
+            (sound.strides[0], 4 * step, 4),
+        )
         spectra = np.fft.rfft(windows * self._window)
-        power = np.add.reduceat(np.square(spectra.real) + np.square(spectra.imag), self._edges, axis=2)[..., :BANDS]
-        return list(np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32).swapaxes(0, 1))
+        power = np.add.reduceat(
+            np.square(spectra.real) + np.square(spectra.imag), self._edges, axis=2
+        )[..., :BANDS]
+        return list(
+            np.asarray(10 * np.log10(power + FAINTEST_POWER), np.float32).swapaxes(0, 1)
+        )
 
 
 FAST, SLOW = 0.004, 0.032
@@ -291,7 +332,9 @@ class Ear:
     - ``ahead``: samples whose steps were heard ahead, and that will be given to `hear`.
     """
 
-    def __init__(self, rule: LoudnessRule, *, sample_rate: int, bands: bool, count: int = 1) -> None:
+    def __init__(
+        self, rule: LoudnessRule, *, sample_rate: int, bands: bool, count: int = 1
+    ) -> None:
         self.settings = rule, sample_rate, bands
         self.steps = StepLevels(rule, sample_rate=sample_rate, count=count)
         self._slow, fast = self.steps.count(SLOW), self.steps.count(FAST)
@@ -299,14 +342,22 @@ class Ear:
         self._bands = BandLevels(sample_rate, hop=hop, count=count) if bands else None
         # Powers of the steps that the slow level covers, then of new ones.
         self._powers = np.zeros((count, self._slow + MOST_STEPS))
-        self._slow_windows = sliding_window_view(self._powers[:, 1:], self._slow, axis=1)
+        self._slow_windows = sliding_window_view(
+            self._powers[:, 1:], self._slow, axis=1
+        )
         self._fast_windows = self._slow_windows[:, :, -fast:]
-        self._slow_weights, self._fast_weights = np.full(self._slow, 1 / self._slow), np.full(fast, 1 / fast)
+        self._slow_weights, self._fast_weights = (
+            np.full(self._slow, 1 / self._slow),
+            np.full(fast, 1 / fast),
+        )
         self.reset()
 
     def reset(self) -> None:
         count = len(self._powers)
-        self.slow, self.fast = [list[float]() for _ in range(count)], [list[float]() for _ in range(count)]
+        self.slow, self.fast = (
+            [list[float]() for _ in range(count)],
+            [list[float]() for _ in range(count)],
+        )
         self.bands: list[list[NDArray[np.float64]]] = [[] for _ in range(count)]
         self.ahead = 0
         self.steps.reset()

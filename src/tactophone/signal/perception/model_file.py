@@ -75,7 +75,9 @@ class Gate:
 
     def __post_init__(self) -> None:
         if self.rule not in LOUDNESS or not -200 <= self.threshold_dbfs <= 0:
-            raise ValueError(f"{self}: the rule must be one of {', '.join(LOUDNESS)}, the threshold -200 to 0 dBFS")
+            raise ValueError(
+                f"{self}: the rule must be one of {', '.join(LOUDNESS)}, the threshold -200 to 0 dBFS"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,11 @@ class ModelCard:
 
     def heard(self, samples: FloatArray) -> FloatArray:
         """Return the channels that the model uses of sound, ``(samples, channels)``, which may have more."""
-        first = AIR if samples.shape[1] > self.channels and self.microphone == "air" else CONTACT
+        first = (
+            AIR
+            if samples.shape[1] > self.channels and self.microphone == "air"
+            else CONTACT
+        )
         return samples[:, first : first + self.channels]
 
     @property
@@ -134,34 +140,55 @@ class ModelCard:
         return str(self.settings.get("tip", ""))
 
     def to_json(self) -> str:
-        entries = asdict(self) | {"hop": str(self.hop), "classes": CLASSES, "format": FORMAT_VERSION}
+        entries = asdict(self) | {
+            "hop": str(self.hop),
+            "classes": CLASSES,
+            "format": FORMAT_VERSION,
+        }
         return json.dumps(entries, indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> "ModelCard":
         """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is not a card of this format."""
         if len(text) > MAX_CARD:
-            raise ValueError(f"a card of {len(text)} characters, but at most {MAX_CARD}")
+            raise ValueError(
+                f"a card of {len(text)} characters, but at most {MAX_CARD}"
+            )
         try:
             entries = printable(json.loads(text))
         except (RecursionError, OverflowError) as error:
-            raise ValueError(f"nested too deep, or a number too large ({error})") from None
+            raise ValueError(
+                f"nested too deep, or a number too large ({error})"
+            ) from None
         if not isinstance(entries, dict):
-            raise ValueError(f"a card of type {type(entries).__name__}, but it is an object with entries")
+            raise ValueError(
+                f"a card of type {type(entries).__name__}, but it is an object with entries"
+            )
         if (version := entries.pop("format")) != FORMAT_VERSION:
-            raise ValueError(f"format {version}, but this version reads format {FORMAT_VERSION}")
+            raise ValueError(
+                f"format {version}, but this version reads format {FORMAT_VERSION}"
+            )
         if (classes := entries.pop("classes")) != list(CLASSES):
             raise ValueError(f"classes {classes}, but they must be {list(CLASSES)}")
         if unknown := entries.keys() - {entry.name for entry in fields(cls)}:
-            raise ValueError(f"entries that this version does not know: {', '.join(sorted(unknown))}")
-        entries["gate"], entries["decision"] = Gate(**entries["gate"]), DecisionRule(**entries["decision"])
+            raise ValueError(
+                f"entries that this version does not know: {', '.join(sorted(unknown))}"
+            )
+        entries["gate"], entries["decision"] = (
+            Gate(**entries["gate"]),
+            DecisionRule(**entries["decision"]),
+        )
         try:
-            card = msgspec.convert(entries, cls, dec_hook=_fraction, from_attributes=True)
+            card = msgspec.convert(
+                entries, cls, dec_hook=_fraction, from_attributes=True
+            )
         except msgspec.ValidationError as error:
             raise ValueError(error) from None
         longest = round(MAX_DURATION * card.sample_rate)
         if not (card.window_size <= longest and 1 <= card.hop <= longest):
-            raise ValueError(f"window_size must be at most {longest} samples, hop from 1 to {longest}")
+            raise ValueError(
+                f"window_size must be at most {longest} samples, hop from 1 to {longest}"
+            )
         return card
 
 
@@ -187,10 +214,14 @@ def read_model(path: Path) -> Model:
     """
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise ModelError(f"{path}: over {MAX_BYTES / 1e6:g} MB, which no model here takes; give another file")
+            raise ModelError(
+                f"{path}: over {MAX_BYTES / 1e6:g} MB, which no model here takes; give another file"
+            )
         content = path.read_bytes()
     except OSError as error:
-        raise ModelError(f"{path}: cannot be read ({error.strerror}); give the path of a model file") from None
+        raise ModelError(
+            f"{path}: cannot be read ({error.strerror}); give the path of a model file"
+        ) from None
     if content.startswith((*_PICKLES, _ZIP)):
         raise ModelError(
             f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
@@ -203,7 +234,9 @@ def read_model(path: Path) -> Model:
     try:
         check_graph(content)
     except ValueError as error:
-        raise ModelError(f"{path}: not a whole ONNX model ({error}); copy or export it again") from None
+        raise ModelError(
+            f"{path}: not a whole ONNX model ({error}); copy or export it again"
+        ) from None
     # ONNX Runtime computes what is constant while it loads, without any limit of time. So first everything is left to
     # the inference that is checked, and has one; folding its constants then takes no longer than that did.
     session = _session(path, content, without=["ConstantFolding"])
@@ -215,27 +248,39 @@ def read_model(path: Path) -> Model:
     return _OPEN_MODELS.setdefault(digest, Model(card, _session(path, content)))
 
 
-def _session(path: Path, content: bytes, *, without: Sequence[str] = ()) -> "onnxruntime.InferenceSession":
+def _session(
+    path: Path, content: bytes, *, without: Sequence[str] = ()
+) -> "onnxruntime.InferenceSession":
     import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
 
     providers = ["CPUExecutionProvider"]
     try:
-        return onnxruntime.InferenceSession(content, _options(), providers=providers, disabled_optimizers=without)
+        return onnxruntime.InferenceSession(
+            content, _options(), providers=providers, disabled_optimizers=without
+        )
     except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
-        raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
+        raise ModelError(
+            f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again"
+        ) from None
 
 
 def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
     try:
         text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     except UnicodeDecodeError:
-        raise ModelError(f"{path}: its metadata is not text in UTF-8; export it again") from None
+        raise ModelError(
+            f"{path}: its metadata is not text in UTF-8; export it again"
+        ) from None
     if text is None:
-        raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
+        raise ModelError(
+            f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`"
+        )
     try:
         return ModelCard.from_json(text)
     except (ValueError, KeyError, TypeError) as error:
-        raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); train the model again") from None
+        raise ModelError(
+            f"{path}: its card cannot be used ({_first_line(error)}); train the model again"
+        ) from None
 
 
 def _options() -> "onnxruntime.SessionOptions":
@@ -298,13 +343,23 @@ def check_graph(content: bytes) -> None:
 
 
 def _check_node(node: memoryview) -> None:
-    operators = [bytes(value or b"").decode(errors="replace") for number, value in _fields(node) if number == _OPERATOR]
+    operators = [
+        bytes(value or b"").decode(errors="replace")
+        for number, value in _fields(node)
+        if number == _OPERATOR
+    ]
     if forbidden := CONTROL_FLOW.intersection(operators):
         raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
-    for attribute in (value for number, value in _fields(node) if number == _ATTRIBUTE and value is not None):
+    for attribute in (
+        value
+        for number, value in _fields(node)
+        if number == _ATTRIBUTE and value is not None
+    ):
         # Also the runtime's own operators of this kind, such as searches, whatever their names will be.
         if any(number in _SUBGRAPHS for number, _ in _fields(attribute)):
-            raise ValueError(f"an operator with a graph of its own ({', '.join(operators)})")
+            raise ValueError(
+                f"an operator with a graph of its own ({', '.join(operators)})"
+            )
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:
@@ -324,7 +379,9 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:
             case wire:
                 raise ValueError(f"wire type {wire} at byte {at}")
         if at + size > len(message):
-            raise ValueError(f"{size} bytes announced at byte {at}, but only {len(message) - at} are left")
+            raise ValueError(
+                f"{size} bytes announced at byte {at}, but only {len(message) - at} are left"
+            )
         yield key >> 3, message[at : at + size] if key & 7 == 2 else None
         at += size
 
@@ -366,31 +423,58 @@ def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> N
     inputs = {each.name: each for each in session.get_inputs()}
     outputs = {each.name: each.type for each in session.get_outputs()}
     stateful = len(inputs) > 1
-    types = {SOUND: "float", CONTACT_INPUT: "float", STATE: "double"} if stateful else {SOUND: "float"}
-    if {name: each.type for name, each in inputs.items()} != {name: f"tensor({kind})" for name, kind in types.items()}:
-        raise ValueError(f"its input must be {SOUND}, of floats, alone or with {CONTACT_INPUT} and {STATE}")
+    types = (
+        {SOUND: "float", CONTACT_INPUT: "float", STATE: "double"}
+        if stateful
+        else {SOUND: "float"}
+    )
+    if {name: each.type for name, each in inputs.items()} != {
+        name: f"tensor({kind})" for name, kind in types.items()
+    }:
+        raise ValueError(
+            f"its input must be {SOUND}, of floats, alone or with {CONTACT_INPUT} and {STATE}"
+        )
     names = (LOG_PROBABILITIES, FEATURES, *([STATE_OUT] if stateful else []))
-    wanted = {name: "tensor(double)" if name == STATE_OUT else "tensor(float)" for name in names}
+    wanted = {
+        name: "tensor(double)" if name == STATE_OUT else "tensor(float)"
+        for name in names
+    }
     if outputs != wanted:
         raise ValueError(f"its output must be {' and '.join(wanted)}")
     shape, sizes = inputs[SOUND].shape, [card.channels, card.window_size]
     # The number of fingers may be a name instead of 1.
     if shape[1:] != sizes or (type(shape[0]) is int and shape[0] != 1):
-        raise ValueError(f"its sound has shape {shape}, but by its card it must be {[1, *sizes]}")
+        raise ValueError(
+            f"its sound has shape {shape}, but by its card it must be {[1, *sizes]}"
+        )
     zeros: dict[str, Any] = {SOUND: np.zeros((1, *sizes), np.float32)}
     if stateful:
         size = inputs[STATE].shape[-1]
-        if type(size) is not int or not 0 < size <= MAX_FEATURES or len(inputs[STATE].shape) != 2:
-            raise ValueError(f"its state has shape {inputs[STATE].shape}, but it must be (1, 1 to {MAX_FEATURES})")
+        if (
+            type(size) is not int
+            or not 0 < size <= MAX_FEATURES
+            or len(inputs[STATE].shape) != 2
+        ):
+            raise ValueError(
+                f"its state has shape {inputs[STATE].shape}, but it must be (1, 1 to {MAX_FEATURES})"
+            )
         zeros |= {CONTACT_INPUT: np.zeros(1, np.float32), STATE: np.zeros((1, size))}
     found = dict(zip(names, _probe(session, names, zeros), strict=True))
     if found[LOG_PROBABILITIES].shape != (1, len(CLASSES)):
-        raise ValueError(f"its output has shape {found[LOG_PROBABILITIES].shape}, but it must be (1, {len(CLASSES)})")
-    if found[FEATURES].ndim != 2 or (stateful and found[STATE_OUT].shape != zeros[STATE].shape):
-        raise ValueError("its features and its state must be rows, the state of one length")
+        raise ValueError(
+            f"its output has shape {found[LOG_PROBABILITIES].shape}, but it must be (1, {len(CLASSES)})"
+        )
+    if found[FEATURES].ndim != 2 or (
+        stateful and found[STATE_OUT].shape != zeros[STATE].shape
+    ):
+        raise ValueError(
+            "its features and its state must be rows, the state of one length"
+        )
 
 
-def _probe(session: "onnxruntime.InferenceSession", names: Sequence[str], zeros: dict[str, Any]) -> list[Any]:
+def _probe(
+    session: "onnxruntime.InferenceSession", names: Sequence[str], zeros: dict[str, Any]
+) -> list[Any]:
     """Run the network once, in a thread that is ended when it takes too long."""
     import onnxruntime
 
@@ -402,10 +486,18 @@ def _probe(session: "onnxruntime.InferenceSession", names: Sequence[str], zeros:
         try:
             # A network may be quick on silence alone, and slow or of another shape once something is touched.
             for loudness in (0, 0.001, 0.01, 0.1, 1):
-                noise = (loudness * rng.standard_normal(zeros[SOUND].shape)).astype(np.float32)
-                touch = {CONTACT_INPUT: np.full(1, loudness > 0, np.float32)} if CONTACT_INPUT in zeros else {}
+                noise = (loudness * rng.standard_normal(zeros[SOUND].shape)).astype(
+                    np.float32
+                )
+                touch = (
+                    {CONTACT_INPUT: np.full(1, loudness > 0, np.float32)}
+                    if CONTACT_INPUT in zeros
+                    else {}
+                )
                 begun = time.thread_time()
-                results.append(session.run(names, zeros | {SOUND: noise} | touch, options))
+                results.append(
+                    session.run(names, zeros | {SOUND: noise} | touch, options)
+                )
                 if (taken := time.thread_time() - begun) > SLOWEST:
                     failures.append(MODEL_TOO_SLOW.format(taken))
         except Exception as error:  # ONNX Runtime raises a dozen types of its own
@@ -444,7 +536,10 @@ class Engine:
         return np.zeros(self._sizes.get(STATE, (0,)))
 
     def run(
-        self, sound: Sequence[FloatArray], contact: Sequence[bool], states: Sequence[Any]
+        self,
+        sound: Sequence[FloatArray],
+        contact: Sequence[bool],
+        states: Sequence[Any],
     ) -> list[tuple[Probabilities, FloatArray]]:
         """Return the probabilities of none, smooth and rough for each finger, and the features that they follow from.
 
@@ -452,12 +547,21 @@ class Engine:
         returns NaN, or numbers that do not sum to 1: the caller checks. The features are valid until the next run.
         """
         if self._alone and len(sound) > 1:
-            parts = (self._run(sound[n : n + 1], contact[n : n + 1], states[n : n + 1]) for n in range(len(sound)))
-            return [(probabilities, features.copy()) for ((probabilities, features),) in parts]
+            parts = (
+                self._run(sound[n : n + 1], contact[n : n + 1], states[n : n + 1])
+                for n in range(len(sound))
+            )
+            return [
+                (probabilities, features.copy())
+                for ((probabilities, features),) in parts
+            ]
         return self._run(sound, contact, states)
 
     def _run(
-        self, sound: Sequence[FloatArray], contact: Sequence[bool], states: Sequence[Any]
+        self,
+        sound: Sequence[FloatArray],
+        contact: Sequence[bool],
+        states: Sequence[Any],
     ) -> list[tuple[Probabilities, FloatArray]]:
         binding, arrays = self._bound.get(len(sound)) or self._bind(len(sound))
         for row, window in zip(arrays[SOUND], sound, strict=True):
@@ -469,13 +573,19 @@ class Engine:
         begun = time.thread_time()  # which stands still while this thread has to wait
         self._session.run_with_iobinding(binding)
         if (taken := (time.thread_time() - begun) / len(sound)) > SLOWEST:
-            raise ModelError(f"{MODEL_TOO_SLOW.format(taken)}; choose another with --model")
+            raise ModelError(
+                f"{MODEL_TOO_SLOW.format(taken)}; choose another with --model"
+            )
         if STATE in arrays:
             for row, state in zip(arrays[STATE_OUT], states, strict=True):
                 state[:] = row
         # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
         probabilities = [
-            (math.exp(min(none, 1.0)), math.exp(min(smooth, 1.0)), math.exp(min(rough, 1.0)))
+            (
+                math.exp(min(none, 1.0)),
+                math.exp(min(smooth, 1.0)),
+                math.exp(min(rough, 1.0)),
+            )
             for none, smooth, rough in arrays[LOG_PROBABILITIES].tolist()
         ]
         return list(zip(probabilities, arrays[FEATURES], strict=True))

@@ -10,7 +10,12 @@ from tactophone.core.types import ContactRule, Detector
 from tactophone.signal.perception.contact import TOUCH_HOLD, ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
-from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model, ModelCard, read_model
+from tactophone.signal.perception.model_file import (
+    SUPPORTS_MISSING_CHANNEL,
+    Model,
+    ModelCard,
+    read_model,
+)
 from tactophone.signal.perception.no_touch import read_no_touch
 from tactophone.signal.perception.noise_floor import SPREAD_DB, NoiseFloor
 
@@ -34,7 +39,9 @@ def model_path(name: str) -> Path:
     if (path := Path(name)).is_file():
         return path
     if name in registered(DETECTORS):
-        raise ModelError(f"{name} is a detector of another package, but a model file is needed here")
+        raise ModelError(
+            f"{name} is a detector of another package, but a model file is needed here"
+        )
     hint = did_you_mean(name, shipped_models())
     raise ModelError(
         f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
@@ -60,7 +67,11 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
     """
     if not card.tip or card.tip == tip or _model_for(tip) == _model_for(card.tip):
         return ""
-    right = f"use --model {TIPS[tip].model}" if tip in TIPS else "train one on recordings of your finger"
+    right = (
+        f"use --model {TIPS[tip].model}"
+        if tip in TIPS
+        else "train one on recordings of your finger"
+    )
     words = f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap"
     return f"{words}; give --tip {card.tip} if that touches, or else {right}"
 
@@ -77,7 +88,11 @@ def fallback_model(name: str) -> str | None:
 
 
 def open_detector(
-    name: str | Model, *, sample_rate: int, contact: ContactRule = "bands", follow_floor: bool = False
+    name: str | Model,
+    *,
+    sample_rate: int,
+    contact: ContactRule = "bands",
+    follow_floor: bool = False,
 ) -> TouchDetector:
     """Open a shipped model or a model file, for sound of a rate.
 
@@ -104,31 +119,54 @@ def open_detector(
     card = detector.card
     if card.kind == "texture":
         tip = card.tip if name in {each.model for each in TIPS.values()} else ""
-        detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
+        detector.fit = FitCheck(
+            card.name, card.sample_rate, tip=tip, air=card.microphone == "air"
+        )
         detector.no_touch = read_no_touch() if tip == "stylus" else None
     return (
         TouchDetector(detector)
         if contact == "window"
-        else with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor, bands=contact == "bands")
+        else with_gate(
+            detector,
+            sample_rate=sample_rate,
+            follow_floor=follow_floor,
+            bands=contact == "bands",
+        )
     )
 
 
 def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector | None:
     """Open the detector that another package has registered under a name; ``None`` if it is a model's."""
-    if name in shipped_models() or Path(name).is_file() or not (make := load(DETECTORS, name)):
+    if (
+        name in shipped_models()
+        or Path(name).is_file()
+        or not (make := load(DETECTORS, name))
+    ):
         return None
     detector: Detector = make(sample_rate=sample_rate, channels=channels)
     return detector
 
 
 def with_gate(
-    detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False, bands: bool = True
+    detector: WindowDetector,
+    *,
+    sample_rate: int,
+    follow_floor: bool = False,
+    bands: bool = True,
 ) -> TouchDetector:
     """Join a detector and a contact gate of its model's threshold, which begins there and may follow the noise."""
     contact = detector.card.gate
-    floor = NoiseFloor(contact.threshold_dbfs, spread_db=SPREAD_DB[contact.rule]) if follow_floor else None
+    floor = (
+        NoiseFloor(contact.threshold_dbfs, spread_db=SPREAD_DB[contact.rule])
+        if follow_floor
+        else None
+    )
     gate = ContactGate(
-        contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=TOUCH_HOLD,
+        contact.threshold_dbfs,
+        sample_rate=sample_rate,
+        rule=contact.rule,
+        floor=floor,
+        hold=TOUCH_HOLD,
         bands=bands and follow_floor,
-    )  # fmt: skip
+    )
     return TouchDetector(detector, gate, window=detector.card.duration)

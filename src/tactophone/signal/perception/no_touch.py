@@ -37,13 +37,23 @@ class NoTouchCheck:
         """Return to the initial state: whatever sounds is touch."""
         self.noticed, self._mean = False, END_UNDER
 
-    def push(self, features: FloatArray, probabilities: tuple[float, float, float], *, loud: bool) -> bool:
+    def push(
+        self,
+        features: FloatArray,
+        probabilities: tuple[float, float, float],
+        *,
+        loud: bool,
+    ) -> bool:
         """Take a window and what the model makes of it; return whether it, or the sound of late, is no touch."""
         rough = probabilities[Touch.ROUGH] > probabilities[Touch.SMOOTH]
         if not (loud and (rough or self.noticed) and np.isfinite(features).all()):
             return self.noticed
-        score = min(max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT)
-        self._mean += (score - self._mean) / (END_MEMORY if self.noticed else NOTICE_MEMORY)
+        score = min(
+            max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT
+        )
+        self._mean += (score - self._mean) / (
+            END_MEMORY if self.noticed else NOTICE_MEMORY
+        )
         self.noticed = self._mean >= (END_UNDER if self.noticed else NOTICE_FROM)
         return self.noticed or score > 0
 

@@ -29,7 +29,14 @@ from numpy.typing import NDArray
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.levels import BANDS, BANDS_HOP, SLOW, BandLevels, LoudnessRule, StepLevels
+from tactophone.signal.perception.levels import (
+    BANDS,
+    BANDS_HOP,
+    SLOW,
+    BandLevels,
+    LoudnessRule,
+    StepLevels,
+)
 
 Floats = NDArray[np.float64]
 
@@ -57,7 +64,9 @@ FLOOR_CELL = 20
 START_HOPS = 80
 """Levels, 0.4 s, in which the floor is first measured, as recordings begin with half a second of silence or less."""
 
-SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType({"banded": 1.0, "rms": 2.4, "mean_absolute": 2.4})
+SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType(
+    {"banded": 1.0, "rms": 2.4, "mean_absolute": 2.4}
+)
 """Standard deviation within a cell up to which it may be noise: on simulated silence it is 0.34 (at most 0.66) by the
 rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum and motors in it; on simulated touches 3.4 (median)."""
 
@@ -131,7 +140,9 @@ class NoiseFloor:
     (True, True, -75.0)
     """
 
-    def __init__(self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"]) -> None:
+    def __init__(
+        self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"]
+    ) -> None:
         self._start_dbfs, self._spread_db = start_dbfs, spread_db
         self.margin_db, self._begin = BAND_MARGIN_DB, None
         self.reset()
@@ -154,7 +165,11 @@ class NoiseFloor:
         """Begin at the floor of a recording, now and after each reset."""
         self._begin = recording
         if recording.known:
-            self._learn(np.append(recording.bands_dbfs, recording.floor_dbfs - recording.spread_db))
+            self._learn(
+                np.append(
+                    recording.bands_dbfs, recording.floor_dbfs - recording.spread_db
+                )
+            )
             self._variance = recording.spread_db**2
             self._update()
 
@@ -165,11 +180,21 @@ class NoiseFloor:
 
     def adopt(self, other: "NoiseFloor") -> None:
         """Take over another's floor, measured on the same microphone by the same rule."""
-        self.threshold_dbfs, self.release_dbfs, self.known = other.threshold_dbfs, other.release_dbfs, other.known
+        self.threshold_dbfs, self.release_dbfs, self.known = (
+            other.threshold_dbfs,
+            other.release_dbfs,
+            other.known,
+        )
         self.margin_db = other.margin_db
-        self._levels, self._highest, self._variance = other._levels.copy(), other._highest, other._variance
+        self._levels, self._highest, self._variance = (
+            other._levels.copy(),
+            other._highest,
+            other._variance,
+        )
 
-    def push(self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool) -> None:
+    def push(
+        self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool
+    ) -> None:
         """Take the next levels, whether there is contact, and whether the gate's own level says so.
 
         A level of NaN stands for sound that is not to be used.
@@ -187,7 +212,11 @@ class NoiseFloor:
                 start = np.array(self._recent)[-START_HOPS:, -1]
                 if start.std() <= self._spread_db:
                     self._variance = _bounded(float(start.var()))
-                    self._learn(np.quantile(np.array(self._recent)[-START_HOPS:], QUIETER, axis=0))
+                    self._learn(
+                        np.quantile(
+                            np.array(self._recent)[-START_HOPS:], QUIETER, axis=0
+                        )
+                    )
             return
         self._touched = self._touched + 1 if touching or loud else 0
         if self._touched and self._touched % CELL_HOPS == 0 and self._is_noise():
@@ -200,9 +229,16 @@ class NoiseFloor:
         if len(self._recent) < 5 * CELL_HOPS:
             return False
         means = np.array(self._recent).reshape(5, CELL_HOPS, -1).mean(axis=1)
-        enough = KNOWN_AGAIN if means[:, -1].mean() < self._highest + SAME_DB else LONGEST_TOUCH
+        enough = (
+            KNOWN_AGAIN
+            if means[:, -1].mean() < self._highest + SAME_DB
+            else LONGEST_TOUCH
+        )
         waited = self._touched * BANDS_HOP >= enough
-        return waited and bool(np.median(means.std(axis=0)) <= STEADY_DB and means[:, -1].std() <= STEADY_DB)
+        return waited and bool(
+            np.median(means.std(axis=0)) <= STEADY_DB
+            and means[:, -1].std() <= STEADY_DB
+        )
 
     def _learn(self, levels: Floats) -> None:
         self._levels, self.known = np.maximum(levels, LOWEST_FLOOR_DBFS), True
@@ -214,14 +250,17 @@ class NoiseFloor:
         over = float(away[-1])
         # Not `np.clip`, which takes three times as long for so few.
         move = np.minimum(
-            np.maximum(APPROACH * away, -FALL * BANDS_HOP), (RISE_TOUCHED if touching else RISE) * BANDS_HOP
+            np.maximum(APPROACH * away, -FALL * BANDS_HOP),
+            (RISE_TOUCHED if touching else RISE) * BANDS_HOP,
         )
         if loud:
             move[-1] = min(move[-1], RISE_TOUCHED * BANDS_HOP)
         self._levels = np.maximum(self._levels + move, LOWEST_FLOOR_DBFS)
         if not touching and over < 2 * MOST_DB:
             # The floor lies a standard deviation under the mean, so half of the mean square over it is the variance.
-            self._variance = _bounded(self._variance + SPREAD_SHARE * (over * over / 2 - self._variance))
+            self._variance = _bounded(
+                self._variance + SPREAD_SHARE * (over * over / 2 - self._variance)
+            )
         self._update()
 
     def _update(self) -> None:
@@ -245,12 +284,16 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     spread_db = max(spread_db, LEAST_DB)
     shape = (10 / math.log(10) / spread_db) ** 2
     ninth = 1 / (9 * shape)
-    return FLOOR_DRIFT_DB + 30 * math.log10(1 - ninth + _quantile(false_alarms) * math.sqrt(ninth))
+    return FLOOR_DRIFT_DB + 30 * math.log10(
+        1 - ninth + _quantile(false_alarms) * math.sqrt(ninth)
+    )
 
 
 @functools.cache
 def _quantile(false_alarms: float) -> float:
-    return statistics.NormalDist().inv_cdf(1 - false_alarms * FLOOR_WINDOW / SHORTEST_ALARM / HEAVY_TAIL)
+    return statistics.NormalDist().inv_cdf(
+        1 - false_alarms * FLOOR_WINDOW / SHORTEST_ALARM / HEAVY_TAIL
+    )
 
 
 def _bounded(variance: float) -> float:
@@ -292,7 +335,11 @@ class RecordingFloor:
 
 
 def measure_floor(
-    blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule, false_alarms: float = FALSE_ALARMS
+    blocks: Iterable[AudioBlock],
+    *,
+    sample_rate: int,
+    rule: LoudnessRule,
+    false_alarms: float = FALSE_ALARMS,
 ) -> RecordingFloor:
     """Measure the noise floor of a recording.
 
@@ -301,37 +348,61 @@ def measure_floor(
     levels, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
     starts = range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2)
     cells = [
-        (statistics.fmean(part), statistics.pstdev(part), at) for at in starts if (part := levels[at : at + FLOOR_CELL])
+        (statistics.fmean(part), statistics.pstdev(part), at)
+        for at in starts
+        if (part := levels[at : at + FLOOR_CELL])
     ]
     loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
     same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
-    if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, *_ in cells) + SAME_FLOOR_DB:
+    if (
+        len(same) < LEAST_CELLS
+        or same[0][0] > min(mean for mean, *_ in cells) + SAME_FLOOR_DB
+    ):
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     floor = statistics.fmean(mean for mean, *_ in same)
     inner = levels[FLOOR_FADE:-FLOOR_FADE]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
-    spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread, _ in same))
-    threshold = min(max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS)
+    spread = math.sqrt(
+        statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread, _ in same)
+    )
+    threshold = min(
+        max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS
+    )
     quiet = np.concatenate([bands[at : at + FLOOR_CELL] for _, _, at in same])
-    return RecordingFloor(threshold, floor, loudest, spread, tuple(np.quantile(quiet, QUIETER, axis=0).tolist()))
+    return RecordingFloor(
+        threshold,
+        floor,
+        loudest,
+        spread,
+        tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
+    )
 
 
-def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> tuple[list[float], Floats]:
+def _levels(
+    blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule
+) -> tuple[list[float], Floats]:
     """Return the level over 32 ms in dBFS a hundred times a second, without digital silence, and those of the bands."""
     steps = StepLevels(rule, sample_rate=sample_rate)
     every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)
     contacts = (block.samples.T[CONTACT : CONTACT + 1] for block in blocks)
-    measured = [(steps.push(each)[0], [rows[0] for rows in bands.push(each)]) for each in contacts]
+    measured = [
+        (steps.push(each)[0], [rows[0] for rows in bands.push(each)])
+        for each in contacts
+    ]
     powers = np.concatenate([np.zeros(0), *(each for each, _ in measured)])
     if len(powers) < covered:
         return [], np.zeros((0, BANDS))
     rows = np.array([row for _, some in measured for row in some]).reshape(-1, BANDS)
     totals = sliding_window_view(powers, covered)[::every].mean(axis=1)
     # The bands' windows are twice as long, and end nearly where the level's do.
-    ends = np.minimum((np.arange(len(totals)) * every + covered) // every, len(rows) - 1)
+    ends = np.minimum(
+        (np.arange(len(totals)) * every + covered) // every, len(rows) - 1
+    )
     decibels = 20 / steps.power * np.log10(np.maximum(totals, 1e-30))
     heard = decibels > FLOOR_SILENT_DBFS
-    return decibels[heard].tolist(), np.asarray(rows[ends][heard] if len(rows) else np.zeros((heard.sum(), BANDS)))
+    return decibels[heard].tolist(), np.asarray(
+        rows[ends][heard] if len(rows) else np.zeros((heard.sum(), BANDS))
+    )

@@ -68,13 +68,21 @@ class Resampler:
         >>> len(resampler.push(silence[1:])), len(resampler.push(silence[:1]))
         (159, 1)
         """
-        missing: int = (end - 1) * self._down // self._up + 1 + self.reach - self._first - self._kept.shape[1]
+        missing: int = (
+            (end - 1) * self._down // self._up
+            + 1
+            + self.reach
+            - self._first
+            - self._kept.shape[1]
+        )
         return missing
 
     def flush(self) -> FloatArray:
         """Return the output samples that only silence after the end completes."""
         end = self._first + self._kept.shape[1]
-        self._kept = np.concatenate((self._kept, np.zeros((self._channels, self.reach), np.float32)), axis=1)
+        self._kept = np.concatenate(
+            (self._kept, np.zeros((self._channels, self.reach), np.float32)), axis=1
+        )
         return self._samples_before(end)
 
     def _samples_before(self, position: int) -> FloatArray:
@@ -86,17 +94,28 @@ class Resampler:
         taps = self._kernels.shape[1]
         if self._up == 1:
             # The kept sound begins with what the next output sample needs; those after it are whole hops further on.
-            windows = _windows(self._kept, taps, hop=self._down)[:, : ready - self._returned]
+            windows = _windows(self._kept, taps, hop=self._down)[
+                :, : ready - self._returned
+            ]
             weights = self._kernels
         else:
             places = np.arange(self._returned, ready) * self._down
             starts = places // self._up - self.reach - self._first
-            windows, weights = _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
+            windows, weights = (
+                _windows(self._kept, taps, hop=1)[:, starts],
+                self._kernels[places % self._up],
+            )
         # A dot product for each sample: its rounding depends on the number of taps alone. A matrix product is faster,
         # but its rounding changes with the number of rows.
         output: FloatArray = np.vecdot(windows, weights).T
         self._returned = ready
-        unneeded = max(0, min(ready * self._down // self._up - self.reach - self._first, self._kept.shape[1]))
+        unneeded = max(
+            0,
+            min(
+                ready * self._down // self._up - self.reach - self._first,
+                self._kept.shape[1],
+            ),
+        )
         self._kept = self._kept[:, unneeded:]
         self._first += unneeded
         return output
@@ -115,7 +134,9 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     [[1.0]]
     """
     if min(input_rate, output_rate) < RESAMPLER_LOWEST_RATE:
-        raise ValueError(f"{input_rate} to {output_rate} Hz: both rates must be {RESAMPLER_LOWEST_RATE} Hz or more")
+        raise ValueError(
+            f"{input_rate} to {output_rate} Hz: both rates must be {RESAMPLER_LOWEST_RATE} Hz or more"
+        )
     if input_rate == output_rate:
         return np.ones((1, 1), np.float32)
     up = output_rate // math.gcd(input_rate, output_rate)
@@ -149,7 +170,9 @@ class Windower:
 
     def __init__(self, size: int, hop: Fraction, *, channels: int) -> None:
         if size < 1 or hop < 1:
-            raise ValueError(f"window of {size} samples at a hop of {hop}: both must be at least 1")
+            raise ValueError(
+                f"window of {size} samples at a hop of {hop}: both must be at least 1"
+            )
         self._size = size
         self._hop = hop.as_integer_ratio()
         self._channels = channels

@@ -23,7 +23,9 @@ def moved() -> tuple[StoneBoxSource, Connection]:
 
 
 @pytest.mark.slow
-def test_it_is_a_source_whose_blocks_follow_one_another(moved: tuple[StoneBoxSource, Connection]) -> None:
+def test_it_is_a_source_whose_blocks_follow_one_another(
+    moved: tuple[StoneBoxSource, Connection],
+) -> None:
     with moved[0] as box:
         blocks = list(itertools.islice(box, 5))
     assert (box.sample_rate, box.channels) == (48_000, 2)
@@ -41,7 +43,9 @@ def test_a_press_becomes_a_touch_while_the_finger_comes_down(tip: str) -> None:
     assert 0.03 < touched * BLOCK / box.sample_rate < 0.15
 
 
-def test_a_lift_ends_the_touch_and_the_noise(moved: tuple[StoneBoxSource, Connection]) -> None:
+def test_a_lift_ends_the_touch_and_the_noise(
+    moved: tuple[StoneBoxSource, Connection],
+) -> None:
     box, outbox = moved
     blocks = iter(box)
     for force, truth in ((1.5, Touch.SMOOTH), (-1.0, Touch.NONE)):
@@ -51,7 +55,9 @@ def test_a_lift_ends_the_touch_and_the_noise(moved: tuple[StoneBoxSource, Connec
 
 
 @pytest.mark.slow
-def test_replaced_stones_are_touched_and_the_sound_goes_on(moved: tuple[StoneBoxSource, Connection]) -> None:
+def test_replaced_stones_are_touched_and_the_sound_goes_on(
+    moved: tuple[StoneBoxSource, Connection],
+) -> None:
     box, outbox = moved
     blocks = iter(box)
     outbox.send(("lay", (2, 1, 1, 2, 1), 5))

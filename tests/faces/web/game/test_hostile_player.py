@@ -31,10 +31,15 @@ def play(name: str, results: Path, talk: Talk) -> list[tuple[Any, ...]]:
     async def connected(url: str, run: Run) -> None:
         async with aiohttp.ClientSession() as session:
             origin = url[: url.rindex("/", 0, -1)]
-            async with session.ws_connect(url + "player", origin=origin, max_msg_size=0) as view:
+            async with session.ws_connect(
+                url + "player", origin=origin, max_msg_size=0
+            ) as view:
                 await talk(view, run)
 
-    with Run(name) as run, serve_game(GameSettings(name, [ORDER], 7, finger, results)) as page:
+    with (
+        Run(name) as run,
+        serve_game(GameSettings(name, [ORDER], 7, finger, results)) as page,
+    ):
         asyncio.run(connected(page.url, run))
         return _received(inbox)
 
@@ -59,13 +64,20 @@ async def answer(view: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
 
 
 WILD = [
-    '{"action":"move","x":NaN,"y":NaN,"force":1}', '{"action":"move","x":1e400,"y":0,"force":1}',
-    '{"action":"move","x":0,"y":-Infinity,"force":1}', '{"action":"move","x":' + "9" * 400 + ',"y":0,"force":1}',
-    "[" * 4000, '{"action":"choose","stones":[1e400,1]}', '{"action":"delay","seconds":"x"}', "[]",
-]  # fmt: skip
+    '{"action":"move","x":NaN,"y":NaN,"force":1}',
+    '{"action":"move","x":1e400,"y":0,"force":1}',
+    '{"action":"move","x":0,"y":-Infinity,"force":1}',
+    '{"action":"move","x":' + "9" * 400 + ',"y":0,"force":1}',
+    "[" * 4000,
+    '{"action":"choose","stones":[1e400,1]}',
+    '{"action":"delay","seconds":"x"}',
+    "[]",
+]
 
 
-def test_wild_messages_are_refused_and_the_finger_is_lifted_at_the_end(tmp_path: Path) -> None:
+def test_wild_messages_are_refused_and_the_finger_is_lifted_at_the_end(
+    tmp_path: Path,
+) -> None:
     async def talk(view: aiohttp.ClientWebSocketResponse, run: Run) -> None:
         await view.send_str('{"action":"begin"}')
         assert (await answer(view))["begun"]
@@ -74,13 +86,21 @@ def test_wild_messages_are_refused_and_the_finger_is_lifted_at_the_end(tmp_path:
             await view.send_str(message)
             assert "refused" in await answer(view), message
 
-    moves = [rest for word, *rest in play("test-wild-player", tmp_path / "r.jsonl", talk) if word == "move"]
+    moves = [
+        rest
+        for word, *rest in play("test-wild-player", tmp_path / "r.jsonl", talk)
+        if word == "move"
+    ]
     assert moves == [[0.02, 0.03, 1.5], [0.02, 0.03, -1.0]]
 
 
 def test_an_emergency_stop_ends_only_where_the_page_says_so(tmp_path: Path) -> None:
     async def talk(view: aiohttp.ClientWebSocketResponse, run: Run) -> None:
-        stopped = replace(run.finger, armed=False, muted_because="emergency stop: find the cause, then resume")
+        stopped = replace(
+            run.finger,
+            armed=False,
+            muted_because="emergency stop: find the cause, then resume",
+        )
         run.state = replace(run.state, fingers=(stopped,))
         await asyncio.sleep(0.3)
         await view.send_str('{"action":"begin"}')

@@ -30,7 +30,11 @@ def test_the_stones_are_where_the_simulation_places_them() -> None:
     from tactophone.lab.simulation.motion import DEPTH, five_stones
 
     for k, placed in enumerate(five_stones(ORDER).placed):
-        assert (placed.left, placed.near, placed.width) == (pytest.approx(k * PITCH), 0, WIDTH)
+        assert (placed.left, placed.near, placed.width) == (
+            pytest.approx(k * PITCH),
+            0,
+            WIDTH,
+        )
         assert Point(0, *placed.centre, 1.0).stone == k
         assert Point(0, placed.centre[0], DEPTH + 0.001, 1.0).stone == -1
         assert placed.object.label is ORDER[k]
@@ -50,22 +54,33 @@ def test_no_stroke_is_counted_in_the_air_or_across_a_gap() -> None:
     assert game.strokes == [0] * 5
 
 
-@pytest.mark.parametrize(("choices", "correct"), [([1, 3], 2), ([3, 1], 2), ([1, 0], 1), ([0, 4], 0)])
+@pytest.mark.parametrize(
+    ("choices", "correct"), [([1, 3], 2), ([3, 1], 2), ([1, 0], 1), ([0, 4], 0)]
+)
 def test_a_choice_of_two_is_scored(choices: list[int], correct: int) -> None:
     game = Round(ORDER, seed=3)
     stroke(game, np.linspace(0.02, 0.06, 20))
     game.round_trips += [0.05, 0.07, 0.3]
     result = game.finish(choices, Point(12.5, 0, 0, LIFTED_PRESSURE), finished="now")
-    assert (result.correct, result.duration, result.seed, result.round_trip) == (correct, 12.5, 3, 0.07)
+    assert (result.correct, result.duration, result.seed, result.round_trip) == (
+        correct,
+        12.5,
+        3,
+        0.07,
+    )
 
 
 @pytest.mark.parametrize("choices", [[], [1], [1, 1], [0, 1, 2], [1, 5], [-1, 2]])
 def test_anything_but_two_stones_is_refused(choices: list[int]) -> None:
     with pytest.raises(ValueError, match="two of the stones"):
-        Round(ORDER, seed=0).finish(choices, Point(1, 0, 0, LIFTED_PRESSURE), finished="now")
+        Round(ORDER, seed=0).finish(
+            choices, Point(1, 0, 0, LIFTED_PRESSURE), finished="now"
+        )
 
 
-def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(tmp_path: Path) -> None:
+def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "results.jsonl"
     assert read_results(path) == []
     result = RoundResult("now", 1, ("rough", "smooth"), (0, 1), 1, 2.0, (3, 4))

@@ -37,7 +37,10 @@ def results(tmp_path: Path) -> Path:
 def led() -> Iterator[tuple[Run, GameSettings]]:
     inbox, finger = Pipe(duplex=False)
     with Run(f"test-box-{os.getpid()}", inbox) as run:
-        yield run, GameSettings(run.telemetry.name, [ORDER, ORDER[::-1]], 7, finger, Path())
+        yield (
+            run,
+            GameSettings(run.telemetry.name, [ORDER, ORDER[::-1]], 7, finger, Path()),
+        )
 
 
 @pytest.fixture
@@ -80,9 +83,13 @@ def test_a_round_is_played_to_its_end_by_moving_the_pointer(
     browser.find_element(By.CSS_SELECTOR, "#reveal summary").click()
     wait(browser, lambda: "false bumps" in text(browser, "score"))
     assert "false bumps: 0, dips: 0" in text(browser, "round")
-    stones = [node.text for node in browser.find_elements(By.CSS_SELECTOR, "#lifted .slot")]
+    stones = [
+        node.text for node in browser.find_elements(By.CSS_SELECTOR, "#lifted .slot")
+    ]
     assert stones == ["smooth", "rough ✓", "smooth", "smooth", "rough ✓"]
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert (
+        browser.execute_script("return document.documentElement.scrollWidth") <= width
+    )
 
 
 def test_a_round_that_cannot_be_saved_is_shown_all_the_same(
@@ -109,7 +116,9 @@ def test_a_vibration_can_be_felt_before_the_round_and_stop_ends_it(
     )
     browser.find_element(By.ID, "test").click()
     wait(browser, lambda: "buzz of half a second" in text(browser, "test-state"))
-    played = [peak for peak in browser.execute_script("return window.played") if peak > 0]
+    played = [
+        peak for peak in browser.execute_script("return window.played") if peak > 0
+    ]
     assert len(played) == 12
     assert max(played) == pytest.approx(0.25, abs=0.01)  # half the ceiling
     browser.find_element(By.ID, "stop").click()
@@ -124,7 +133,13 @@ def test_a_third_mark_is_answered(browser: webdriver.Chrome, box: Page) -> None:
     for stone in (0, 2, 4):
         marks[stone].click()
     assert "take one of the marks off" in text(browser, "marked")
-    assert [mark.get_attribute("aria-pressed") for mark in marks] == ["true", "false", "true", "false", "false"]
+    assert [mark.get_attribute("aria-pressed") for mark in marks] == [
+        "true",
+        "false",
+        "true",
+        "false",
+        "false",
+    ]
     marks[0].click()
     assert text(browser, "marked") == ""
 
@@ -140,7 +155,9 @@ def test_the_result_is_kept_as_a_picture(browser: webdriver.Chrome, box: Page) -
     assert browser.execute_script("return window.saved") == ["stone-box-7.png", "blob:"]
 
 
-def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
+def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(
+    browser: webdriver.Chrome, box: Page
+) -> None:
     begin(browser, box)
     looks = []
     for stone in range(5):
@@ -150,8 +167,12 @@ def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(browser: webdriver
         stroke(browser, stone)
     assert looks == [""] * 5
     slots = browser.find_elements(By.CSS_SELECTOR, "#stage .slot")
-    assert {(slot.get_attribute("class"), slot.size["width"]) for slot in slots} == {("slot", slots[0].size["width"])}
-    assert "rough" not in browser.execute_script("return document.querySelector('#stage').outerHTML")
+    assert {(slot.get_attribute("class"), slot.size["width"]) for slot in slots} == {
+        ("slot", slots[0].size["width"])
+    }
+    assert "rough" not in browser.execute_script(
+        "return document.querySelector('#stage').outerHTML"
+    )
 
 
 def test_the_trainer_shows_the_detected_touch_and_the_round_does_not_count(
@@ -159,9 +180,15 @@ def test_the_trainer_shows_the_detected_touch_and_the_round_does_not_count(
 ) -> None:
     begin(browser, box, trainer=True)
     stroke(browser, 1, lift=False)
-    wait(browser, lambda: text(browser, "message") == "rough under the finger, rough detected")
+    wait(
+        browser,
+        lambda: text(browser, "message") == "rough under the finger, rough detected",
+    )
     stroke(browser, 0, lift=False)
-    wait(browser, lambda: text(browser, "message") == "smooth under the finger, smooth detected")
+    wait(
+        browser,
+        lambda: text(browser, "message") == "smooth under the finger, smooth detected",
+    )
     body = browser.find_element(By.TAG_NAME, "body")
     body.send_keys("12")
     browser.find_element(By.ID, "done").click()
@@ -171,7 +198,9 @@ def test_the_trainer_shows_the_detected_touch_and_the_round_does_not_count(
     assert "So far" not in text(browser, "took")
 
 
-def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]) -> None:
+def test_a_round_is_played_by_keys_alone(
+    browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]
+) -> None:
     begin(browser, box)
     stage = browser.find_element(By.ID, "stage")
     stage.send_keys(Keys.ARROW_LEFT * 27, " ")
@@ -182,7 +211,9 @@ def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, l
     assert browser.find_element(By.ID, "done").is_enabled()
 
 
-def test_a_second_window_takes_the_place_until_it_is_closed(browser: webdriver.Chrome, box: Page) -> None:
+def test_a_second_window_takes_the_place_until_it_is_closed(
+    browser: webdriver.Chrome, box: Page
+) -> None:
     begin(browser, box)
     first = browser.current_window_handle
     browser.switch_to.new_window("window")
@@ -199,7 +230,9 @@ def test_a_second_window_takes_the_place_until_it_is_closed(browser: webdriver.C
     wait(browser, lambda: text(browser, "life") == "ready")
 
 
-def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]) -> None:
+def test_leaving_the_page_lifts_the_finger(
+    browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]
+) -> None:
     begin(browser, box)
     stroke(browser, 4, lift=False)
     wait(browser, lambda: led[0].touch is Touch.ROUGH)
@@ -218,7 +251,9 @@ def finish(browser: webdriver.Chrome) -> None:
 
 
 @needs_axe
-def test_axe_finds_nothing_serious_on_any_screen(browser: webdriver.Chrome, box: Page) -> None:
+def test_axe_finds_nothing_serious_on_any_screen(
+    browser: webdriver.Chrome, box: Page
+) -> None:
     browser.get(box.url)
     wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled())
     faults = {"door": serious_faults(browser)}
@@ -230,7 +265,9 @@ def test_axe_finds_nothing_serious_on_any_screen(browser: webdriver.Chrome, box:
     assert faults == {"door": [], "play": [], "reveal": []}
 
 
-def test_tab_reaches_every_control_of_every_screen(browser: webdriver.Chrome, box: Page) -> None:
+def test_tab_reaches_every_control_of_every_screen(
+    browser: webdriver.Chrome, box: Page
+) -> None:
     browser.get(box.url)
     wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled())
     screens = [reached_by_tab(browser)]
@@ -240,16 +277,26 @@ def test_tab_reaches_every_control_of_every_screen(browser: webdriver.Chrome, bo
     finish(browser)
     screens.append(reached_by_tab(browser))
     assert [len(reached) for _, reached in screens] == [count for count, _ in screens]
-    assert [name for _, reached in screens for name, seen in reached.items() if not seen] == []
+    assert [
+        name for _, reached in screens for name, seen in reached.items() if not seen
+    ] == []
     assert outside(browser) <= 0
 
 
-def test_a_phone_may_be_turned_after_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
+def test_a_phone_may_be_turned_after_the_curtain_is_lifted(
+    browser: webdriver.Chrome, box: Page
+) -> None:
     begin(browser, box)
     finish(browser)
     resize(browser, 390, 844)
     stage = browser.find_element(By.ID, "lifted")
     wait(browser, lambda: stage.size["height"] > stage.size["width"])
     slots = "#lifted .slot"
-    wait(browser, lambda: browser.find_element(By.CSS_SELECTOR, slots).size["width"] > 0.7 * stage.size["width"])
+    wait(
+        browser,
+        lambda: (
+            browser.find_element(By.CSS_SELECTOR, slots).size["width"]
+            > 0.7 * stage.size["width"]
+        ),
+    )
     assert outside(browser) <= 0
