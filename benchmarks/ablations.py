@@ -1,7 +1,9 @@
-"""The paper's network with one choice undone, for `paper_tables.py ablations`: what its authors tried.
+"""The paper's network with one choice undone, for `paper_tables.py ablations`: what its
+authors tried.
 
-At another rate or in other windows, without residual connections, or with each channel's magnitudes divided by their
-norm. No model file holds such a network, so torch runs it here.
+At another rate or in other windows, without residual connections, or with each
+channel's magnitudes divided by their norm. No model file holds such a network, so torch
+runs it here.
 """
 
 import tomllib
@@ -38,7 +40,8 @@ CHANGES = ("rate", "window", "residual", "normalised")
 
 
 class AblatedNetwork(PaperNetwork):
-    """The paper's network for windows of another size, without residual connections, or on normalised input."""
+    """The paper's network for windows of another size, without residual connections, or
+    on normalised input."""
 
     def __init__(
         self, channels: int, *, bins: int, residual: bool, normalised: bool
@@ -73,7 +76,8 @@ class AblatedNetwork(PaperNetwork):
 
 @dataclass(frozen=True, slots=True)
 class Ablation:
-    """A method of `tactophone.lab.benchmark.folds`: a recipe of the paper's network, and what is undone."""
+    """A method of `tactophone.lab.benchmark.folds`: a recipe of the paper's network,
+    and what is undone."""
 
     recipe: NetworkRecipe
     rate: int = NETWORK_RATE
@@ -85,7 +89,8 @@ class Ablation:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a recipe file with any of `CHANGES`; raises `ConfigError` unless it is of the paper's network."""
+        """Read a recipe file with any of `CHANGES`; raises `ConfigError` unless it is
+        of the paper's network."""
         entries = tomllib.loads(path.read_text())
         changes: dict[str, Any] = {
             name: entries.pop(name) for name in CHANGES if name in entries

@@ -1,19 +1,23 @@
 """How often the rougher of two objects is drawn the stronger, through one microphone.
 
-    python benchmarks/compare.py [SIMULATED ...] [--distorted [GROUP ...]] [--takes N] [--profile NAME ...]
+    python benchmarks/compare.py [SIMULATED ...] [--distorted [GROUP ...]] [--takes N]
+    [--profile NAME ...]
 
 (needs TACTOPHONE_RECORDINGS)
 
-Models are trained and recordings distorted as by `rendered_real.py`: each kind of `lmt` left out in turn. Touches of
-1.2 s, one a second, are compared in pairs of a rough and a smooth surface of other kinds. What is compared is the
-*drawn vibration*, the mean over the touch of its level over threshold and of its pitch, in just-noticeable differences
-(`signal.haptics.psychophysics`): the pair is right if the rough one is stronger and the two are at least one difference
-apart. Beside it stands the same for the mean logit, which need only be the higher.
+Models are trained and recordings distorted as by `rendered_real.py`: each kind of `lmt`
+left out in turn. Touches of 1.2 s, one a second, are compared in pairs of a rough and a
+smooth surface of other kinds. What is compared is the *drawn vibration*, the mean over
+the touch of its level over threshold and of its pitch, in just-noticeable differences
+(`signal.haptics.psychophysics`): the pair is right if the rough one is stronger and the
+two are at least one difference apart. Beside it stands the same for the mean logit,
+which need only be the higher.
 
-**The rule for the default profile**, written before the kept channels were scored: `graded` is the default if the whole
-90 % interval of its gain over `paper`, in the mean of the channels on core, lies over 0; surfaces are drawn anew. Its
-lower end is 0 exactly, so the rule is not met. `graded` stays the default all the same: no core pair loses, and on all
-17 the interval lies over 0.
+**The rule for the default profile**, written before the kept channels were scored:
+`graded` is the default if the whole 90 % interval of its gain over `paper`, in the mean
+of the channels on core, lies over 0; surfaces are drawn anew. Its lower end is 0
+exactly, so the rule is not met. `graded` stays the default all the same: no core pair
+loses, and on all 17 the interval lies over 0.
 """
 
 import argparse
@@ -49,7 +53,8 @@ LOGIT = "mean logit"
 Floats = NDArray[np.float64]
 
 Touches = dict[str, list[tuple[float, float]]]
-"""By profile: level and pitch of each touch, in just-noticeable differences; of `LOGIT`, the logit and 0."""
+"""By profile: level and pitch of each touch, in just-noticeable differences; of
+`LOGIT`, the logit and 0."""
 
 
 def predictions_of(model: Model, recording: Recording) -> list[Prediction]:
@@ -62,7 +67,8 @@ def predictions_of(model: Model, recording: Recording) -> list[Prediction]:
 
 
 def touches_of(predictions: Sequence[Prediction], profiles: Iterable[str]) -> Touches:
-    """Cut a recording into touches, each drawn by itself: the finger lifts between two objects."""
+    """Cut a recording into touches, each drawn by itself: the finger lifts between two
+    objects."""
     found: Touches = defaultdict(list)
     for first in np.arange(FIRST, predictions[-1].end - DURATION, SPACING):
         part = [
@@ -94,7 +100,8 @@ def touches_of(predictions: Sequence[Prediction], profiles: Iterable[str]) -> To
 
 
 def right(rough: Floats, smooth: Floats, least: float) -> float:
-    """Return the share of pairs in which the rough touch is the stronger by ``least`` differences."""
+    """Return the share of pairs in which the rough touch is the stronger by ``least``
+    differences."""
     apart = rough[:, None] - smooth[None]
     return float(
         ((apart[..., 0] > 0) & (np.hypot(*np.moveaxis(apart, -1, 0)) >= least)).mean()
@@ -122,7 +129,8 @@ def mean_of(shares: Floats, others: NDArray[np.bool_]) -> float:
 def interval(
     shares: Floats, others: NDArray[np.bool_], draws: int = 10_000
 ) -> tuple[float, float]:
-    """Return the 90 % interval of the mean, over rough and smooth surfaces drawn anew."""
+    """Return the 90 % interval of the mean, over rough and smooth surfaces drawn
+    anew."""
     rng, means = np.random.default_rng(0), []
     for _ in range(draws):
         drawn = np.ix_(*(rng.integers(size, size=size) for size in shares.shape))
@@ -136,7 +144,8 @@ def print_pairs(
     first: dict[str, Recording],
     profiles: Sequence[str],
 ) -> None:
-    """Print each channel, the mean of all that distort and the worst; then what `graded` gains over `paper`."""
+    """Print each channel, the mean of all that distort and the worst; then what
+    `graded` gains over `paper`."""
     for tiers in (("core",), ("core", "extended")):
         names = sorted(name for name in channels[AS_IT_IS] if first[name].tier in tiers)
         rough, smooth = (

@@ -1,12 +1,16 @@
-"""What a packet, a window and a period cost, by stage and library, in instructions counted by valgrind.
+"""What a packet, a window and a period cost, by stage and library, in instructions
+counted by valgrind.
 
-    python benchmarks/cost.py [--fingers 1,10]            # the table
-    python benchmarks/cost.py --check | --write [--counts FILE]     # against, or into, benchmarks/cost.json
+    python benchmarks/cost.py [--fingers 1,10]            # the table python
+    benchmarks/cost.py --check | --write [--counts FILE]     # against, or into,
+    benchmarks/cost.json
 
-A count depends neither on the host's speed nor on its load. It leaves out the kernel, and caches count for nothing:
-live, a packet finds cold ones, so shares of time differ. Each stage runs on 0.4 s of sound, after 0.8 s have made it
-ready. Its bound is what the C library beneath takes alone (libopus, libsrtp, ONNX Runtime); the rest is Python's,
-NumPy's and the C library's. Counts of another Python or another processor's instruction set are not compared.
+A count depends neither on the host's speed nor on its load. It leaves out the kernel,
+and caches count for nothing: live, a packet finds cold ones, so shares of time differ.
+Each stage runs on 0.4 s of sound, after 0.8 s have made it ready. Its bound is what the
+C library beneath takes alone (libopus, libsrtp, ONNX Runtime); the rest is Python's,
+NumPy's and the C library's. Counts of another Python or another processor's instruction
+set are not compared.
 """
 
 import argparse
@@ -28,10 +32,12 @@ from typing import Any, NamedTuple
 COUNTS = Path(__file__).with_suffix(".json")
 TOLERANCE = 0.03
 LEAST = 200
-"""Instructions a unit under which a difference counts for nothing: dictionaries grow at one run and not at another."""
+"""Instructions a unit under which a difference counts for nothing: dictionaries grow at
+one run and not at another."""
 PACKET, PERIOD, RATE = 120, 128, 48_000
 WARM_UP, MEASURED = 320, 160
-"""Packets: 0.8 s, in which the noise floor becomes known, and 0.4 s that are counted."""
+"""Packets: 0.8 s, in which the noise floor becomes known, and 0.4 s that are
+counted."""
 
 LIBRARIES = {
     "python": "python|libffi",
@@ -40,11 +46,13 @@ LIBRARIES = {
     "srtp": "_binding",
     "onnxruntime": "onnxruntime",
 }
-"""By a pattern of their files' names, the last that fits; everything else is the system's C library."""
+"""By a pattern of their files' names, the last that fits; everything else is the
+system's C library."""
 
 
 class Stage(NamedTuple):
-    """What ``run`` does ``count`` times, ``rate`` times a second; ``minus`` names a stage that is part of it."""
+    """What ``run`` does ``count`` times, ``rate`` times a second; ``minus`` names a
+    stage that is part of it."""
 
     side: str
     name: str
@@ -116,7 +124,8 @@ def environment() -> dict[str, str]:
 
 
 def check(totals: dict[str, dict[str, int]], path: Path) -> None:
-    """End with the stages that cost another number of instructions than the file says."""
+    """End with the stages that cost another number of instructions than the file
+    says."""
     kept = json.loads(path.read_text())
     if (here := environment()) != kept["environment"]:
         other = ", ".join(
@@ -175,7 +184,8 @@ def table(fingers: int, rows: dict[str, dict[str, Any]]) -> str:
 
 
 def counted(fingers: int, only: str) -> dict[str, dict[str, Any]]:
-    """Run the stages under callgrind; return instructions of each, all and by library."""
+    """Run the stages under callgrind; return instructions of each, all and by
+    library."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         command = [
@@ -300,8 +310,10 @@ ZERO, DUMP, START, STOP = 1, 3, 4, 5
 
 
 def requester() -> Callable[..., int]:
-    """Return a function that asks valgrind for something, by instructions that do nothing else (``valgrind.h``)."""
-    # rax: the address of the request; rdi is turned by 3, 13, 61 and 51 bits, and rbx exchanged with itself.
+    """Return a function that asks valgrind for something, by instructions that do
+    nothing else (``valgrind.h``)."""
+    # rax: the address of the request; rdi is turned by 3, 13, 61 and 51 bits, and rbx
+    # exchanged with itself.
     code = "4889f8 31d2 48c1c703 48c1c70d 48c1c73d 48c1c733 4887db 4889d0 c3"
     memory = mmap.mmap(
         -1, mmap.PAGESIZE, prot=mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC
@@ -322,7 +334,8 @@ def requester() -> Callable[..., int]:
 
 
 def stages_of(fingers: int, stack: ExitStack) -> Iterator[Stage]:
-    """Yield the stages in order, each made ready: what one takes is what the one before has made."""
+    """Yield the stages in order, each made ready: what one takes is what the one before
+    has made."""
     from tactophone.core.types import AudioBlock
     from tactophone.net.link.codec import Codec
     from tactophone.signal.perception import model_file
@@ -384,7 +397,8 @@ def sending(
     wires: list[list[bytes]],
     sessions: list[Any],
 ) -> Iterator[Stage]:
-    """Yield the robot's stages and the socket's; fill what was encoded, the datagrams to three operators, and these."""
+    """Yield the robot's stages and the socket's; fill what was encoded, the datagrams
+    to three operators, and these."""
     from tactophone.net.link.stream import (
         BlockEncoder,
         Packetizer,
@@ -633,7 +647,8 @@ def settings_of(fingers: int) -> Any:
 
 
 def strokes(channels: int) -> Any:
-    """Return noise, and from the middle on strokes, of shape ``(samples, channels)``."""
+    """Return noise, and from the middle on strokes, of shape ``(samples,
+    channels)``."""
     import numpy as np
 
     size = (WARM_UP + MEASURED) * PACKET + PERIOD

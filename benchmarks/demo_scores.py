@@ -1,8 +1,11 @@
-"""How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, dips, gaps; simulated sound.
+"""How the demonstration is rendered, over many seeds: rough and smooth stone, false
+bumps, dips, gaps; simulated sound.
 
-python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME] [--contact level]
+python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
+[--contact level]
 
-The strokes and the competition's noise are those of `tactophone demo`, through the pipeline without the network.
+The strokes and the competition's noise are those of `tactophone demo`, through the
+pipeline without the network.
 """
 
 import argparse
@@ -23,7 +26,8 @@ BRIDGE = 0.03
 def score(
     seed: int, *, tip: str, model: str, contact: ContactRule
 ) -> tuple[float, float, float, float, float]:
-    """Return shares of contact (rough as rough, smooth as rough, silent), false bumps in 10 s, dips in a minute."""
+    """Return shares of contact (rough as rough, smooth as rough, silent), false bumps
+    in 10 s, dips in a minute."""
     finger = demonstration(seed, tip=tip)
     labels = [each.label for each in finger.scene.objects]
     pipeline = open_pipeline(

@@ -1,17 +1,20 @@
-"""Channels that no model is trained on: telephone, codecs, rooms, clipping, a motor, wind and a phone's gain control.
+"""Channels that no model is trained on: telephone, codecs, rooms, clipping, a motor,
+wind and a phone's gain control.
 
-They were written down before any model was trained on varied waveforms, so that no choice could be made by them. What
-training varies (`lab.training.augmentation`: low-pass, noise, equaliser, speed, one simple room) is not among
-them. Each is a function of sound ``(samples, channels)``, its rate and a random generator; level and length stay about
-the same.
+They were written down before any model was trained on varied waveforms, so that no
+choice could be made by them. What training varies (`lab.training.augmentation`:
+low-pass, noise, equaliser, speed, one simple room) is not among them. Each is a
+function of sound ``(samples, channels)``, its rate and a random generator; level and
+length stay about the same.
 
-These *ten* have been looked at often. Eight more were written down before any of them was scored, in four pairs: coded
-(headset, old headset), quiet sound lost (conference, recorder), filtered (port, table), disturbed (lost packets,
-supply). Of each pair the first by alphabet is for *development*: designs may be chosen by it. The other is *kept*, and
-is scored once for each design that is adopted.
+These *ten* have been looked at often. Eight more were written down before any of them
+was scored, in four pairs: coded (headset, old headset), quiet sound lost (conference,
+recorder), filtered (port, table), disturbed (lost packets, supply). Of each pair the
+first by alphabet is for *development*: designs may be chosen by it. The other is
+*kept*, and is scored once for each design that is adopted.
 
-The group *robot*, added later, needs TACTOPHONE_RECORDINGS with `gripper`: its motion in the air and the noise around
-it, 10 dB under the take, in the contact channel.
+The group *robot*, added later, needs TACTOPHONE_RECORDINGS with `gripper`: its motion
+in the air and the noise around it, 10 dB under the take, in the contact channel.
 """
 
 import io
@@ -74,8 +77,9 @@ def telephone(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def mobile(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A mobile telephone's band and spectrum, as of AMR at 12.2 kbit/s: the envelope of a 10th order linear prediction
-    every 20 ms, its residual quantised to 2 bits a sample."""
+    """A mobile telephone's band and spectrum, as of AMR at 12.2 kbit/s: the envelope of
+    a 10th order linear prediction every 20 ms, its residual quantised to 2 bits a
+    sample."""
     band = signal.butter(6, (300, 3400), "bandpass", fs=8000, output="sos")
     narrow = signal.sosfilt(band, _resampled(sound, rate, 8000), axis=0)
     for channel in range(narrow.shape[1]):
@@ -140,7 +144,8 @@ def mp3(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 def _room(
     sound: Sound, rate: int, rng: np.random.Generator, *, decay: float, direct_db: float
 ) -> Sound:
-    """Air alone: exponentially decaying noise after the direct sound, longer at low frequencies."""
+    """Air alone: exponentially decaying noise after the direct sound, longer at low
+    frequencies."""
     time = np.arange(round(1.2 * decay * rate)) / rate
     tail = rng.standard_normal(len(time)) * np.exp(-6.9 * time / decay)
     dull = signal.sosfilt(signal.butter(1, 2000, fs=rate, output="sos"), tail)
@@ -170,8 +175,8 @@ def clipped(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def motor(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """Another finger's motor, 6 dB under the take: 30 harmonics of 60 to 260 Hz, whose speed changes three times a
-    second, and mains hum."""
+    """Another finger's motor, 6 dB under the take: 30 harmonics of 60 to 260 Hz, whose
+    speed changes three times a second, and mains hum."""
     time = np.arange(len(sound)) / rate
     knots = np.arange(0, time[-1] + 1, 1 / 3)
     speed = np.interp(time, knots, rng.uniform(60, 260, len(knots)))
@@ -203,7 +208,8 @@ def wind(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def gain_control(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A phone's gain control: towards -20 dBFS, at most 30 dB up, down in 5 ms and up in 0.3 s; its noise comes up."""
+    """A phone's gain control: towards -20 dBFS, at most 30 dB up, down in 5 ms and up
+    in 0.3 s; its noise comes up."""
     noisy = sound + rng.standard_normal(sound.shape) * 10 ** (-75 / 20)
     step = rate // 1000
     level = (
@@ -226,7 +232,8 @@ def gain_control(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def headset(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A Bluetooth headset, as of mSBC: 16 kHz, 8 sub-bands, 26 bits for each 8 samples, shared out every 7.5 ms."""
+    """A Bluetooth headset, as of mSBC: 16 kHz, 8 sub-bands, 26 bits for each 8 samples,
+    shared out every 7.5 ms."""
     wide = _resampled(sound, rate, 16_000)
     places, bands = np.arange(16) + 4.5, np.arange(8)[:, None] + 0.5
     lapped = (
@@ -254,7 +261,8 @@ def headset(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def old_headset(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """The same of 2003: 300 to 3400 Hz, delta modulation of 64 kbit/s (CVSD) with Bluetooth's constants."""
+    """The same of 2003: 300 to 3400 Hz, delta modulation of 64 kbit/s (CVSD) with
+    Bluetooth's constants."""
     band = signal.butter(4, (300, 3400), "bandpass", fs=64_000, output="sos")
     fast = signal.sosfilt(band, _resampled(sound, rate, 64_000), axis=0)
     for channel in range(fast.shape[1]):
@@ -273,7 +281,8 @@ def old_headset(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def conference(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """Noise suppression of a conferencing app: in bands of 50 Hz, power less a floor that rises by 3 dB a second."""
+    """Noise suppression of a conferencing app: in bands of 50 Hz, power less a floor
+    that rises by 3 dB a second."""
     step = rate // 100
     *_, spectra = signal.stft(sound, rate, nperseg=2 * step, axis=0)
     power = signal.lfilter(
@@ -298,7 +307,8 @@ def recorder(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def port(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A MEMS microphone in a case under foam: resonance of 14 dB at 7 kHz and a fast fall over it; foam from 4 kHz."""
+    """A MEMS microphone in a case under foam: resonance of 14 dB at 7 kHz and a fast
+    fall over it; foam from 4 kHz."""
     foam = signal.butter(1, 4000, fs=rate, output="sos")
     fall = signal.butter(4, 7500, fs=rate, output="sos")
     found = signal.sosfilt(np.concatenate((foam, fall)), sound, axis=0)
@@ -328,8 +338,8 @@ def lost_packets(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
 
 
 def supply(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A switching supply: mains hum 6 dB under the take; a whine of 4 to 7 kHz, 15 dB under it, in step with the
-    mains."""
+    """A switching supply: mains hum 6 dB under the take; a whine of 4 to 7 kHz, 15 dB
+    under it, in step with the mains."""
     time = np.arange(len(sound)) / rate
     hum = sum(
         np.sin(2 * np.pi * 50 * k * time + rng.uniform(0, 6.3)) / k
@@ -350,7 +360,8 @@ def _named(*channels: Distortion) -> dict[str, Distortion]:
 ROBOT_DB = -10.0
 """Level of the robot under the take."""
 MOTION, AMBIENT = ("pencil_moveOnly.flac", 2.15, 5.44), ("pencil_noise.flac", 0.0, 1.0)
-"""File of `gripper`, and the seconds in which it moves in the air; in which its laser hears nothing of the noise."""
+"""File of `gripper`, and the seconds in which it moves in the air; in which its laser
+hears nothing of the noise."""
 
 
 def _robot(
@@ -370,7 +381,8 @@ def _robot(
 
 
 def motion(sound: Sound, rate: int, rng: np.random.Generator) -> Sound:
-    """A gripper that moves in the air (Proesmans et al., ICRA 2025), 10 dB under the take."""
+    """A gripper that moves in the air (Proesmans et al., ICRA 2025), 10 dB under the
+    take."""
     return _robot(sound, rate, rng, MOTION)
 
 
@@ -392,7 +404,8 @@ GROUPS: dict[str, dict[str, Distortion]] = {
 
 
 def distorted(recording: Recording, name: str, folder: Path) -> Recording:
-    """Write a recording as a channel leaves it; the same recording is always distorted alike."""
+    """Write a recording as a channel leaves it; the same recording is always distorted
+    alike."""
     path = (
         folder
         / name

@@ -1,13 +1,15 @@
-"""When is a change of surface reported under a finger that does not lift? Lists every edge that never is.
+"""When is a change of surface reported under a finger that does not lift? Lists every
+edge that never is.
 
     python benchmarks/edges.py SET [--also SET ...] [--kin CSV] [--tip stylus]
 
-SET is split into five folds, kin together; the recipe ``texture`` is trained on four of them, and on the sets of
-``--also``, and edges are joined from the touches of the fifth (`evaluation.events.join_edges`). p50 and p95 are
-over *all* edges on which the finger slides; one that is never reported counts as infinite. *Model*: contact is a
-window over the threshold of the model's card, which is the noise of all sessions. *Floor*: over the noise floor of the
-two takes that are joined, the louder one, as a live threshold and that of `feel` are. *Touching*: all sound is contact,
-as the finger does not lift.
+SET is split into five folds, kin together; the recipe ``texture`` is trained on four of
+them, and on the sets of ``--also``, and edges are joined from the touches of the fifth
+(`evaluation.events.join_edges`). p50 and p95 are over *all* edges on which the finger
+slides; one that is never reported counts as infinite. *Model*: contact is a window over
+the threshold of the model's card, which is the noise of all sessions. *Floor*: over the
+noise floor of the two takes that are joined, the louder one, as a live threshold and
+that of `feel` are. *Touching*: all sound is contact, as the finger does not lift.
 """
 
 import argparse
@@ -48,7 +50,8 @@ class Edge:
 def predict_edges(
     dataset: Dataset, also: list[Recording], options: TrainingOptions, folder: Path
 ) -> list[Edge]:
-    """Join the edges of each held-out fold, and predict them by a model trained without that fold."""
+    """Join the edges of each held-out fold, and predict them by a model trained without
+    that fold."""
     edges = []
     for fold in split(dataset, FOLDS):
         path = folder / "fold.onnx"
@@ -76,7 +79,8 @@ def predict_edges(
 
 
 def floor_of(edge: Recording, model: Model) -> float:
-    """Return the contact threshold over the noise of the two takes of an edge, in dBFS; of either channel 0."""
+    """Return the contact threshold over the noise of the two takes of an edge, in dBFS;
+    of either channel 0."""
     thresholds = []
     for path in edge.properties[SOURCES_KEY].split("\n"):
         with FileSource(Path(path)) as source:

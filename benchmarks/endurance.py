@@ -1,13 +1,17 @@
-"""Does anything grow, wrap wrongly or stop in a long run? ``python benchmarks/endurance.py``, about three minutes.
+"""Does anything grow, wrap wrongly or stop in a long run? ``python
+benchmarks/endurance.py``, about three minutes.
 
-Three parts. *Nights* (``--seeds 1000``): robot, operator, gate, watchdog, recorder and log on one virtual clock, over a
-network that loses, delays, reorders and dies, with processes that are killed, frozen and restarted, and machines that
-sleep (`virtual_night`); each seed is a night of 8 virtual hours, and what fails is printed with the command that
-repeats it. *Virtual*: both ends of a link in virtual time, checked sample by sample, across the wraps of sequence
-number and RTP timestamp and through renewed keys; ``--virtual-hours 168 --duty 0.02`` is a week in which the robot
-sends 1.2 seconds of each minute and is connected but quiet in the rest, and takes five minutes of processor time.
-*Live*: ``tactophone loopback`` with the simulated finger, its processes measured every few seconds; a start still
-settles in the first minutes, so run ``--live-minutes 60`` for the figures of the docs.
+Three parts. *Nights* (``--seeds 1000``): robot, operator, gate, watchdog, recorder and
+log on one virtual clock, over a network that loses, delays, reorders and dies, with
+processes that are killed, frozen and restarted, and machines that sleep
+(`virtual_night`); each seed is a night of 8 virtual hours, and what fails is printed
+with the command that repeats it. *Virtual*: both ends of a link in virtual time,
+checked sample by sample, across the wraps of sequence number and RTP timestamp and
+through renewed keys; ``--virtual-hours 168 --duty 0.02`` is a week in which the robot
+sends 1.2 seconds of each minute and is connected but quiet in the rest, and takes five
+minutes of processor time. *Live*: ``tactophone loopback`` with the simulated finger,
+its processes measured every few seconds; a start still settles in the first minutes, so
+run ``--live-minutes 60`` for the figures of the docs.
 """
 
 import argparse
@@ -40,16 +44,19 @@ MAX_SLOPE_MB = 1.0
 """Largest growth of each process, in MB an hour."""
 
 BEFORE_WRAP = 30.0
-"""Virtual seconds from the start to the wrap of the RTP timestamp, which comes by itself after up to 24.9 hours."""
+"""Virtual seconds from the start to the wrap of the RTP timestamp, which comes by
+itself after up to 24.9 hours."""
 
 MINUTE = 60 * LIVE_SAMPLE_RATE
 
 QUIET_STEP = LIVE_SAMPLE_RATE // 2
-"""Samples of virtual time from one poll to the next while the robot sends nothing: half of what makes it call again."""
+"""Samples of virtual time from one poll to the next while the robot sends nothing: half
+of what makes it call again."""
 
 SAMPLE_INTERVAL = 3.0
 SETTLING = 0.3
-"""Seconds between two measurements of the live processes, and the share of the run in which they still settle."""
+"""Seconds between two measurements of the live processes, and the share of the run in
+which they still settle."""
 
 Row = tuple[str, str, str, bool]
 """Quantity, limit, value, and whether the value keeps to the limit."""
@@ -191,7 +198,8 @@ def _compare(events: Iterable[object], sound: FloatArray, found: Soak) -> None:
 
 
 def slope_of(points: list[tuple[float, float]]) -> float:
-    """Return the slope of values over hours, without the first third; 0 for fewer than four points.
+    """Return the slope of values over hours, without the first third; 0 for fewer than
+    four points.
 
     >>> slope_of([(k / 10, 5.0 + k / 5) for k in range(12)])
     2.0
@@ -206,7 +214,8 @@ def slope_of(points: list[tuple[float, float]]) -> float:
 
 @dataclass
 class ProcessTrace:
-    """Measurements of one live process: memory in MB over hours, what of it is its own, descriptors, threads."""
+    """Measurements of one live process: memory in MB over hours, what of it is its own,
+    descriptors, threads."""
 
     name: str
     memory: list[tuple[float, float]] = field(default_factory=list)
@@ -298,7 +307,8 @@ def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
                 )
                 memory = process.memory_info()
                 trace.memory.append((hours, memory.rss / 2**20))
-                # Telemetry's rings are allocated at the start, but a page counts from its first use.
+                # Telemetry's rings are allocated at the start, but a page counts from
+                # its first use.
                 trace.private.append((hours, (memory.rss - memory.shared) / 2**20))
                 trace.descriptors.append(process.num_fds())
                 trace.threads.append(process.num_threads())
@@ -309,7 +319,8 @@ def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
 def nights(
     seeds: Iterable[int], *, hours: float, sound: float, report: Callable[[str], None]
 ) -> list[Row]:
-    """Live through the night of each seed; print how to repeat one that breaks a promise."""
+    """Live through the night of each seed; print how to repeat one that breaks a
+    promise."""
     count = failed = events = compared = felt = 0
     for seed in seeds:
         count += 1

@@ -1,9 +1,11 @@
-"""Time from a failure to silence, where the link, the robot, the operator's process or the sound server fails.
+"""Time from a failure to silence, where the link, the robot, the operator's process or
+the sound server fails.
 
-The robot sends an endless stroke, and a JACK client records the peaks at the operator's port. Something is stopped, and
-the time is measured until the vibration has fallen to -60 dB. ``python benchmarks/failsafe.py`` (as root, Linux) kills
-the operator's process, by turns with JACK and both its clients as ordinary threads and before all others: what is
-longer in the first case was spent waiting for a processor.
+The robot sends an endless stroke, and a JACK client records the peaks at the operator's
+port. Something is stopped, and the time is measured until the vibration has fallen to
+-60 dB. ``python benchmarks/failsafe.py`` (as root, Linux) kills the operator's process,
+by turns with JACK and both its clients as ordinary threads and before all others: what
+is longer in the first case was spent waiting for a processor.
 """
 
 import argparse
@@ -44,7 +46,8 @@ _LONGEST = 60.0
 """Seconds that are recorded at most."""
 
 ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
-"""Settings for an endless tone: it has no rest in which a noise floor could be measured, so the threshold is given."""
+"""Settings for an endless tone: it has no rest in which a noise floor could be
+measured, so the threshold is given."""
 
 
 class EndlessStroke(AlwaysOpen):
@@ -66,7 +69,8 @@ class EndlessStroke(AlwaysOpen):
 
 
 class PeakRecorder:
-    """Records the time and the peak amplitude of each period; ``process`` is for a JACK client."""
+    """Records the time and the peak amplitude of each period; ``process`` is for a JACK
+    client."""
 
     def __init__(self) -> None:
         self._rows = np.zeros((int(_LONGEST * LIVE_SAMPLE_RATE / 16), 2))
@@ -84,7 +88,8 @@ class PeakRecorder:
         return float(self._rows[self._count - 1, 1]) if self._count else 0.0
 
     def time_to_silence(self, moment: float) -> float:
-        """Return the seconds from ``moment`` until all further periods are silent; infinite if they never are.
+        """Return the seconds from ``moment`` until all further periods are silent;
+        infinite if they never are.
 
         While a sound server stalls, its output is unknown and counts as vibrating.
         """
@@ -186,7 +191,8 @@ def _schedule(pid: int, *, first: bool) -> None:
 
 
 def _waited(pid: int) -> float:
-    """Seconds for which a process's threads waited for a processor so far, by the scheduler's own count."""
+    """Seconds for which a process's threads waited for a processor so far, by the
+    scheduler's own count."""
     return (
         sum(
             int((task / "schedstat").read_text().split()[1])

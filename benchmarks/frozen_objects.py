@@ -1,9 +1,11 @@
-"""What the texture detector takes for rough on the ten frozen objects, at the recall of the paper's network.
+"""What the texture detector takes for rough on the ten frozen objects, at the recall of
+the paper's network.
 
     make sets && python benchmarks/frozen_objects.py build/sets/pad-test
 
-Single windows in true contact, two-class rule, as `make scores`; *linoleum* is its share at the model's own threshold.
-Below, what is rendered of rough objects, also where their touch is over the take's own contact threshold (*audible*).
+Single windows in true contact, two-class rule, as `make scores`; *linoleum* is its
+share at the model's own threshold. Below, what is rendered of rough objects, also where
+their touch is over the take's own contact threshold (*audible*).
 """
 
 import argparse
@@ -57,14 +59,16 @@ def main() -> None:
 
 
 def print_rendered(recordings: Sequence[Recording]) -> None:
-    """Print how much rough is rendered as rough, in all of true contact and where it is audible."""
+    """Print how much rough is rendered as rough, in all of true contact and where it is
+    audible."""
     model = read_model(model_path("texture"))
     predict, rough = recording_predictor(model), np.zeros((2, 2), int)
     for recording in (each for each in recordings if each.rough):
         take, sound = predict(recording), recording.read(channels=1)
         floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")
         (track,) = extract_features([recording], FeatureSpec())
-        # Training undoes the gain that a set was rendered with, the live system does not.
+        # Training undoes the gain that a set was rendered with, the live system does
+        # not.
         level = track.level_dbfs + float(recording.known("gain_db") or 0)
         newest = np.searchsorted(track.end, take.time - 1e-6).clip(max=len(level) - 1)
         touching, audible = true_contact(take), level[newest] >= floor.threshold_dbfs

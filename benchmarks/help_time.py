@@ -1,6 +1,7 @@
 """How long each verb takes to answer ``--help`` and which imports take longest.
 
-Run ``python benchmarks/help_time.py``, or ``python benchmarks/help_time.py VERB`` for the slowest imports of one verb.
+Run ``python benchmarks/help_time.py``, or ``python benchmarks/help_time.py VERB`` for
+the slowest imports of one verb.
 """
 
 import statistics
@@ -14,7 +15,8 @@ REPEATS = 5
 
 
 def main() -> None:
-    """Print the median of five runs of each verb, slowest first, or the imports of one verb."""
+    """Print the median of five runs of each verb, slowest first, or the imports of one
+    verb."""
     if len(sys.argv) > 1:
         print_imports(sys.argv[1])
         return
@@ -35,7 +37,8 @@ def seconds(verb: str) -> float:
 
 
 def print_imports(verb: str) -> None:
-    """Print the 25 slowest imports of a verb's help: cumulative milliseconds, and the module."""
+    """Print the 25 slowest imports of a verb's help: cumulative milliseconds, and the
+    module."""
     command = [sys.executable, "-X", "importtime", "-m", "tactophone", verb, "--help"]
     report = subprocess.run(command, check=True, capture_output=True, text=True).stderr
     rows = [line.split("|") for line in report.splitlines()[1:] if line.count("|") == 2]

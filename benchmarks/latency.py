@@ -1,9 +1,11 @@
-"""Latency of the whole system on a JACK server without a sound card: both processes on this machine, encrypted.
+"""Latency of the whole system on a JACK server without a sound card: both processes on
+this machine, encrypted.
 
-Run ``python benchmarks/latency.py``; ``--impulses 300`` for more precise tails, ``--only PART`` for less. Prints the
-tables of docs/research/latency.md. Rows of short periods end with their bound: the same impulses through codec,
-pipeline and renderer in this process, as if no computation took any time. JackTrip is measured beside it where it is
-installed: ``apt install jacktrip``.
+Run ``python benchmarks/latency.py``; ``--impulses 300`` for more precise tails,
+``--only PART`` for less. Prints the tables of docs/research/latency.md. Rows of short
+periods end with their bound: the same impulses through codec, pipeline and renderer in
+this process, as if no computation took any time. JackTrip is measured beside it where
+it is installed: ``apt install jacktrip``.
 """
 
 import argparse
@@ -94,7 +96,8 @@ def print_short_periods(impulses: int) -> None:
 
 
 def print_peers(impulses: int) -> None:
-    """Measure JackTrip with the same impulses on the same server; it sends PCM, unencrypted."""
+    """Measure JackTrip with the same impulses on the same server; it sends PCM,
+    unencrypted."""
     if not peers.installed():
         print("| JackTrip | not installed: `apt install jacktrip` | |")
         return
@@ -137,7 +140,8 @@ def run(period: int, changes: tuple[str, ...], impulses: int) -> ImpulseLatency:
 
 
 def bound(period: int, changes: tuple[str, ...], impulses: int) -> NDArray[np.float64]:
-    """Return the latencies (s) if nothing took any time: what arrives in a period is rendered in the next one."""
+    """Return the latencies (s) if nothing took any time: what arrives in a period is
+    rendered in the next one."""
     link, player = settings(*changes).link, ImpulsePlayer(impulses)
     codec = Codec(
         "opus" if link.codec == "opus" else "pcm16",
@@ -186,7 +190,8 @@ def busy(count: int) -> Iterator[None]:
 
 
 def times_to_silence(stop: Callable[[Sides], None]) -> str:
-    """Median and worst, on a sound server that repeats the last period of a late client, as JACK does by default."""
+    """Median and worst, on a sound server that repeats the last period of a late
+    client, as JACK does by default."""
     with DummyServer(128, synchronous=False) as server:
         times = [
             1000

@@ -1,4 +1,5 @@
-"""Draws docs/images/latency.svg from the table in docs/research/latency.md: p50 to p99 of each row, by period.
+"""Draws docs/images/latency.svg from the table in docs/research/latency.md: p50 to p99
+of each row, by period.
 
 Run ``python benchmarks/latency_figure.py`` after the table has changed.
 """

@@ -1,6 +1,8 @@
-"""The link under loss, jitter, stalls, clock skew and attack, in virtual time: ``python benchmarks/link.py``.
+"""The link under loss, jitter, stalls, clock skew and attack, in virtual time: ``python
+benchmarks/link.py``.
 
-Takes about two minutes. Prints the table of docs/reference/link.md. Only processor time depends on the machine.
+Takes about two minutes. Prints the table of docs/reference/link.md. Only processor time
+depends on the machine.
 """
 
 import argparse
@@ -60,7 +62,8 @@ def noise(duration: float) -> FloatArray:
 
 
 def delay_after_loss() -> Iterator[Row]:
-    """Delay before and at the end of 60 s at 5 % loss, for predictions and for playout."""
+    """Delay before and at the end of 60 s at 5 % loss, for predictions and for
+    playout."""
     link, playout = VirtualLink(*paired_sessions(OPUS)), Playout(block_size=240)
     start_time, sound = link.connect(0.0), noise(1)
     predicted: list[tuple[float, float]] = []
@@ -100,7 +103,8 @@ def delay_after_loss() -> Iterator[Row]:
 
 
 def delay_of(controller: PlayoutController, now: float) -> float:
-    """Return the seconds from a sample's arrival over the empty network to its playout."""
+    """Return the seconds from a sample's arrival over the empty network to its
+    playout."""
     return now - controller._min_transit - controller.position / RATE
 
 
@@ -128,7 +132,8 @@ def median(delays: list[tuple[float, float]], span: tuple[float, float]) -> floa
 
 
 def received_but_not_used() -> Iterator[Row]:
-    """Late packets in a minute of clocked playout, at 5 % loss and 0 to 30 ms of jitter."""
+    """Late packets in a minute of clocked playout, at 5 % loss and 0 to 30 ms of
+    jitter."""
     link, playout = VirtualLink(*paired_sessions(OPUS)), Playout(block_size=128)
     start_time, sound = link.connect(0.0), noise(60)
     link.to_operator = ImpairedLink(
@@ -150,7 +155,8 @@ def received_but_not_used() -> Iterator[Row]:
 
 
 def skewed_clocks() -> Iterator[Row]:
-    """Delay over eight hours of 20 ms packets with 2 ms of exponential jitter, without sound."""
+    """Delay over eight hours of 20 ms packets with 2 ms of exponential jitter, without
+    sound."""
     for ppm in (200, -200):
         generator, speed = np.random.default_rng(0), RATE * (1 + ppm * 1e-6)
         pace, count = PlayoutController(block_size=512), (8 * 3600 * 50)
@@ -255,7 +261,8 @@ def equal_decisions(sound: FloatArray, model: str) -> Iterator[Row]:
 
 
 def stall(sound: FloatArray, model: str) -> Iterator[Row]:
-    """Recovery after stalls of 200 ms every 2 s, and the steepest step of the waveform."""
+    """Recovery after stalls of 200 ms every 2 s, and the steepest step of the
+    waveform."""
     robot, operator = paired_sessions(OPUS)
     link = VirtualLink(
         robot,
@@ -305,7 +312,8 @@ def processor_time(sound: FloatArray, model: str) -> Iterator[Row]:
 
 
 def hostile(count: int) -> Iterator[Row]:
-    """Forged, truncated, bit-flipped, replayed and reordered datagrams against a running session."""
+    """Forged, truncated, bit-flipped, replayed and reordered datagrams against a
+    running session."""
     link = VirtualLink(*paired_sessions(Codec("pcm16", packet_size=120)))
     now, sound = link.connect(0.0), noise(1)
     for start in range(0, RATE // 2, 120):

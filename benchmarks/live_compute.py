@@ -1,13 +1,16 @@
-"""Processor cost of detection and rendering: one paced update, the speed of `feel`, memory, import time.
+"""Processor cost of detection and rendering: one paced update, the speed of `feel`,
+memory, import time.
 
     python benchmarks/live_compute.py [--model NAME|FILE] [--fingers N]
 
-Each figure is measured in its own process, on one thread, without torch. An update is the work of the operator's side
-in one hop: resampling, features, network, contact gate, decision, command, and rendering of one hop of vibration, for
-all fingers together. It is *paced*: the process sleeps between updates, so that its caches are as cold as in live use
-(a loop without pauses is several times faster). Wall clock and processor time are printed side by side; the difference
-is other load on the machine. The speed of the machine varies by a third within minutes, so updates are given as the
-median of several runs, with their range in brackets.
+Each figure is measured in its own process, on one thread, without torch. An update is
+the work of the operator's side in one hop: resampling, features, network, contact gate,
+decision, command, and rendering of one hop of vibration, for all fingers together. It
+is *paced*: the process sleeps between updates, so that its caches are as cold as in
+live use (a loop without pauses is several times faster). Wall clock and processor time
+are printed side by side; the difference is other load on the machine. The speed of the
+machine varies by a third within minutes, so updates are given as the median of several
+runs, with their range in brackets.
 """
 
 import argparse
@@ -160,7 +163,8 @@ def import_once() -> dict:
 
 
 def feel_speed(model: str) -> dict:
-    """Measure `feel` on a recording; processor time includes the start of the process, wall clock does not."""
+    """Measure `feel` on a recording; processor time includes the start of the process,
+    wall clock does not."""
     import soundfile
 
     with tempfile.TemporaryDirectory() as folder:

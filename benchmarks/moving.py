@@ -1,12 +1,15 @@
-"""How much of a robot's motion in the air is contact, and how late contact is while it starts or stops.
+"""How much of a robot's motion in the air is contact, and how late contact is while it
+starts or stops.
 
     python benchmarks/moving.py [--seeds 10] [--data DIR --model NAME]
 
-SIMULATED: an arm with gears and jerks (`ARM`) moves in the air for 10 s, with three starts
-and stops, then moves to an object and strokes it; without and with the arm saying when it moves. Where
-TACTOPHONE_RECORDINGS names a folder with `gripper`, its take in the air too, whose start is known from its laser. With
-``--data`` only: what a model renders right of a data set, as it is and with that gripper added (`distortions`); of
-`lmt`, two takes of each surface of the tiers core and extended, within 30 dB of the loudest.
+SIMULATED: an arm with gears and jerks (`ARM`) moves in the air for 10 s, with three
+starts and stops, then moves to an object and strokes it; without and with the arm
+saying when it moves. Where TACTOPHONE_RECORDINGS names a folder with `gripper`, its
+take in the air too, whose start is known from its laser. With ``--data`` only: what a
+model renders right of a data set, as it is and with that gripper added (`distortions`);
+of `lmt`, two takes of each surface of the tiers core and extended, within 30 dB of the
+loudest.
 """
 
 import argparse
@@ -43,7 +46,8 @@ from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor
 
 OBJECTS = ("whiteboard", "brick", "lava stone", "polished marble", "glazed tile")
 ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)
-"""A robot whose motion is as loud over its noise as that of the gripper that was recorded."""
+"""A robot whose motion is as loud over its noise as that of the gripper that was
+recorded."""
 PACKET = 120
 STANDS_UNDER = 0.02
 """Share of the motors' greatest speed."""
@@ -104,7 +108,8 @@ class Performed:
 
 
 def simulated(seeds: int) -> Rows:
-    """Return contact in the air, and the time from touch to contact, of each rule, in the mean over seeds."""
+    """Return contact in the air, and the time from touch to contact, of each rule, in
+    the mean over seeds."""
     air: dict[str, list[float]] = {}
     late: dict[str, list[float]] = {}
     margins = []
@@ -173,7 +178,8 @@ def recorded(folder: Path) -> Rows:
 def rendered_right(
     recordings: Sequence[Recording], name: str
 ) -> Iterator[tuple[str, list[float]]]:
-    """Yield for each channel the shares of rough and smooth rendered right, and of both not at all."""
+    """Yield for each channel the shares of rough and smooth rendered right, and of both
+    not at all."""
     model = read_model(model_path(name))
     card, predict = model.card, recording_predictor(model)
     spec = FeatureSpec(channels=card.channels, microphone=card.microphone)

@@ -1,16 +1,20 @@
-"""What `--tip stylus` makes of sound that is no touch: speech, rain, a keyboard, claps; and when it says so.
+"""What `--tip stylus` makes of sound that is no touch: speech, rain, a keyboard, claps;
+and when it says so.
 
     python benchmarks/no_touch.py [MODEL] [--seconds 60] [--draws 1]
     python benchmarks/no_touch.py --fit SIMULATED ... [--out FILE]
 
-Each sound follows a second of a room's noise at -65 dBFS; its loudest second has -20 dBFS. It runs through the live
-pipeline, whose gate follows the noise floor. Printed are the share of the time that is rendered rough, the onsets of
-rough in a minute, and the second at which the notice comes. Speech is espeak-ng's, in three languages; where that is
-not installed, a line says so. Rain, keyboard and claps are made here, in other ways than those of training
-(`no_touch_sounds.py`); the generated voice is training's, of another seed.
+Each sound follows a second of a room's noise at -65 dBFS; its loudest second has -20
+dBFS. It runs through the live pipeline, whose gate follows the noise floor. Printed are
+the share of the time that is rendered rough, the onsets of rough in a minute, and the
+second at which the notice comes. Speech is espeak-ng's, in three languages; where that
+is not installed, a line says so. Rain, keyboard and claps are made here, in other ways
+than those of training (`no_touch_sounds.py`); the generated voice is training's, of
+another seed.
 
-``--fit`` fits what tells them from touch on the training sounds, on `lmt` and on SIMULATED sets, and prints how much of
-no touch counts as touch (needs TACTOPHONE_RECORDINGS).
+``--fit`` fits what tells them from touch on the training sounds, on `lmt` and on
+SIMULATED sets, and prints how much of no touch counts as touch (needs
+TACTOPHONE_RECORDINGS).
 """
 
 import argparse
@@ -99,7 +103,8 @@ def patter(seconds: float, draw: int = 0) -> Floats:
 
 
 def typing(seconds: float, draw: int = 0) -> Floats:
-    """A keyboard: bursts of 8 ms of noise over 1 kHz, eight keys a second in words of one to nine."""
+    """A keyboard: bursts of 8 ms of noise over 1 kHz, eight keys a second in words of
+    one to nine."""
     rng, found, at = (
         np.random.default_rng(2 + 10 * draw),
         np.zeros(int(seconds * RATE)),
@@ -155,7 +160,8 @@ def sounds(seconds: float, draws: int = 1) -> Iterator[tuple[str, Floats]]:
 
 
 def measure(sound: Floats, model: str = "stylus") -> tuple[float, float, str, float]:
-    """Return the share of rough, its onsets a minute, the notice's code, and when it came in s, of one sound."""
+    """Return the share of rough, its onsets a minute, the notice's code, and when it
+    came in s, of one sound."""
     lead = np.zeros(RATE)
     samples = over_noise(np.concatenate((lead, sound)), RATE, np.random.default_rng(0))
     pipeline = open_pipeline(model, sample_rate=RATE, channels=1, tip="stylus")
@@ -186,7 +192,8 @@ PENALTY = 0.02
 def no_touch_features(
     training_set: TrainingSet, folder: Path
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the features of the training sounds, varied as takes are, and the number of each window's sound."""
+    """Return the features of the training sounds, varied as takes are, and the number
+    of each window's sound."""
     takes = []
     for name in SOUNDS:
         for seed in range(8):
@@ -240,7 +247,8 @@ def no_touch_features(
 
 
 def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, float]:
-    """Return weights and bias of no touch against touch, and the share of the training sounds that counts as touch."""
+    """Return weights and bias of no touch against touch, and the share of the training
+    sounds that counts as touch."""
     from sklearn.linear_model import LogisticRegression
 
     # A simulated surface weighs as much as a real one here: neither may fall silent.

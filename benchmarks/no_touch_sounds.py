@@ -1,7 +1,8 @@
 """Sounds that are no touch, for training: a voice, rain, a keyboard, claps.
 
-An air microphone hears them as well as the finger. They are simple on purpose: a source, a few resonances and an
-envelope, drawn anew for each sound; ``benchmarks/no_touch.py`` scores on others.
+An air microphone hears them as well as the finger. They are simple on purpose: a
+source, a few resonances and an envelope, drawn anew for each sound;
+``benchmarks/no_touch.py`` scores on others.
 """
 
 from collections.abc import Callable, Mapping
@@ -49,7 +50,8 @@ def _decaying(
 
 
 def voice(seconds: float, rng: np.random.Generator) -> Floats:
-    """Return syllables of a harmonic voice through moving formants, with hissing and popping consonants."""
+    """Return syllables of a harmonic voice through moving formants, with hissing and
+    popping consonants."""
     size = int(seconds * NO_TOUCH_RATE)
     found, at, pitch = np.zeros(size), 0.0, rng.uniform(90, 230)
     while at < seconds:
@@ -97,7 +99,8 @@ def voice(seconds: float, rng: np.random.Generator) -> Floats:
 
 
 def rain(seconds: float, rng: np.random.Generator) -> Floats:
-    """Return drops on a thing of a few resonances, over the hiss of those further away."""
+    """Return drops on a thing of a few resonances, over the hiss of those further
+    away."""
     size, rate = (
         int(seconds * NO_TOUCH_RATE),
         np.exp(rng.uniform(np.log(15), np.log(250))),
@@ -159,7 +162,8 @@ SOUNDS: Mapping[str, Callable[[float, np.random.Generator], Floats]] = MappingPr
 def draw_no_touch(
     name: str, seconds: float, seed: int, *, lead: float = LEAD_SECONDS
 ) -> NDArray[np.float32]:
-    """Return a sound of `SOUNDS` after a lead of silence, over noise, ``(samples, 1)``."""
+    """Return a sound of `SOUNDS` after a lead of silence, over noise, ``(samples,
+    1)``."""
     rng = np.random.default_rng([seed, *name.encode()])
     sound = np.append(np.zeros(int(lead * NO_TOUCH_RATE)), SOUNDS[name](seconds, rng))
     return over_noise(sound, NO_TOUCH_RATE, rng)

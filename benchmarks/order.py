@@ -2,10 +2,12 @@
 
     python benchmarks/order.py [--kinds 32] [--seed 0]
 
-Rough kinds with grains of 50 um to 2 mm and an Ra of 1 to 100 um are drawn, rendered under the pad, and described by
-the features of `texture`. A ridge regression to log Ra learns from every other kind and ranks the rest. Printed are
-Spearman's correlation on the kinds kept out, with a 90 % interval over them, and the share of pairs in the right order
-whose Ra differ by a factor of 2 or more; beside both, the same for the logit of the shipped classifier.
+Rough kinds with grains of 50 um to 2 mm and an Ra of 1 to 100 um are drawn, rendered
+under the pad, and described by the features of `texture`. A ridge regression to log Ra
+learns from every other kind and ranks the rest. Printed are Spearman's correlation on
+the kinds kept out, with a 90 % interval over them, and the share of pairs in the right
+order whose Ra differ by a factor of 2 or more; beside both, the same for the logit of
+the shipped classifier.
 """
 
 import argparse
@@ -134,7 +136,8 @@ def main() -> None:
 
 
 def regress(rows: dict[str, list[Floats]], names: list[str], height: Floats) -> Floats:
-    """Return the height of each kind as predicted by a regression on the even ones, mean over takes."""
+    """Return the height of each kind as predicted by a regression on the even ones,
+    mean over takes."""
     from sklearn.linear_model import RidgeCV
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler

@@ -1,16 +1,20 @@
-"""The page as the fingertip, in headless Chromium on loopback: delays to motor and sound, and to silence.
+"""The page as the fingertip, in headless Chromium on loopback: delays to motor and
+sound, and to silence.
 
-``python benchmarks/page.py [delays] [deadman] [microphone] [viewers] [game] [alone]`` runs the named parts, or all.
+``python benchmarks/page.py [delays] [deadman] [microphone] [viewers] [game] [alone]``
+runs the named parts, or all.
 
 - ``delays``: a run alternates between no contact and rough. From the moment at which the command is published to the
-  call of ``navigator.vibrate`` or ``playEffect``, and to the first sample of sound in the audio thread.
+  call of ``navigator.vibrate`` or ``playEffect``, and to the first sample of sound in
+  the audio thread.
 - ``deadman``: the run is killed while it vibrates; until the pad's motors are reset.
 - ``microphone``: clicks in the microphone of a page (``tactophone try``), to the motor of another page.
 - ``viewers``: latency of a loopback with no viewer and with ten that render the vibration.
 - ``game``: from a press on a rough stone to the first sample of sound, over the live system (``tactophone play``).
 - ``alone``: processor time of the page that needs no server (examples/browser), all of Chromium's processes together.
 
-Needs Debian's chromium and chromium-driver. A motor is replaced by a function that notes the time.
+Needs Debian's chromium and chromium-driver. A motor is replaced by a function that
+notes the time.
 """
 
 import asyncio
@@ -112,7 +116,8 @@ def inject(browser: webdriver.Chrome, script: str) -> None:
 
 
 def noted(browser: webdriver.Chrome, kind: str, since: float) -> float:
-    """Return the wall time in s of the first note of a kind after a moment; waits for it, NaN after 2 s."""
+    """Return the wall time in s of the first note of a kind after a moment; waits for
+    it, NaN after 2 s."""
     until = time.time() + 2
     while time.time() < until:
         for name, moment in browser.execute_script("return window.noted"):
@@ -143,7 +148,8 @@ def step(telemetry: Telemetry, number: int, touch: Touch) -> None:
 
 
 def run(name: str, changes: "object") -> None:
-    """Run until killed: 0.4 s of nothing, 0.3 s of rough; put the wall time of each change into the queue."""
+    """Run until killed: 0.4 s of nothing, 0.3 s of rough; put the wall time of each
+    change into the queue."""
     with Telemetry(name) as telemetry:
         begin, number, before = time.monotonic(), 0, Touch.NONE
         while True:
@@ -246,7 +252,8 @@ def tactophone(*arguments: str) -> Iterator[str]:
 
 
 def microphone() -> None:
-    """Bursts of noise, one a second: from the first loud sample at the listening page to the other page's motor."""
+    """Bursts of noise, one a second: from the first loud sample at the listening page
+    to the other page's motor."""
     rng = np.random.default_rng(1)
     burst = (np.arange(RATE) % RATE < RATE // 3) * rng.uniform(-0.8, 0.8, RATE)
     with tempfile.TemporaryDirectory() as folder:
@@ -399,7 +406,8 @@ def game() -> None:
 
 
 def alone() -> None:
-    """Bursts of noise through the browser's own false microphone, 10 s at a time after 6 s of warming."""
+    """Bursts of noise through the browser's own false microphone, 10 s at a time after
+    6 s of warming."""
     build = runpy.run_path(
         str(Path(__file__).parents[1] / "examples" / "browser" / "build.py")
     )["build"]

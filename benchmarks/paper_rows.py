@@ -1,21 +1,25 @@
-"""Rows of docs/reference/paper.md that no other command has; all of them on SIMULATED sound of the pad.
+"""Rows of docs/reference/paper.md that no other command has; all of them on SIMULATED
+sound of the pad.
 
     python benchmarks/paper_rows.py slips
     python benchmarks/paper_rows.py pressure general.onnx fine-tuned.onnx
     python benchmarks/paper_rows.py irregularities
     python benchmarks/paper_rows.py regularity
 
-*slips*: the finger slips a hundred times off a smooth stone onto the mat. A slip *bumps* if rough is rendered within
-0.4 s of it. It is an *edge*, as the paper's operator took it, if rough began no earlier than 0.1 s before the finger
-was over the edge and ends with the touch or within 0.4 s: place and time then say what it was.
+*slips*: the finger slips a hundred times off a smooth stone onto the mat. A slip
+*bumps* if rough is rendered within 0.4 s of it. It is an *edge*, as the paper's
+operator took it, if rough began no earlier than 0.1 s before the finger was over the
+edge and ends with the touch or within 0.4 s: place and time then say what it was.
 
-*pressure*: share of the time in contact that is *non-valid*, by pressing force: under the gate, or rated none by the
-model.
+*pressure*: share of the time in contact that is *non-valid*, by pressing force: under
+the gate, or rated none by the model.
 
-*irregularities*: strokes over glass with one scratch or one grain. A *hit* is rough, or more than twice the roughness
-of plain glass at its 99th percentile, while the finger passes and for 0.4 s more; its *place* is where the finger was.
+*irregularities*: strokes over glass with one scratch or one grain. A *hit* is rough, or
+more than twice the roughness of plain glass at its 99th percentile, while the finger
+passes and for 0.4 s more; its *place* is where the finger was.
 
-*regularity*: rank correlation of the sound's median frequency over speed with how many ridges, or grains, a metre has.
+*regularity*: rank correlation of the sound's median frequency over speed with how many
+ridges, or grains, a metre has.
 """
 
 import argparse
@@ -41,7 +45,8 @@ STROKES = 8
 """Over each kind of mark at each speed."""
 
 LANDING = 0.3
-"""Seconds after landing, which sounds rough by itself, that say nothing of the glass."""
+"""Seconds after landing, which sounds rough by itself, that say nothing of the
+glass."""
 
 AFTER = 0.4
 """Seconds: a window of 256 ms and the fall."""
@@ -55,7 +60,8 @@ def heard(sound: FloatArray, model: str) -> list[Prediction]:
 
 
 def slip(seed: int) -> tuple[FloatArray, Truth, float]:
-    """Return the sound of one visit that ends over the edge, its truth, and when the finger left the stone, in s."""
+    """Return the sound of one visit that ends over the edge, its truth, and when the
+    finger left the stone, in s."""
     rng = np.random.default_rng([0x511, seed])
     scene = row([find("smooth competition stone")])
     placed = scene.placed[0]
@@ -104,7 +110,8 @@ def slips(models: Sequence[str]) -> None:
 def strokes(
     obj: SimulatedObject, force: float, speed: float, *, seed: int, count: int = 4
 ) -> tuple[FloatArray, Truth]:
-    """Stroke an object to and fro along its middle with one force and one peak speed."""
+    """Stroke an object to and fro along its middle with one force and one peak
+    speed."""
     rng = np.random.default_rng([0x57, seed])
     scene = single(obj)
     placed = scene.placed[0]
@@ -166,7 +173,8 @@ _unmarked = surface.height_profile
 
 
 def _with_mark(wanted: surface.Surface) -> surface.Profile:
-    """Draw a surface; one named ``scratch`` or ``grain`` and a place in mm has that there."""
+    """Draw a surface; one named ``scratch`` or ``grain`` and a place in mm has that
+    there."""
     height, (kind, _, place) = _unmarked(wanted), wanted.name.partition(" ")
     if kind in MARKS:
         depth, radius = MARKS[kind]
@@ -181,7 +189,8 @@ surface.height_profile = _with_mark
 
 
 def marked(kind: str, seed: int) -> tuple[SimulatedObject, float]:
-    """Return glass with one scratch or grain on the way of the stroke, and its place along it in m."""
+    """Return glass with one scratch or grain on the way of the stroke, and its place
+    along it in m."""
     glass = find("window")
     place = float(np.random.default_rng([0x3A, seed]).uniform(25, 55))
     return replace(
@@ -233,7 +242,8 @@ def passes(
     seed: int,
     least: float | None,
 ) -> list[tuple[bool, float, float]]:
-    """Return for each prediction in touch whether it is a hit near the mark, its roughness, and the finger's place."""
+    """Return for each prediction in touch whether it is a hit near the mark, its
+    roughness, and the finger's place."""
     sound, truth = strokes(obj, 1.0, speed, seed=seed, count=1)
     begun = np.flatnonzero(truth.touch != Touch.NONE)[0]
     along = truth.x - truth.x[begun]

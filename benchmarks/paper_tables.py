@@ -1,25 +1,30 @@
 """The paper's three tables, with its own numbers beside.
 
-Tables I and II are made on data in its authors' layout. Scores follow the authors' rule: a window in contact is rough
-if P(rough) among all three classes is 0.5 or more; the same moments count for every method. Contact is either the
-authors' (a mean absolute value over 0.005) or the paper's text (an RMS over -26 dBFS): where a microphone's noise is
-over 0.005, the first counts rests as touch.
+Tables I and II are made on data in its authors' layout. Scores follow the authors'
+rule: a window in contact is rough if P(rough) among all three classes is 0.5 or more;
+the same moments count for every method. Contact is either the authors' (a mean absolute
+value over 0.005) or the paper's text (an RMS over -26 dBFS): where a microphone's noise
+is over 0.005, the first counts rests as touch.
 
-Models train on the training objects alone; the fine-tuned one on fewer, and on a sample of the competition's stones, as
-the paper has it. That sample is kin of the stones that it is tested with, which its row says.
+Models train on the training objects alone; the fine-tuned one on fewer, and on a sample
+of the competition's stones, as the paper has it. That sample is kin of the stones that
+it is tested with, which its row says.
 
-There is one object a class to test with, so no draw of objects says what another pair of them would change. Intervals
-are of takes of a test object, and of pieces of a competition's run, drawn within each class: what other recordings of
-the same objects would change.
+There is one object a class to test with, so no draw of objects says what another pair
+of them would change. Intervals are of takes of a test object, and of pieces of a
+competition's run, drawn within each class: what other recordings of the same objects
+would change.
 
-Table III is the paper's task by a simulated operator: five stones, two of them rough, found by vibration alone. The
-operator is the same for every method and has no input but the vibration; it is a model, not a person.
+Table III is the paper's task by a simulated operator: five stones, two of them rough,
+found by vibration alone. The operator is the same for every method and has no input but
+the vibration; it is a model, not a person.
 
     python benchmarks/paper_tables.py 1 2 --data DIR        DIR in the authors' layout
-    python benchmarks/paper_tables.py 3 --rounds 100        shipped models, profiles and renderers
-    python benchmarks/paper_tables.py 3 --methods texture,logistic.onnx
-    python benchmarks/paper_tables.py ablations --data DIR  what the paper's authors tried, a recipe file each
-    python benchmarks/paper_tables.py 1 2 --form markdown --data DIR --methods examples/recipes/tables/fast-general.toml
+    python benchmarks/paper_tables.py 3 --rounds 100        shipped models, profiles and
+    renderers python benchmarks/paper_tables.py 3 --methods texture,logistic.onnx python
+    benchmarks/paper_tables.py ablations --data DIR  what the paper's authors tried, a
+    recipe file each python benchmarks/paper_tables.py 1 2 --form markdown --data DIR
+    --methods examples/recipes/tables/fast-general.toml
 """
 
 import argparse
@@ -126,7 +131,8 @@ SHORT_WINDOW = 64
 """Samples, 32 ms."""
 
 CLEARLY_DB = 12.0
-"""So far under the threshold there is nothing but noise; between the two, contact is unknown."""
+"""So far under the threshold there is nothing but noise; between the two, contact is
+unknown."""
 
 TABLE_SHARES = (
     "rough_as_rough",
@@ -138,16 +144,19 @@ IN_CONTACT = "in_contact"
 """Column with the share of windows that count."""
 
 BOOTSTRAP_PIECE = 5.0
-"""Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
+"""Seconds of a competition's run that are drawn as one: several strokes, so that a
+stroke is hardly ever cut."""
 
 PAPER_ONE: Mapping[str, tuple[float, ...]] = {
     "competition": (0.113, 0.472, 0.009, 0.405),
     "test": (0.240, 0.265, 0.081, 0.413),
 }
-"""Table I, general model: shares of all windows, in the order of :data:`TABLE_SHARES`."""
+"""Table I, general model: shares of all windows, in the order of
+:data:`TABLE_SHARES`."""
 
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
-"""The same of its piezo-only model, of which the text states ``smooth_as_rough`` alone."""
+"""The same of its piezo-only model, of which the text states ``smooth_as_rough``
+alone."""
 
 TWO_COLUMNS = (
     "rough day 1",
@@ -175,8 +184,9 @@ PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
     "Northeastern": (None, 567),
     "Avatrina": (288, None),
 }
-"""Table III: each team's time in s, which "includes roughness sensing and stone retrieval", on days 1 and 2;
-``None``: not attempted. ``NimbRo`` are the paper's authors."""
+"""Table III: each team's time in s, which "includes roughness sensing and stone
+retrieval", on days 1 and 2; ``None``: not attempted. ``NimbRo`` are the paper's
+authors."""
 
 VISITS = 12
 """Visits of each label, for practice and for rounds; rounds draw from them."""
@@ -197,11 +207,13 @@ def predict_held_out(
     *,
     report: Callable[[str], None] = lambda name: None,
 ) -> dict[str, list[TakePredictions]]:
-    """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
+    """Train methods on the training objects of the authors' layout; predict its test
+    objects and competition runs.
 
-    Without ``names`` they are the paper's three variants and ``texture``; a name may be that of a recipe file.
-    ``report`` is called with each method's name before it trains, and with its progress. Raises `DatasetError` if there
-    are no held-out recordings.
+    Without ``names`` they are the paper's three variants and ``texture``; a name may be
+    that of a recipe file. ``report`` is called with each method's name before it
+    trains, and with its progress. Raises `DatasetError` if there are no held-out
+    recordings.
     """
     kept = dataset.labelled()
     if not any(take.known("split") not in ("train", "") for take in kept.recordings):
@@ -209,7 +221,8 @@ def predict_held_out(
             f"{dataset.root}: has no test objects and no competition runs; Tables I and II need the authors' layout: "
             "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset --authors-layout` makes it)"
         )
-    # Where contact is not labelled, the authors' test threshold labels it: they score by it.
+    # Where contact is not labelled, the authors' test threshold labels it: they score
+    # by it.
     recordings = tuple(
         take if take.segments else replace(take, segments=loud_segments(take))
         for take in kept.recordings
@@ -231,7 +244,8 @@ def predict_held_out(
             isinstance(method, NetworkMethod)
             and method.recipe.settings.variant == "fine-tuned"
         )
-        # A recipe file labels its windows by its own threshold, not by the segments that the tables score by.
+        # A recipe file labels its windows by its own threshold, not by the segments
+        # that the tables score by.
         source = kept.recordings if method not in known else recordings
         train, with_kin = training_takes(
             source, FINE_TUNED if fine_tuned else method.name
@@ -247,16 +261,16 @@ def predict_held_out(
 
 
 REDUCED_OBJECTS = frozenset(range(10, 20))
-"""Training objects of the fine-tuned model: the paper says *fewer objects* and does not name them. These are the casts,
-which are most like the competition's stones."""
+"""Training objects of the fine-tuned model: the paper says *fewer objects* and does not
+name them. These are the casts, which are most like the competition's stones."""
 
 
 @dataclass(frozen=True, slots=True)
 class KeptMethod(NetworkMethod):
     """The paper's network, whose model stays in `folder`.
 
-    An interrupted training continues there, and other test recordings need no new one. Only another recipe, other
-    recordings or other code in `NETWORK_CODE` train anew.
+    An interrupted training continues there, and other test recordings need no new one.
+    Only another recipe, other recordings or other code in `NETWORK_CODE` train anew.
     """
 
     folder: Path = Path()
@@ -283,7 +297,8 @@ class KeptMethod(NetworkMethod):
 
 
 def training_key(method: NetworkMethod, recordings: Sequence[Recording]) -> str:
-    """Hash what a model follows from: recipe, recordings and the statements of `NETWORK_CODE`, however laid out."""
+    """Hash what a model follows from: recipe, recordings and the statements of
+    `NETWORK_CODE`, however laid out."""
     package = Path(str(files("tactophone")))
     code = (ast.dump(ast.parse((package / name).read_bytes())) for name in NETWORK_CODE)
     return hashlib.sha256(
@@ -292,7 +307,8 @@ def training_key(method: NetworkMethod, recordings: Sequence[Recording]) -> str:
 
 
 def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> KeptMethod:
-    """Return the paper's network as a recipe file trains it, named as the file; its model is kept in `folder`."""
+    """Return the paper's network as a recipe file trains it, named as the file; its
+    model is kept in `folder`."""
     recipe = RecipeFile.read(path).configured()
     if isinstance(recipe, FeatureRecipe):
         raise ConfigError(
@@ -304,7 +320,8 @@ def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> Kept
 def training_takes(
     recordings: Sequence[Recording], name: str
 ) -> tuple[tuple[Recording, ...], bool]:
-    """Return what a method trains on: the training objects; for the paper's fine-tuned model, as the paper says.
+    """Return what a method trains on: the training objects; for the paper's fine-tuned
+    model, as the paper says.
 
     Returns them, and whether a sample of the competition's stones is among them.
     """
@@ -327,7 +344,8 @@ def training_takes(
 def by_gate(
     predictions: Mapping[str, Sequence[TakePredictions]], labelled: Sequence[Recording]
 ) -> dict[str, dict[str, list[TakePredictions]]]:
-    """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any."""
+    """Return the predictions with contact labelled by each gate; by the data set's own
+    labels, if it has any."""
     if any(take.segments for take in labelled):
         return {LABELLED: {name: list(takes) for name, takes in predictions.items()}}
     return {
@@ -411,7 +429,8 @@ ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positiv
 
 
 def ablations_in(folder: Path) -> list[Ablation]:
-    """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
+    """Read the recipe files of a folder; raises `ConfigError` unless all are of the
+    paper's network."""
     if not (paths := sorted(folder.glob("*.toml"))):
         raise ConfigError(
             f"{folder}: holds no recipe file; examples/recipes/ablations has some"
@@ -427,7 +446,8 @@ def ablation_rows(
     *,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> list[TableRow]:
-    """Cross-validate ablations on a split of this name; scores of windows in true contact."""
+    """Cross-validate ablations on a split of this name; scores of windows in true
+    contact."""
     rows = []
     for done, method in enumerate(methods):
         report(done, method.name)
@@ -451,7 +471,8 @@ def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
 def loud_segments(
     recording: Recording, gate: Gate = REFERENCE_GATE
 ) -> tuple[Segment, ...]:
-    """Label contact where the window that ends there is over a gate's threshold, none where it is far below it."""
+    """Label contact where the window that ends there is over a gate's threshold, none
+    where it is far below it."""
     (signal,) = read_signals([recording], channels=1, rate=NETWORK_RATE)
     sizes = (
         np.abs(signal[:, 0])
@@ -461,7 +482,8 @@ def loud_segments(
     total = np.concatenate(([0.0], np.cumsum(sizes, dtype=np.float64)))
     ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, TABLE_STEP)
     loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE, gate) >= 0
-    # A long window detects the beginning of a touch late, so silence is looked for with a short one.
+    # A long window detects the beginning of a touch late, so silence is looked for with
+    # a short one.
     quiet = ~loud & (_over_threshold_db(total, ends, SHORT_WINDOW, gate) < -CLEARLY_DB)
     segments = (*_segments(loud, recording.known("label")), *_segments(quiet, "none"))
     return tuple(sorted(segments, key=lambda segment: segment.start))
@@ -486,7 +508,8 @@ def _segments(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
 
 
 def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estimate:
-    """The accuracy of a class, of a day's runs or, without a day, of the test objects."""
+    """The accuracy of a class, of a day's runs or, without a day, of the test
+    objects."""
     own = [
         take
         for take in takes
@@ -512,7 +535,8 @@ def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
 
 
 def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
-    """Name what the bootstrap draws: a take of a test object, a piece of a competition's run."""
+    """Name what the bootstrap draws: a take of a test object, a piece of a
+    competition's run."""
     length = (
         BOOTSTRAP_PIECE if take.recording.known("split") == "competition" else math.inf
     )
@@ -526,7 +550,8 @@ def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
 
 
 def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
-    """Return a row of the paper, which states neither intervals nor how much was contact."""
+    """Return a row of the paper, which states neither intervals nor how much was
+    contact."""
     return TableRow(
         name, dict(zip(columns, map(Estimate, (*values, float("nan"))), strict=True))
     )
@@ -539,13 +564,15 @@ class TaskOutcome:
     name: str
     found: Estimate
     both: Estimate
-    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were."""
+    """`found` and `both`: share of rounds in which the stone picked first was rough,
+    and both picked were."""
     duration: Estimate
     """Decision time in s: median, and 5 to 95 %."""
 
 
 def task_methods() -> tuple[str, ...]:
-    """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that need no detector."""
+    """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that
+    need no detector."""
     models = [name for name in shipped_models() if not name.endswith("-mono")]
     return (
         *models,
@@ -567,8 +594,8 @@ def play_task(
 ) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
-    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if
-    a name is unknown.
+    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any
+    other model. Raises `ConfigError` if a name is unknown.
     """
     allowed = task_methods()
     if unknown := [
@@ -603,7 +630,8 @@ def play_task(
 
 
 def vibration_of(name: str) -> SoundToVibration:
-    """Return the function from both microphones to the vibration: the live pipeline and oscillator, or a renderer."""
+    """Return the function from both microphones to the vibration: the live pipeline and
+    oscillator, or a renderer."""
     if name in PASSTHROUGH:
         return lambda sound: PASSTHROUGH[name](FULL_DRIVE).render_whole(sound)
     model, _, profile = name.partition(":")
@@ -686,7 +714,8 @@ def print_markdown(title: str, rows: Sequence[Mapping[str, object]]) -> None:
 
 
 def paper_parts(title: str, rows: Sequence[TableRow]) -> list[output.Part]:
-    """Return one of the paper's Tables I and II as eight columns in 80 characters, a heading's word a line."""
+    """Return one of the paper's Tables I and II as eight columns in 80 characters, a
+    heading's word a line."""
     cells = [
         {
             "": row.name,

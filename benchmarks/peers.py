@@ -1,7 +1,9 @@
-"""Other programs on the same JACK server, with the same impulses: JackTrip, if it is here (`apt install jacktrip`).
+"""Other programs on the same JACK server, with the same impulses: JackTrip, if it is
+here (`apt install jacktrip`).
 
-SonoBus is not packaged for Debian 12, and needs a display; aiortc cannot be compared at these delays, as its sound
-frames of 20 ms are fixed and its jitter buffer holds four of them: 102 ms from click to decoded frame, measured apart.
+SonoBus is not packaged for Debian 12, and needs a display; aiortc cannot be compared at
+these delays, as its sound frames of 20 ms are fixed and its jitter buffer holds four of
+them: 102 ms from click to decoded frame, measured apart.
 """
 
 import os
@@ -31,7 +33,8 @@ def installed() -> bool:
 
 
 def jacktrip(period: int, *, queue: int, impulses: int) -> ImpulseLatency:
-    """Measure JackTrip in peer-to-peer mode, 16 bits uncompressed and unencrypted, with a jitter queue of packets."""
+    """Measure JackTrip in peer-to-peer mode, 16 bits uncompressed and unencrypted, with
+    a jitter queue of packets."""
     with DummyServer(period) as server, _ends(server.name, queue):
         player = ImpulsePlayer(impulses)
         sound = {"contact": "near:send_1", "air": "near:send_2"}

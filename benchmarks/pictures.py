@@ -1,8 +1,10 @@
-"""Pictures of the pages: those in `docs/images`, or every screen in every size and theme, to be looked at.
+"""Pictures of the pages: those in `docs/images`, or every screen in every size and
+theme, to be looked at.
 
-``python benchmarks/pictures.py FOLDER [all [PART...]]`` writes ``dashboard.png`` and ``stone-box.png``; with ``all``,
-each screen of each page at 390, 768 and 1280 px, light and dark, or of the parts ``dashboard``, ``stone_box``,
-``recordings`` and ``set_up``. Needs Debian's chromium and chromium-driver.
+``python benchmarks/pictures.py FOLDER [all [PART...]]`` writes ``dashboard.png`` and
+``stone-box.png``; with ``all``, each screen of each page at 390, 768 and 1280 px, light
+and dark, or of the parts ``dashboard``, ``stone_box``, ``recordings`` and ``set_up``.
+Needs Debian's chromium and chromium-driver.
 """
 
 import base64
@@ -60,7 +62,8 @@ def pictures(
 def dashboard(
     browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
 ) -> None:
-    """The operator's page of a loopback over a busy wireless network, and the page of `try`."""
+    """The operator's page of a loopback over a busy wireless network, and the page of
+    `try`."""
     arguments = (
         "loopback",
         "--source",
@@ -138,7 +141,8 @@ def stroke(browser: webdriver.Chrome, stone: int) -> None:
 def recordings(
     browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]
 ) -> None:
-    """The pages of a recording and of a recorded run, and what stands over one that has ended."""
+    """The pages of a recording and of a recorded run, and what stands over one that has
+    ended."""
     with tempfile.TemporaryDirectory() as place, contextlib.chdir(place):
         arguments = (
             "--objects",

@@ -1,12 +1,14 @@
-"""What the default model renders of the frozen objects under the printed finger, by silicone and by tilt.
+"""What the default model renders of the frozen objects under the printed finger, by
+silicone and by tilt.
 
     python benchmarks/printed_pad.py
 
-The bed's stiffness follows from the printed dimensions (``hardware/dimensions.py``) and the silicone's modulus, which
-follows from the data sheets' stress at 100 % strain, 55, 69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and
-disc weigh 2 g, with a ring of brass 5 g, in place of 6. Loss factors stay. The bed leans by 30 degrees, so that a
-finger with its tip 30 degrees down presses along the bed's axis, and one that lies flat, or stands at 60 degrees, 30
-degrees from it.
+The bed's stiffness follows from the printed dimensions (``hardware/dimensions.py``) and
+the silicone's modulus, which follows from the data sheets' stress at 100 % strain, 55,
+69, 152 and 338 kPa, of a neo-Hookean silicone. Pad, ring and disc weigh 2 g, with a
+ring of brass 5 g, in place of 6. Loss factors stay. The bed leans by 30 degrees, so
+that a finger with its tip 30 degrees down presses along the bed's axis, and one that
+lies flat, or stands at 60 degrees, 30 degrees from it.
 """
 
 import argparse
@@ -56,7 +58,8 @@ ROWS = [
     *((name, LEAN, BRASS) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
     *((None, tilt, 0.0) for tilt in (0.0, 30.0, 60.0)),
 ]
-"""Bed, tilt of the finger in degrees, tip down, and mass. Without a bed it is that of training, which is flat."""
+"""Bed, tilt of the finger in degrees, tip down, and mass. Without a bed it is that of
+training, which is flat."""
 
 TRAINED = finger.TIPS[DEFAULT_TIP]
 

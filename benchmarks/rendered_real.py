@@ -1,24 +1,28 @@
-"""What `tactophone feel --tip stylus` renders of real kinds that its model was not trained on.
+"""What `tactophone feel --tip stylus` renders of real kinds that its model was not
+trained on.
 
-    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted [GROUP ...]] [--takes N]
+    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted
+    [GROUP ...]] [--takes N]
     ... [--save FILE] [--against FILE]
 
 (needs TACTOPHONE_RECORDINGS)
 
-For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on the other kinds, core and extended, and
-on SIMULATED sets of the stylus, as `make model` trains the shipped one; its takes then pass through the pipeline of
-`feel`, with the gate's threshold from each take itself. *Right*: share of the time within 30 dB of the take's loudest
-that is rendered as its label.
-A line says how often *unknown* predictions and the others are wrong, core and all, and how well probabilities are
-calibrated, beside what perfect calibration would measure on as few surfaces.
-With ``--distorted`` the kept takes pass besides through channels of `distortions`, which nothing is trained on: the
-ten, or those of each GROUP (``ten``, ``development``, ``kept``).
-``--takes`` scores the first N of each surface alone; all are trained on.
+For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on the
+other kinds, core and extended, and on SIMULATED sets of the stylus, as `make model`
+trains the shipped one; its takes then pass through the pipeline of `feel`, with the
+gate's threshold from each take itself. *Right*: share of the time within 30 dB of the
+take's loudest that is rendered as its label. A line says how often *unknown*
+predictions and the others are wrong, core and all, and how well probabilities are
+calibrated, beside what perfect calibration would measure on as few surfaces. With
+``--distorted`` the kept takes pass besides through channels of `distortions`, which
+nothing is trained on: the ten, or those of each GROUP (``ten``, ``development``,
+``kept``). ``--takes`` scores the first N of each surface alone; all are trained on.
 
-**The rule for a change.** ``--save`` writes the shares of each surface and channel. After a change of head, feature or
-penalty, ``--against`` compares with such a file, by a paired bootstrap over *surfaces*: windows and takes of a surface
-are right or wrong together. The change is kept only if the whole 90 % interval of its gain lies over 0; else the older
-design stays.
+**The rule for a change.** ``--save`` writes the shares of each surface and channel.
+After a change of head, feature or penalty, ``--against`` compares with such a file, by
+a paired bootstrap over *surfaces*: windows and takes of a surface are right or wrong
+together. The change is kept only if the whole 90 % interval of its gain lies over 0;
+else the older design stays.
 """
 
 import argparse
@@ -70,7 +74,8 @@ def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
 def rendered(
     model: Model, recording: Recording, take: TakePredictions
 ) -> NDArray[np.int8]:
-    """Return what is rendered while the recording is at most `AUDIBLE_DB` under its loudest."""
+    """Return what is rendered while the recording is at most `AUDIBLE_DB` under its
+    loudest."""
     (track,) = extract_features([recording], FeatureSpec(channels=1, microphone="air"))
     audible = track.end[track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB]
     # The newest prediction at the end of each audible window.
@@ -84,7 +89,8 @@ def left_out(
     group: Callable[[Recording], str],
     folder: Path,
 ) -> Iterator[tuple[Model, list[Recording]]]:
-    """Yield for each group a model that is trained on the others, and the recordings of the group."""
+    """Yield for each group a model that is trained on the others, and the recordings of
+    the group."""
     for name in sorted({group(take) for take in real.recordings}):
         kept = [take for take in real.recordings if group(take) != name]
         yield (
@@ -168,7 +174,8 @@ def right_shares(real: Dataset, counts: Mapping[str, Counts]) -> Shares:
 def paired_gain(
     rough: NDArray[np.bool_], gains: NDArray[np.float64], draws: int = 10_000
 ) -> tuple[float, float, float]:
-    """Return the gain in balanced share and its 90 % interval, over surfaces drawn anew in either class."""
+    """Return the gain in balanced share and its 90 % interval, over surfaces drawn anew
+    in either class."""
     rng = np.random.default_rng(0)
     classes = [gains[rough], gains[~rough]]
     drawn = np.mean(
@@ -184,7 +191,8 @@ def paired_gain(
 
 
 def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
-    """Print by how much these shares are over older ones, as it is and in the mean of all channels, and the verdict."""
+    """Print by how much these shares are over older ones, as it is and in the mean of
+    all channels, and the verdict."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print(
         "\n| against the older design | gain | 90 % over surfaces | kept |\n|---|--:|--:|---|"
@@ -229,9 +237,11 @@ def print_calibration(plain: Sequence[TakePredictions]) -> None:
 
 
 def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
-    """Return what the calibration error would be if the probabilities were right: mean, 5th and 95th percentile.
+    """Return what the calibration error would be if the probabilities were right: mean,
+    5th and 95th percentile.
 
-    All windows of a surface are of one class. So each surface's class is drawn, 500 times, by its mean P(rough).
+    All windows of a surface are of one class. So each surface's class is drawn, 500
+    times, by its mean P(rough).
     """
     rng, of_surface = np.random.default_rng(0), defaultdict(list)
     for take in takes:
@@ -274,7 +284,8 @@ def print_surfaces(real: Dataset, counts: Counts) -> None:
 
 
 def print_channels(real: Dataset, counts: dict[str, Counts], groups: list[str]) -> None:
-    """Print the balanced shares that are right through each channel, of core and of all; then the groups' means."""
+    """Print the balanced shares that are right through each channel, of core and of
+    all; then the groups' means."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print(
         "\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|"

@@ -1,14 +1,17 @@
-"""How the cost grows with fingers: processor time, latency, memory and bitrate of 1, 2, 5 and 10, and equal decisions.
+"""How the cost grows with fingers: processor time, latency, memory and bitrate of 1, 2,
+5 and 10, and equal decisions.
 
-    python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm,...] [--impulses 60] [--seconds 10]
-    python benchmarks/scale.py --operators 1,2,4     # what each further operator of one robot costs the robot
+    python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm,...] [--impulses 60]
+    [--seconds 10] python benchmarks/scale.py --operators 1,2,4     # what each further
+    operator of one robot costs the robot
 
-Both ends run on this machine at a JACK server without a sound card. Processor time is that of both processes together,
-in percent of one core, the median of one-second stretches, with packets of 5 ms and with
-those of the row; latency is from an impulse at all microphones to the vibration of the last finger. The operator's
-memory is what is resident (RSS) without the memory of the JACK server, which maps and locks it whole in every client;
-in brackets with it, and the proportional share (PSS). `ROWS` holds further settings: add to it what is to be measured
-by fingers.
+Both ends run on this machine at a JACK server without a sound card. Processor time is
+that of both processes together, in percent of one core, the median of one-second
+stretches, with packets of 5 ms and with those of the row; latency is from an impulse at
+all microphones to the vibration of the last finger. The operator's memory is what is
+resident (RSS) without the memory of the JACK server, which maps and locks it whole in
+every client; in brackets with it, and the proportional share (PSS). `ROWS` holds
+further settings: add to it what is to be measured by fingers.
 """
 
 import argparse
@@ -49,7 +52,8 @@ OPUS = ("link.codec=opus", "link.packet_duration=0.0025")
 LONG_PACKETS = ("link.codec=opus", "link.packet_duration=0.005")
 
 SHORT_PCM = ("link.codec=pcm16", f"link.packet_duration={32 / 48_000}")
-"""Half of a period of 64 samples: a whole one of five fingers does not fit a datagram."""
+"""Half of a period of 64 samples: a whole one of five fingers does not fit a
+datagram."""
 
 ROWS: dict[str, tuple[int, tuple[str, ...]]] = {
     "128-opus": (128, OPUS),
@@ -124,7 +128,8 @@ def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
 
 
 def packet_costs(numbers: list[int], *, packets: int = 1500) -> dict[int, float]:
-    """Return the median processor time in µs of a packet of 2.5 ms to so many operators; paced, so caches are cold."""
+    """Return the median processor time in µs of a packet of 2.5 ms to so many
+    operators; paced, so caches are cold."""
     sound = np.random.default_rng(0).normal(0, 0.05, (120, 2)).astype(np.float32)
     costs: dict[int, list[float]] = {number: [] for number in numbers}
     with ExitStack() as stack:
@@ -179,7 +184,8 @@ def connected_group(operators: int) -> "SendGroup":
 
 
 def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) -> str:
-    """Measure the robot alone, sending to so many operators without actuators, each in its process."""
+    """Measure the robot alone, sending to so many operators without actuators, each in
+    its process."""
     period, changes = ROWS[name]
     free = [
         "capture.contact=-",
@@ -229,7 +235,8 @@ def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":
 
 
 class RunningCost(NamedTuple):
-    """Percent of a core of each end, the operator's memory in words, and Mbit/s on the wire."""
+    """Percent of a core of each end, the operator's memory in words, and Mbit/s on the
+    wire."""
 
     robot: float
     operator: float
@@ -283,7 +290,8 @@ def latency(measured: "ImpulseLatency") -> str:
 
 
 def decisions_equal(fingers: int, *, size: int = 120, duration: float = 1.0) -> bool:
-    """Compare each finger's predictions in a hand with those of its pipeline alone: classes, and P(rough) to 1e-5."""
+    """Compare each finger's predictions in a hand with those of its pipeline alone:
+    classes, and P(rough) to 1e-5."""
     random = np.random.default_rng(0)
     strength = (
         0.1

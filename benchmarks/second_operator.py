@@ -10,7 +10,8 @@ from tactophone.net.link.udp import UdpSocket
 def with_operator(
     robot: Settings, operator: Settings, folder: Path, *, name: str
 ) -> tuple[Settings, Settings]:
-    """Return the robot's settings with one more operator, and that operator's; ``folder`` holds the keys of both."""
+    """Return the robot's settings with one more operator, and that operator's;
+    ``folder`` holds the keys of both."""
     identity = Identity.create(name)
     identity.save(folder / name)
     Peers.load(folder / "operator").save(folder / name)

@@ -1,18 +1,23 @@
-"""A simulated operator: explores five stones through the vibration alone, and picks the two rough ones.
+"""A simulated operator: explores five stones through the vibration alone, and picks the
+two rough ones.
 
-It perceives the vibration as a fingertip does, as level above threshold and pitch, every 30 ms. Sensation level is the
-vibration's level over the detection threshold at its frequency (Verrillo, J. Acoust. Soc. Am. 35, 1962, 1963: flat to
-40 Hz, falling by 12 dB an octave from there to 250 Hz, rising again beyond). Internal noise masks smaller differences
-than the just-noticeable ones: 18 % of frequency (Pongrac, Multimedia Systems 13, 297, 2008), 1.5 dB of level (a Weber
-fraction of 0.2, the finest of the published 0.2 to 0.58).
+It perceives the vibration as a fingertip does, as level above threshold and pitch,
+every 30 ms. Sensation level is the vibration's level over the detection threshold at
+its frequency (Verrillo, J. Acoust. Soc. Am. 35, 1962, 1963: flat to 40 Hz, falling by
+12 dB an octave from there to 250 Hz, rising again beyond). Internal noise masks smaller
+differences than the just-noticeable ones: 18 % of frequency (Pongrac, Multimedia
+Systems 13, 297, 2008), 1.5 dB of level (a Weber fraction of 0.2, the finest of the
+published 0.2 to 0.58).
 
-In practice it learns the vibration of rough and smooth from *other* stones with known labels. In a round it strokes
-stone after stone, accumulates evidence every third of a second, and leaves a stone when it is sure enough: the
-sequential probability ratio test (Wald 1945), which describes how people and monkeys decide about vibration (Gold &
-Shadlen, Annu. Rev. Neurosci. 30, 535, 2007). It is not a person; it is the same for every method, and its only input is
-the vibration.
+In practice it learns the vibration of rough and smooth from *other* stones with known
+labels. In a round it strokes stone after stone, accumulates evidence every third of a
+second, and leaves a stone when it is sure enough: the sequential probability ratio test
+(Wald 1945), which describes how people and monkeys decide about vibration (Gold &
+Shadlen, Annu. Rev. Neurosci. 30, 535, 2007). It is not a person; it is the same for
+every method, and its only input is the vibration.
 
-Visits are rendered and perceived once; rounds draw from them, so that a thousand rounds take seconds.
+Visits are rendered and perceived once; rounds draw from them, so that a thousand rounds
+take seconds.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,7 +49,8 @@ GLANCE = 10
 """Values in a third of a second, which count as a single observation."""
 
 _D_PRIME = 0.954
-"""Distance in standard deviations of two stimuli recognised three times in four (Macmillan & Creelman 2005, A5.2)."""
+"""Distance in standard deviations of two stimuli recognised three times in four
+(Macmillan & Creelman 2005, A5.2)."""
 
 LOWEST, HIGHEST = 15.0, 1000.0
 """Hz between which a fingertip perceives vibration."""
@@ -56,7 +62,8 @@ _HALF_WIDTH = 2 / INTEGRATION
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Percepts:
-    """A vibration as perceived, one value every ``INTEGRATION`` seconds, before internal noise."""
+    """A vibration as perceived, one value every ``INTEGRATION`` seconds, before
+    internal noise."""
 
     level_db: NDArray[np.float64]
     """Over threshold; 0 where nothing is perceived."""
@@ -65,7 +72,8 @@ class Percepts:
 
 
 def perceive(waveform: FloatArray, rate: int) -> Percepts:
-    """Compute the percepts of a rendered vibration, shape ``(samples,)``, from -1 to 1 of full drive."""
+    """Compute the percepts of a rendered vibration, shape ``(samples,)``, from -1 to 1
+    of full drive."""
     size = round(INTEGRATION * rate)
     windows = np.asarray(waveform[: len(waveform) // size * size], np.float64).reshape(
         -1, size
@@ -95,7 +103,8 @@ def _pitch(
 ) -> NDArray[np.float64]:
     """Log-frequency of the strongest perceived component.
 
-    It is the centroid of the *unweighted* lobe around the weighted peak, which the threshold's slope would shift.
+    It is the centroid of the *unweighted* lobe around the weighted peak, which the
+    threshold's slope would shift.
     """
     peak = frequency[np.argmax(weighted, axis=1)]
     lobe = power * (np.abs(frequency - peak[:, None]) < _HALF_WIDTH)
@@ -106,9 +115,10 @@ def _pitch(
 def add_internal_noise(percepts: Percepts, rng: np.random.Generator) -> Percepts:
     """Add the internal noise that makes just-noticeable differences just noticeable.
 
-    It is drawn per glance, not per value: just-noticeable differences are those of whole bursts, and longer bursts
-    are distinguished little better. A further draw for the whole vibration models that people remember an object no
-    more precisely than a single glance.
+    It is drawn per glance, not per value: just-noticeable differences are those of
+    whole bursts, and longer bursts are distinguished little better. A further draw for
+    the whole vibration models that people remember an object no more precisely than a
+    single glance.
     """
     perceived = percepts.level_db > 0
     level = percepts.level_db + _noise(perceived.size, rng) * LEVEL_JND_DB / _D_PRIME
@@ -129,10 +139,12 @@ def _noise(size: int, rng: np.random.Generator) -> NDArray[np.float64]:
 Representation = TypeVar("Representation")
 
 SoundToVibration = Callable[[FloatArray], FloatArray]
-"""Sound of a visit, shape ``(samples, 2)`` at 48 kHz, to the rendered vibration, shape ``(samples,)``."""
+"""Sound of a visit, shape ``(samples, 2)`` at 48 kHz, to the rendered vibration, shape
+``(samples,)``."""
 
 DISCOUNT = 0.5
-"""Weight of an observation: observations of a visit are not independent, as pressure and place last longer."""
+"""Weight of an observation: observations of a visit are not independent, as pressure
+and place last longer."""
 
 STROKE_ERROR = 0.01
 """Accepted probability of a wrong decision about a stone."""
@@ -149,7 +161,8 @@ _OBSERVATION = GLANCE * INTEGRATION
 
 @dataclass(frozen=True, slots=True)
 class Visits(Generic[Representation]):
-    """Visits by label, as sound or as percepts: training objects for practice, synthetic stones for rounds."""
+    """Visits by label, as sound or as percepts: training objects for practice,
+    synthetic stones for rounds."""
 
     practice: dict[Touch, tuple[Representation, ...]]
     rounds: dict[Touch, tuple[Representation, ...]]
@@ -168,7 +181,8 @@ class OperatorRound:
 
 
 def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
-    """Render ``visits`` per label and purpose to stones in the competition's box; the same for every method."""
+    """Render ``visits`` per label and purpose to stones in the competition's box; the
+    same for every method."""
     practice, rounds = {}, {}
     for label in SURFACE_LABELS:
         known = [
@@ -211,7 +225,8 @@ def perceive_visits(
 
 
 class Operator:
-    """An ideal observer, trained on the percepts of rough and smooth through a method."""
+    """An ideal observer, trained on the percepts of rough and smooth through a
+    method."""
 
     def __init__(
         self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0
@@ -253,7 +268,8 @@ class Operator:
         return DISCOUNT * (features @ self._weights[1:] + self._weights[0])
 
     def decide(self, percepts: Percepts) -> tuple[float, float]:
-        """Stroke a stone until sure, or for `LONGEST` s; return the log-odds of rough and the seconds spent."""
+        """Stroke a stone until sure, or for `LONGEST` s; return the log-odds of rough
+        and the seconds spent."""
         # Prior: two stones of five are rough.
         odds = np.log(2 / 3) + np.cumsum(self.evidence(percepts))
         if not odds.size:
@@ -273,7 +289,8 @@ class Operator:
 def play_rounds(
     visits: Visits[Percepts], *, rounds: int = 1000, seed: int = 0
 ) -> list[OperatorRound]:
-    """Play rounds of the task; the same seed draws the same stones, visits and noise for any method."""
+    """Play rounds of the task; the same seed draws the same stones, visits and noise
+    for any method."""
     operator = Operator(visits.practice, seed=seed)
     return [
         _round(operator, visits, np.random.default_rng([0x5EED, seed, number]))
@@ -282,7 +299,8 @@ def play_rounds(
 
 
 def observations(percepts: Percepts) -> NDArray[np.float64]:
-    """Return features of each third of a second with touch, shape ``(observations, 4)``.
+    """Return features of each third of a second with touch, shape ``(observations,
+    4)``.
 
     They are mean level, its deviation, mean pitch, and the share of perceived values.
     """

@@ -26,7 +26,8 @@ _START = "from tactophone.lab.simulation.demonstration import demonstration; dem
 
 
 def offline(name: str) -> float:
-    """Speed of rendering a take of an object, as a multiple of real time on one core (processor time)."""
+    """Speed of rendering a take of an object, as a multiple of real time on one core
+    (processor time)."""
     scene = single(find(name))
     moves = take_moves(
         TAKES[1], scene.placed[0], duration=OFFLINE, rng=np.random.default_rng(1)
@@ -39,7 +40,8 @@ def offline(name: str) -> float:
 
 
 def live() -> tuple[float, float]:
-    """Share of a core for five stones in blocks of 128, and p99 of the time for a block in ms."""
+    """Share of a core for five stones in blocks of 128, and p99 of the time for a block
+    in ms."""
     finger = SimulatedFinger(five_stones(shuffled(1)), place=(0.04, 0.035))
     finger.render(BLOCK)
     times, began = [], time.process_time()

@@ -2,11 +2,12 @@
 
     python benchmarks/single_chunk.py
 
-The paper's two stimuli, with the oscillator's low-pass of 4 ms, through an actuator whose amplitude follows in one
-time constant: 2 ms, a voice coil over its band; 25 ms, a linear resonant actuator (Q of 13 at 170 Hz); 60 ms, a
-rotating mass (50 ms and more to change is usual). It is felt if a percept of the simulated operator, one each 30 ms,
-differs from those of *smooth* by three just-noticeable steps: of level 1.5 dB, of pitch 18 %. The worst of eight
-phases counts.
+The paper's two stimuli, with the oscillator's low-pass of 4 ms, through an actuator
+whose amplitude follows in one time constant: 2 ms, a voice coil over its band; 25 ms, a
+linear resonant actuator (Q of 13 at 170 Hz); 60 ms, a rotating mass (50 ms and more to
+change is usual). It is felt if a percept of the simulated operator, one each 30 ms,
+differs from those of *smooth* by three just-noticeable steps: of level 1.5 dB, of pitch
+18 %. The worst of eight phases counts.
 """
 
 import argparse
@@ -21,7 +22,8 @@ ACTUATORS = {"voice coil": 2e-3, "linear resonant": 25e-3, "rotating mass": 60e-
 
 
 def vibration(chunks: int, constant: float, start: float) -> np.ndarray:
-    """Return smooth for 1.2 s, in which rough lasts for a number of chunks from ``start`` on."""
+    """Return smooth for 1.2 s, in which rough lasts for a number of chunks from
+    ``start`` on."""
     time = np.arange(round(1.2 * RATE)) / RATE
     rough = ((time >= start) & (time < start + chunks * CHUNK)).astype(float)
     heard = [

@@ -1,12 +1,15 @@
-"""What touches of soft and of hard tips sound like: fits it, or scores how often a wrong tip is noticed.
+"""What touches of soft and of hard tips sound like: fits it, or scores how often a
+wrong tip is noticed.
 
-    python benchmarks/tip_sounds.py FOLDER ... --out src/tactophone/signal/perception/models/tips.npz
-    python benchmarks/tip_sounds.py FOLDER ... [--seconds 10]
+    python benchmarks/tip_sounds.py FOLDER ... --out
+    src/tactophone/signal/perception/models/tips.npz python benchmarks/tip_sounds.py
+    FOLDER ... [--seconds 10]
 
-A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one after another. With
-TACTOPHONE_RECORDINGS, `lmt` is a stylus: the odd groups of materials are fitted to, and the even ones scored; a run is
-three takes of a surface. Scores count a run as noticed within ``--seconds`` of its sound, silences included, and as a
-false alarm within all of it.
+A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one
+after another. With TACTOPHONE_RECORDINGS, `lmt` is a stylus: the odd groups of
+materials are fitted to, and the even ones scored; a run is three takes of a surface.
+Scores count a run as noticed within ``--seconds`` of its sound, silences included, and
+as a false alarm within all of it.
 """
 
 import argparse
@@ -28,7 +31,8 @@ from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import open_detector
 
 RIDGE_DB = 1.2
-"""Standard deviation that is added to every value, for what the sets do not vary; chosen in folds by kin."""
+"""Standard deviation that is added to every value, for what the sets do not vary;
+chosen in folds by kin."""
 
 BLOCK = 4096
 
@@ -78,7 +82,8 @@ def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
 
 
 def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
-    """Open a model that classifies nothing, which takes most of the time and changes no notice."""
+    """Open a model that classifies nothing, which takes most of the time and changes no
+    notice."""
     detector = open_detector(
         model, sample_rate=sound[0].sample_rate, follow_floor=True
     ).detector
@@ -90,7 +95,8 @@ def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
 
 
 def describe(run: Run, model: str, channel: int | None) -> Floats:
-    """Return the descriptions of a run, ``(verdicts, values and number of windows)``, with one channel or both."""
+    """Return the descriptions of a run, ``(verdicts, values and number of windows)``,
+    with one channel or both."""
     sound = blocks(run[1], channel)
     detector = listener(model, sound)
     recorder = detector.fit = Recorder(
@@ -114,7 +120,8 @@ def notices(run: Run, tip: str) -> Verdicts:
 
 
 def described(run: Run) -> list[tuple[str, Floats]]:
-    """Return the descriptions for both microphones, for one of a soft tip's model, and for one of a hard one's."""
+    """Return the descriptions for both microphones, for one of a soft tip's model, and
+    for one of a hard one's."""
     tip, found = run[0], []
     if tip != "lmt":
         found.append(("both", describe(run, "texture", None)))
@@ -148,9 +155,11 @@ def fit(runs: list[Run], out: Path) -> None:
 
 
 def gaussians(tips: list[list[Floats]]) -> dict[str, Floats]:
-    """Return the means of each tip's runs, and the covariance of all: that of long runs, and more the fewer windows.
+    """Return the means of each tip's runs, and the covariance of all: that of long
+    runs, and more the fewer windows.
 
-    Each run and each tip weighs the same. A straight line in ``1 / windows`` is fitted to the products of deviations.
+    Each run and each tip weighs the same. A straight line in ``1 / windows`` is fitted
+    to the products of deviations.
     """
     means, off, weights = [], [], []
     for runs in tips:

@@ -12,15 +12,17 @@ MISSED = "missed"
 def match_moments(
     truth: Sequence[float], found: Sequence[float], window: float
 ) -> list[tuple[float, float]]:
-    """Pair true moments with detected ones, each once, in time order, as many as possible.
+    """Pair true moments with detected ones, each once, in time order, as many as
+    possible.
 
     Parameters
     ----------
     truth, found
         In s.
     window
-        Longest distance of a pair, in s. On a line, pairing the earliest with the earliest that is near enough gives as
-        many pairs as any other way: `mir_eval.onset.f_measure` agrees.
+        Longest distance of a pair, in s. On a line, pairing the earliest with the
+        earliest that is near enough gives as many pairs as any other way:
+        `mir_eval.onset.f_measure` agrees.
 
     Examples
     --------
@@ -39,7 +41,8 @@ def match_moments(
 
 
 def f_measure(truth: Sequence[float], found: Sequence[float], window: float) -> float:
-    """Return the F-measure of moments within ``window`` s of each other; 1 where there are none and none was found.
+    """Return the F-measure of moments within ``window`` s of each other; 1 where there
+    are none and none was found.
 
     Examples
     --------
@@ -54,9 +57,11 @@ def f_measure(truth: Sequence[float], found: Sequence[float], window: float) -> 
 def confusion(
     truth: Iterable[TouchEvent], found: Iterable[TouchEvent], windows: dict[str, float]
 ) -> Counter[tuple[str, str]]:
-    """Count how each true event was classified: ``(true kind, detected kind)``, or :data:`MISSED`.
+    """Count how each true event was classified: ``(true kind, detected kind)``, or
+    :data:`MISSED`.
 
-    An event of the right kind is looked for first, then one of another kind; each detected event is used once.
+    An event of the right kind is looked for first, then one of another kind; each
+    detected event is used once.
 
     Parameters
     ----------
@@ -81,7 +86,8 @@ def confusion(
 
 
 def class_accuracy(counts: Counter[tuple[str, str]]) -> float:
-    """Return the share of true events that were detected as what they are; NaN without events."""
+    """Return the share of true events that were detected as what they are; NaN without
+    events."""
     total = counts.total()
     return (
         sum(count for (true, found), count in counts.items() if true == found) / total
@@ -96,7 +102,8 @@ def _take_nearest(
     left: list[TouchEvent],
     window: float,
 ) -> TouchEvent | None:
-    """Remove from ``left`` the event nearest in time within the window, and return it."""
+    """Remove from ``left`` the event nearest in time within the window, and return
+    it."""
     nearest = min(among, key=lambda other: abs(other.time - event.time), default=None)
     if nearest is None or abs(nearest.time - event.time) > window:
         return None

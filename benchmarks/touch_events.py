@@ -2,11 +2,13 @@
 
     python benchmarks/touch_events.py [--train] [--recordings DIR]
 
-Simulated: scenes of taps, strokes, slips and knocks in the air, on objects of the catalogue on which no constant of
-the detector was chosen (``--train``: on those on which they were), in a quiet room and in the competition's noise.
-Real, where TACTOPHONE_RECORDINGS or ``--recordings`` names them: finger taps (``tapsense``), double taps (``taps``),
-presses of a robot's finger (``phac``) and a sliding stylus (``lmt``); the rows say on which of them constants were
-chosen. One step of a tap was chosen on the even windows of ``taps``, so odd ones are scored apart.
+Simulated: scenes of taps, strokes, slips and knocks in the air, on objects of the
+catalogue on which no constant of the detector was chosen (``--train``: on those on
+which they were), in a quiet room and in the competition's noise. Real, where
+TACTOPHONE_RECORDINGS or ``--recordings`` names them: finger taps (``tapsense``), double
+taps (``taps``), presses of a robot's finger (``phac``) and a sliding stylus (``lmt``);
+the rows say on which of them constants were chosen. One step of a tap was chosen on the
+even windows of ``taps``, so odd ones are scored apart.
 """
 
 import argparse
@@ -32,7 +34,8 @@ from touch_scenes import touch_scene
 
 TRAIN = ("0", "1", "2", "4", "5", "8", "9", "11", "12", "17")
 HELD_OUT = ("21", *map(str, range(23, 33)), "22")
-"""22, a soft tile with taps within 10 dB of the noise, comes last, so that the others' scenes are as without it."""
+"""22, a soft tile with taps within 10 dB of the noise, comes last, so that the others'
+scenes are as without it."""
 
 KINDS = {"tap": 0.05, "knock": 0.05, "stroke": 0.15, "slip": 0.15, "lift-off": 0.15}
 """Seconds within which an event counts: sliding begins and ends gradually."""
@@ -63,11 +66,13 @@ TAPS_WINDOW, TAPS_STEP = 24_000, 120
 """Samples of a window of `taps`, and of the 2.5 ms by which its onsets are found."""
 
 APART, WHOLE = 60, 88
-"""Steps, 150 ms, between two taps; steps that have to follow a tap that completes others."""
+"""Steps, 150 ms, between two taps; steps that have to follow a tap that completes
+others."""
 
 PRESS_DB = 35.0
-"""A press of a BioTac exceeds the median level of its recording by so many dB over 32 ms: those chosen on by 58 under
-50 Hz, the arm's own movements by up to 33 (p50 of the recordings)."""
+"""A press of a BioTac exceeds the median level of its recording by so many dB over 32
+ms: those chosen on by 58 under 50 Hz, the arm's own movements by up to 33 (p50 of the
+recordings)."""
 
 
 class Pooled:
@@ -169,7 +174,8 @@ def tapsense(folder: Path) -> Iterator[str]:
 
 
 def phac(folder: Path) -> Iterator[str]:
-    """Taps are the short gaps between what is labelled as no contact: by sound, and by the contact gate."""
+    """Taps are the short gaps between what is labelled as no contact: by sound, and by
+    the contact gate."""
     pooled, pressed = Pooled(), {True: Pooled(), False: Pooled()}
     for file, quiet in labelled(folder, "no_contact").items():
         sound, rate = soundfile.read(folder / file, dtype="float32", always_2d=True)
@@ -200,7 +206,8 @@ def phac(folder: Path) -> Iterator[str]:
 
 
 def press_power(folder: Path) -> Iterator[str]:
-    """How far the loudest 20 ms of presses, and of rest, exceed the median of rest, by band; p50 of the recordings."""
+    """How far the loudest 20 ms of presses, and of rest, exceed the median of rest, by
+    band; p50 of the recordings."""
     over: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
     for file, quiet in labelled(folder, "no_contact").items():
         gaps = [
@@ -270,10 +277,12 @@ def lmt(folder: Path) -> Iterator[str]:
 
 
 def double_taps(folder: Path) -> Iterator[str]:
-    """How many windows of `taps` have a tap, each between 0.8 s and 0.4 s of its own noise, and how many a second one.
+    """How many windows of `taps` have a tap, each between 0.8 s and 0.4 s of its own
+    noise, and how many a second one.
 
-    Most windows end within 2.5 ms of the onset of their second tap. So that is *completed*: from its onset on, by the
-    whole first tap of the next window that has one.
+    Most windows end within 2.5 ms of the onset of their second tap. So that is
+    *completed*: from its onset on, by the whole first tap of the next window that has
+    one.
     """
     for file, title in (
         ("double_left_palm", "double taps, left"),
@@ -292,7 +301,8 @@ def double_taps(folder: Path) -> Iterator[str]:
 def second_taps(
     windows: NDArray[np.float32], heard: list[list[float]], rate: int, title: str
 ) -> Iterator[str]:
-    """Of the windows with two onsets 150 ms apart or more, how many second taps are found."""
+    """Of the windows with two onsets 150 ms apart or more, how many second taps are
+    found."""
     onsets = [onsets_of(window, rate) for window in windows]
     whole = [
         number for number, (steps, level) in enumerate(onsets) if is_whole(steps, level)
@@ -323,7 +333,8 @@ def second_taps(
 def found_among_noise(
     sound: NDArray[np.float32], window: NDArray[np.float32]
 ) -> list[float]:
-    """Return when taps are found in sound between 0.8 s and 0.4 s of a window's noise, its quietest 50 ms."""
+    """Return when taps are found in sound between 0.8 s and 0.4 s of a window's noise,
+    its quietest 50 ms."""
     powers = np.square(window).reshape(-1, 2 * TAPS_STEP).mean(axis=1)
     powers = np.where(powers < 1e-11, 1, powers)  # no noise is digital silence
     quietest = int(np.convolve(powers, np.ones(10), "valid").argmin()) * 2 * TAPS_STEP
@@ -349,7 +360,8 @@ def over_200_hz(window: NDArray[np.float32], rate: int) -> NDArray[np.float64]:
 def onsets_of(
     window: NDArray[np.float32], rate: int
 ) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the steps of a window that are 12 dB over its median and over the 25 ms before; and the levels of all."""
+    """Return the steps of a window that are 12 dB over its median and over the 25 ms
+    before; and the levels of all."""
     level = 10 * np.log10(
         np.square(over_200_hz(window, rate)).reshape(-1, TAPS_STEP).mean(axis=1) + 1e-12
     )
@@ -372,7 +384,8 @@ def is_whole(steps: list[int], level: NDArray[np.float64]) -> bool:
 
 
 def first_sample(window: NDArray[np.float32], step: int, rate: int) -> int:
-    """Return the first sample of a step's onset: six times the level of the 20 ms before, or a fifth of its peak."""
+    """Return the first sample of a step's onset: six times the level of the 20 ms
+    before, or a fifth of its peak."""
     sound, begin = np.abs(over_200_hz(window, rate)), max(0, step - 2) * TAPS_STEP
     noise = np.sqrt(np.mean(np.square(sound[max(0, begin - 960) : begin + 1])))
     loud = max(6 * noise, 0.2 * sound[step * TAPS_STEP : (step + 1) * TAPS_STEP].max())

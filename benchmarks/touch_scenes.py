@@ -1,8 +1,10 @@
-"""Simulated scenes of taps, strokes, slips and knocks in the air, with the moment of each: truth for touch events.
+"""Simulated scenes of taps, strokes, slips and knocks in the air, with the moment of
+each: truth for touch events.
 
-A tap is a landing of the finger, whether it slides afterwards or not. Sliding that follows a landing begins with a
-stroke; sliding of a finger that rested begins with a slip; either ends in a lift-off. A knock in the air reaches the
-air microphone alone, but for the little that the finger passes on.
+A tap is a landing of the finger, whether it slides afterwards or not. Sliding that
+follows a landing begins with a stroke; sliding of a finger that rested begins with a
+slip; either ends in a lift-off. A knock in the air reaches the air microphone alone,
+but for the little that the finger passes on.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ from tactophone.lab.simulation.source import SimulatedFinger, Truth
 from tactophone.lab.simulation.strokes import Script
 
 KNOCK_TO_CONTACT_DB = -20.0
-"""What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
+"""What the finger passes on of a knock in the air to its contact microphone: a guess,
+as nobody measured it."""
 
 BOUNCE = 0.06
 """Seconds; touches closer than this are one."""
@@ -37,13 +40,15 @@ SHORTEST_SLIDE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class TouchScene:
-    """Sound of two microphones, shape ``(samples, 2)``, and what happens in it, oldest first."""
+    """Sound of two microphones, shape ``(samples, 2)``, and what happens in it, oldest
+    first."""
 
     sound: FloatArray
     events: tuple[TouchEvent, ...]
 
     def times(self, kind: str) -> NDArray[np.float64]:
-        """Return the times in s of one kind of event: tap, stroke, slip, lift-off or knock."""
+        """Return the times in s of one kind of event: tap, stroke, slip, lift-off or
+        knock."""
         return np.array([event.time for event in self.events if event.kind == kind])
 
 
@@ -70,7 +75,8 @@ def touch_scene(
     taps, knocks
         Whether there are any; without taps the finger only slides.
     motors
-        Whether it takes place in the competition's noise: a hall full of people, and running motors.
+        Whether it takes place in the competition's noise: a hall full of people, and
+        running motors.
     tip
         What touches, one of `tactophone.core.tips.TIP_NAMES`.
     """
@@ -126,7 +132,8 @@ def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
 def _stretches(
     on: NDArray[np.bool_], closer: float = BOUNCE
 ) -> list[tuple[float, float]]:
-    """Return begin and end of each stretch, in s; those closer than so many seconds are one."""
+    """Return begin and end of each stretch, in s; those closer than so many seconds are
+    one."""
     edges = (
         np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
         / LIVE_SAMPLE_RATE
@@ -143,7 +150,8 @@ def _stretches(
 def _add_knocks(
     sound: FloatArray, gaps: list[tuple[float, float]], rng: np.random.Generator
 ) -> list[float]:
-    """Add a knock into each second gap between touches: a decaying burst of air, and a little of it by contact."""
+    """Add a knock into each second gap between touches: a decaying burst of air, and a
+    little of it by contact."""
     knocks = []
     for end, begin in gaps[::2]:
         if begin - end < 0.25:

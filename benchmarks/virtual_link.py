@@ -1,4 +1,5 @@
-"""Both ends of a link in virtual time: no socket, no thread, and hours simulated in seconds."""
+"""Both ends of a link in virtual time: no socket, no thread, and hours simulated in
+seconds."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -22,7 +23,8 @@ T = TypeVar("T")
 
 
 class Receiver(Protocol[T_co]):
-    """The operator's end: a `ReceiveSession`, or an `OperatorEndpoint` with its pipeline."""
+    """The operator's end: a `ReceiveSession`, or an `OperatorEndpoint` with its
+    pipeline."""
 
     @property
     def session(self) -> "Session | ReceiveSession":
@@ -38,7 +40,8 @@ class Receiver(Protocol[T_co]):
 def paired_sessions(
     codec: Codec, *, rule: RedundancyRule | None = None, reorder: int = 1
 ) -> tuple[SendGroup, ReceiveSession]:
-    """Make a robot's and an operator's session that trust each other, with fresh keys."""
+    """Make a robot's and an operator's session that trust each other, with fresh
+    keys."""
     robot, operator = Identity.create("robot"), Identity.create("operator")
     calling = Session(
         robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS
@@ -91,7 +94,8 @@ class VirtualLink(Generic[T]):
         return now
 
     def carry(self, now: float) -> list[T]:
-        """Run both ends and the link until nothing more happens at ``now``; return what the operator received."""
+        """Run both ends and the link until nothing more happens at ``now``; return what
+        the operator received."""
         self.robot.poll(now, operator=self.number)
         received = list(self.operator.poll(now))
         while self._pass(now, received):

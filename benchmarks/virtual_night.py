@@ -1,10 +1,12 @@
-"""Both sides of the live system on one virtual clock, with a seed: `runtime.Robot` and `runtime.Operator` themselves.
+"""Both sides of the live system on one virtual clock, with a seed: `runtime.Robot` and
+`runtime.Operator` themselves.
 
-A side runs as in its process, but without threads: whoever holds the clock lets each of its loops turn once. The sound
-server is asynchronous JACK as the watchdog knows it: it repeats the last period of a client that is late, until the
-client goes on, is disconnected or ends. What is not on the clock stays with the tests of live processes: how threads
-take turns, JACK itself, sockets and the kernel's filter, the supervisor's processes, the clock of the day. Between
-strokes the robot sends nothing but reports.
+A side runs as in its process, but without threads: whoever holds the clock lets each of
+its loops turn once. The sound server is asynchronous JACK as the watchdog knows it: it
+repeats the last period of a client that is late, until the client goes on, is
+disconnected or ends. What is not on the clock stays with the tests of live processes:
+how threads take turns, JACK itself, sockets and the kernel's filter, the supervisor's
+processes, the clock of the day. Between strokes the robot sends nothing but reports.
 """
 
 import contextlib
@@ -44,7 +46,8 @@ from tactophone.live.telemetry.layout import Request
 from tactophone.net.link.packet import Address
 
 STEP, QUIET_STEP = 0.005, 0.45
-"""Seconds of virtual time of a step: while something happens, and in between, where reports keep the link."""
+"""Seconds of virtual time of a step: while something happens, and in between, where
+reports keep the link."""
 
 LIVELY = 4.0
 """Seconds after an event in which steps are short."""
@@ -59,13 +62,15 @@ SOON = 0.1
 """Seconds within which every fault and every stop is silence."""
 
 CONCEALED = 0.02
-"""Seconds of sound that may stand for lost packets, and lead to commands, before the link falls silent."""
+"""Seconds of sound that may stand for lost packets, and lead to commands, before the
+link falls silent."""
 
 LONGEST_RECONNECTION = 3.0
 """Seconds of a usable way after which both sides are connected."""
 
 GROWTH = 60.0
-"""Megabytes that the process may grow in the last three quarters of a night, whose restarts leave telemetry behind."""
+"""Megabytes that the process may grow in the last three quarters of a night, whose
+restarts leave telemetry behind."""
 
 EVENTS = (
     "network",
@@ -165,7 +170,8 @@ class Strokes(AlwaysOpen):
 
 @dataclass
 class Machine:
-    """One side's machine: its process, perhaps frozen or gone, its socket, and its clock, which stands in sleep."""
+    """One side's machine: its process, perhaps frozen or gone, its socket, and its
+    clock, which stands in sleep."""
 
     address: Address
     begun: float
@@ -186,7 +192,8 @@ class Machine:
 
 
 class Night:
-    """``hours`` of virtual time with ``sound`` seconds of sound; `run` raises `BrokenPromiseError`."""
+    """``hours`` of virtual time with ``sound`` seconds of sound; `run` raises
+    `BrokenPromiseError`."""
 
     def __init__(self, seed: int, *, hours: float, sound: float, folder: Path) -> None:
         self._dice, self.seed, self._hours, self._sound = (
@@ -278,7 +285,8 @@ class Night:
             )
 
     def _plan(self) -> tuple[list[tuple[float, float]], list[float]]:
-        """Return the spans with sound, and the moments of events: most of them within or just after a stroke."""
+        """Return the spans with sound, and the moments of events: most of them within
+        or just after a stroke."""
         strokes, left, span = [], self._sound, 3600 * self._hours
         while left > 0.01:
             length = min(left, self._dice.uniform(0.3, 2.0))
@@ -366,7 +374,8 @@ class Night:
 
     @contextmanager
     def _virtual(self) -> Iterator[None]:
-        """Give both sides this clock, these sockets and this sound server, and no threads."""
+        """Give both sides this clock, these sockets and this sound server, and no
+        threads."""
         self._clock = self.now
 
         def clock() -> float:
@@ -421,7 +430,8 @@ class Night:
         machine.frozen_until, machine.restarts = 0.0, machine.restarts + 1
 
     def _forget(self, name: str) -> None:
-        """Remove the telemetry of a process that was killed: `remove_memory` sees that this one lives."""
+        """Remove the telemetry of a process that was killed: `remove_memory` sees that
+        this one lives."""
         (memory.folder() / f"{memory.PREFIX}{self._run_of(name)}").unlink(
             missing_ok=True
         )
@@ -496,7 +506,8 @@ class Night:
         self._turned_at = self.now
 
     def _carry(self, back: bool) -> None:
-        """Take the datagrams of both sides over the network, and let their loops read what arrived."""
+        """Take the datagrams of both sides over the network, and let their loops read
+        what arrived."""
         dead = self.now < self._way_until
         for name, other in (("robot", "operator"), ("operator", "robot")):
             machine, peer = self._machines[name], self._machines[other]
@@ -575,7 +586,8 @@ class Night:
         )
         if not self._armed and now - self._quiet_since > SOON:
             self._promise(peak == 0.0, f"{peak:.3f} while stopped")
-        # Samples count, not time: what was frozen or asleep goes on with its fade where it stood.
+        # Samples count, not time: what was frozen or asleep goes on with its fade where
+        # it stood.
         passed = STEP * machine.runs(now)
         fresh = side._fingers[0].renderer._slot is not self._command
         self._command = side._fingers[0].renderer._slot

@@ -1,7 +1,7 @@
 """Classify a recording: python examples/classify_wav.py finger.wav
 
-Prints one line per change: the time, the touch and the roughness. Channel 0 is the contact microphone, channel 1 (if
-there is one) the air microphone.
+Prints one line per change: the time, the touch and the roughness. Channel 0 is the
+contact microphone, channel 1 (if there is one) the air microphone.
 """
 
 import sys
@@ -10,7 +10,8 @@ from tactophone import Touch, open_recording
 
 
 def main(path: str) -> None:
-    """Print the predictions that differ from the one before, and what was corrected in the recording."""
+    """Print the predictions that differ from the one before, and what was corrected in
+    the recording."""
     previous, recording = None, open_recording(path)
     for step in recording.steps():
         for prediction in step.predictions:

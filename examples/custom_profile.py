@@ -1,7 +1,8 @@
 """Render predictions in your own way: python examples/custom_profile.py finger.wav
 
-A rendering profile maps a prediction to a command. This one keeps 80 Hz and lets only the amplitude follow the
-roughness; the pipeline's limits still apply to whatever it returns.
+A rendering profile maps a prediction to a command. This one keeps 80 Hz and lets only
+the amplitude follow the roughness; the pipeline's limits still apply to whatever it
+returns.
 """
 
 import sys

@@ -1,7 +1,8 @@
 """Bring your own sound: python examples/custom_source.py
 
-A source yields blocks of float32 samples of shape (samples, channels). This one makes noise in bursts; a driver for
-another sensor looks the same, with its device opened in __enter__ and closed in __exit__.
+A source yields blocks of float32 samples of shape (samples, channels). This one makes
+noise in bursts; a driver for another sensor looks the same, with its device opened in
+__enter__ and closed in __exit__.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,8 @@ from tactophone import AudioBlock, open_pipeline
 
 
 class NoiseBursts:
-    """Two seconds of two microphones: half a second of silence, half a second of noise, twice."""
+    """Two seconds of two microphones: half a second of silence, half a second of noise,
+    twice."""
 
     sample_rate = 48_000
     channels = 2

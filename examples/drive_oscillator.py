@@ -1,7 +1,8 @@
 """Drive an actuator by hand: python examples/drive_oscillator.py vibration.wav
 
-Renders one second of the paper's *rough* (60 Hz), then silence, into a WAV file. The limits bound the amplitude at
-every sample; without a new command every 35 ms the vibration fades to silence, as when a robot stops sending.
+Renders one second of the paper's *rough* (60 Hz), then silence, into a WAV file. The
+limits bound the amplitude at every sample; without a new command every 35 ms the
+vibration fades to silence, as when a robot stops sending.
 """
 
 import sys

@@ -1,4 +1,5 @@
-"""Print what a run publishes to ROS 2, without ROS: `tactophone loopback --bridge ros`, then `follow_ros.py`."""
+"""Print what a run publishes to ROS 2, without ROS: `tactophone loopback --bridge ros`,
+then `follow_ros.py`."""
 
 import sys
 import time

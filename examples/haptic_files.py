@@ -1,18 +1,25 @@
-"""Write the commands of a timeline as a haptic file: python examples/haptic_files.py felt/a.csv a.haptic
+"""Write the commands of a timeline as a haptic file: python examples/haptic_files.py
+felt/a.csv a.haptic
 
-Haptic files hold amplitude and frequency envelopes in formats that phones, editors and codecs read.
+Haptic files hold amplitude and frequency envelopes in formats that phones, editors and
+codecs read.
 
-=========  =====================================================  ================================================
-ending     format                                                 checked against
-=========  =====================================================  ================================================
-.haptic    Meta (formerly Lofelt) Haptics, version 1.0.0          the rules of its documentation, as cited below
-.ahap      Apple Haptic and Audio Pattern, version 1.0            Apple's documented keys; there is no schema
-.hjif      MPEG haptics, ISO/IEC 23090-31, in JSON                the rules of the reference software; its schema
-                                                                  could not be had, nor a player
-=========  =====================================================  ================================================
+=========  =====================================================
+================================================ ending     format
+checked against =========  =====================================================
+================================================ .haptic    Meta (formerly Lofelt)
+Haptics, version 1.0.0          the rules of its documentation, as cited below .ahap
+Apple Haptic and Audio Pattern, version 1.0            Apple's documented keys; there is
+no schema .hjif      MPEG haptics, ISO/IEC 23090-31, in JSON                the rules of
+the reference software; its schema
+                                                                  could not be had, nor
+                                                                  a player
+=========  =====================================================
+================================================
 
-Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (tests decode them). Between two
-points all formats interpolate linearly; a change is therefore written as two points.
+Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (tests
+decode them). Between two points all formats interpolate linearly; a change is therefore
+written as two points.
 """
 
 import json
@@ -26,7 +33,8 @@ from tactophone import ConfigError, HapticCommand
 from tactophone.live.telemetry.timeline import read_timeline
 
 LOWEST_HZ, HIGHEST_HZ = 35.0, 1000.0
-"""The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the file states this one."""
+"""The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the
+file states this one."""
 
 SILENT_AMPLITUDE = 1e-4
 """Amplitude, -80 dB of full drive, below which a command is written as 0."""
@@ -35,7 +43,8 @@ _STEP = 1e-4
 """Seconds between the two points of a change."""
 
 _AHAP_POINTS = 16
-"""Control points of a parameter curve: Core Haptics ignores those beyond (Apple, CHHapticParameterCurve)."""
+"""Control points of a parameter curve: Core Haptics ignores those beyond (Apple,
+CHHapticParameterCurve)."""
 
 Point = tuple[float, float, float]
 """Time in s, amplitude 0-1, frequency in Hz."""
@@ -44,7 +53,8 @@ Point = tuple[float, float, float]
 def envelope(
     commands: Iterable[HapticCommand], *, duration: float = 0.0
 ) -> list[Point]:
-    """Return the points of a stream of at least ``duration`` s, from time 0, each command held until the next."""
+    """Return the points of a stream of at least ``duration`` s, from time 0, each
+    command held until the next."""
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
     for command in commands:
         _, amplitude, frequency = points[-1]
@@ -67,7 +77,8 @@ def envelope(
 
 
 def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
-    """Encode as .haptic 1.0.0; its frequency runs from 0 to 1, here by ratio over `LOWEST_HZ` to `HIGHEST_HZ`."""
+    """Encode as .haptic 1.0.0; its frequency runs from 0 to 1, here by ratio over
+    `LOWEST_HZ` to `HIGHEST_HZ`."""
     return {
         "version": {"major": 1, "minor": 0, "patch": 0},
         "metadata": {
@@ -129,8 +140,9 @@ HJIF_TICKS = 10_000
 def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
     """Encode as .hjif: one perception with one channel, and a band of vectorial waves.
 
-    MPEG's reference software loads nothing without a date, an avatar other than 0 and a library of effects, and skips
-    frequencies and positions that are no whole numbers: positions are ticks of 0.1 ms.
+    MPEG's reference software loads nothing without a date, an avatar other than 0 and a
+    library of effects, and skips frequencies and positions that are no whole numbers:
+    positions are ticks of 0.1 ms.
     """
     keyframes = [
         {
@@ -195,7 +207,8 @@ FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
 def write_haptic_file(
     path: Path, commands: Iterable[HapticCommand], *, duration: float = 0.0
 ) -> Path:
-    """Write a command stream in the format of the file's ending; raises `ConfigError` for another ending."""
+    """Write a command stream in the format of the file's ending; raises `ConfigError`
+    for another ending."""
     if path.suffix not in FORMATS:
         raise ConfigError(f"{path}: haptic files end in {', '.join(FORMATS)}")
     content = FORMATS[path.suffix](envelope(commands, duration=duration))
@@ -228,7 +241,8 @@ def _digits(amplitude: float) -> float:
 
 
 def _relative(hertz: float) -> float:
-    """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by ratio."""
+    """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by
+    ratio."""
     share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(
         HIGHEST_HZ / LOWEST_HZ
     )

@@ -1,7 +1,8 @@
 """Be called back by live sound: python examples/live_callback.py [SOURCE] [SECONDS]
 
-SOURCE is what `--source` takes: finger (simulated), jack, portaudio:DEVICE, file:RECORDING. The callback runs in a
-thread of its own, a block at a time; keep it short, or the sound waits.
+SOURCE is what `--source` takes: finger (simulated), jack, portaudio:DEVICE,
+file:RECORDING. The callback runs in a thread of its own, a block at a time; keep it
+short, or the sound waits.
 """
 
 import sys

@@ -1,7 +1,8 @@
 """Your own actuator: python examples/own_actuator.py
 
-In a package, `[project.entry-points."tactophone.actuators"]` with `mine = "package:make"` lets `tactophone receive
---actuator mine:DEVICE` find it. Every period, `render` fills one array for each finger: your driver plays it.
+In a package, `[project.entry-points."tactophone.actuators"]` with `mine =
+"package:make"` lets `tactophone receive --actuator mine:DEVICE` find it. Every period,
+`render` fills one array for each finger: your driver plays it.
 """
 
 import numpy as np
@@ -11,7 +12,8 @@ from tactophone.live.audio.actuator import Actuator, ClockedDevice, RenderHand
 
 
 def make(*, render: RenderHand, fingers: int, device: str) -> Actuator:
-    """Return an actuator that prints a bar for each period of 10 ms; replace `play` by a call of your driver."""
+    """Return an actuator that prints a bar for each period of 10 ms; replace `play` by
+    a call of your driver."""
 
     def play(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
         render(outputs)

@@ -1,7 +1,9 @@
-"""Your own detector, from scikit-learn: python examples/own_detector.py none.wav smooth.wav rough.wav finger.wav
+"""Your own detector, from scikit-learn: python examples/own_detector.py none.wav
+smooth.wav rough.wav finger.wav
 
-In a package, `[project.entry-points."tactophone.detectors"]` with `mine = "package:make"` lets `--set
-detector.model=mine` and `open_pipeline("mine", ...)` find it; `make(sample_rate=..., channels=...)` returns it.
+In a package, `[project.entry-points."tactophone.detectors"]` with `mine =
+"package:make"` lets `--set detector.model=mine` and `open_pipeline("mine", ...)` find
+it; `make(sample_rate=..., channels=...)` returns it.
 """
 
 import sys

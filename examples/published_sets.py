@@ -1,21 +1,26 @@
-"""Published data sets as data sets of ours: downloads the authors' recordings, converts BioTac and Cluster sets.
+"""Published data sets as data sets of ours: downloads the authors' recordings, converts
+BioTac and Cluster sets.
 
     python examples/published_sets.py authors OUT
     python examples/published_sets.py biotac DIR OUT
     python examples/published_sets.py cluster DIR OUT
 
-**authors** shows the licence and unpacks nothing outside OUT; an interrupted download goes on.
+**authors** shows the licence and unpacks nothing outside OUT; an interrupted download
+goes on.
 
-**biotac**: CSV files with pac1 to pac22, 22 values in each line of 10 ms, become one contact channel at 2.2 kHz; the
-folder of a file is its surface.
+**biotac**: CSV files with pac1 to pac22, 22 values in each line of 10 ms, become one
+contact channel at 2.2 kHz; the folder of a file is its surface.
 
-**cluster**: the Cluster Haptic Texture Dataset, slides over 118 surfaces (Eguchi et al.,
-doi:10.6084/m9.figshare.29438288). ``sensor_data/raw_audio/ID_DIRECTION_VELOCITY_FORCE_REPEAT.flac`` (or ``.wav``) is
-44.1 kHz, channel 0 the main microphone. Channel 1 hears the machine alone, and no microphone touches: a recording has
-the air channel only. ``audio/`` holds channel 0 after noise cancelling, and is read where ``raw_audio/`` is missing.
-``texture_list.xlsx`` has the number and name of each surface.
+**cluster**: the Cluster Haptic Texture Dataset, slides over 118 surfaces (Eguchi et
+al., doi:10.6084/m9.figshare.29438288).
+``sensor_data/raw_audio/ID_DIRECTION_VELOCITY_FORCE_REPEAT.flac`` (or ``.wav``) is 44.1
+kHz, channel 0 the main microphone. Channel 1 hears the machine alone, and no microphone
+touches: a recording has the air channel only. ``audio/`` holds channel 0 after noise
+cancelling, and is read where ``raw_audio/`` is missing. ``texture_list.xlsx`` has the
+number and name of each surface.
 
-Neither states roughness: a file ``labels.csv`` with the columns ``surface`` and ``label`` in DIR adds labels.
+Neither states roughness: a file ``labels.csv`` with the columns ``surface`` and
+``label`` in DIR adds labels.
 """
 
 import argparse
@@ -44,7 +49,8 @@ from tactophone.lab.dataset.metadata import (
 from tactophone.lab.dataset.values import LABEL_NAMES, Problem, Recording
 
 ARCHIVE = "https://cloud.vi.cs.uni-bonn.de/index.php/s/KmKSncpDzQ7i3je/download"
-"""The authors' recordings, by the README of https://github.com/AIS-Bonn/Roughness_Sensing."""
+"""The authors' recordings, by the README of
+https://github.com/AIS-Bonn/Roughness_Sensing."""
 
 LICENCE = (
     "BSD 3-Clause, as the authors' repository states; read what the share itself says"
@@ -53,9 +59,11 @@ CHUNK = 1 << 20
 
 
 def fetch(out: Path, *, archive: str = ARCHIVE, sha256: str = "") -> tuple[Path, str]:
-    """Download and unpack the authors' recordings; return the folder with the sound, and the archive's SHA-256.
+    """Download and unpack the authors' recordings; return the folder with the sound,
+    and the archive's SHA-256.
 
-    Raises `DatasetError` if the network fails, the checksum differs, or the archive is none or reaches outside ``out``.
+    Raises `DatasetError` if the network fails, the checksum differs, or the archive is
+    none or reaches outside ``out``.
     """
     out.mkdir(parents=True, exist_ok=True)
     target = out / "authors.zip"
@@ -118,7 +126,8 @@ def _unpack(archive: Path, out: Path) -> None:
 
 
 BIOTAC_RATE = 2200
-"""Hz of the BioTac's dynamic pressure, PAC: 22 values in each line of 10 ms (SynTouch's product manual)."""
+"""Hz of the BioTac's dynamic pressure, PAC: 22 values in each line of 10 ms (SynTouch's
+product manual)."""
 
 BIOTAC_FULL_SCALE = 2048
 """Half of the range of its 12-bit converter."""
@@ -131,7 +140,8 @@ Imported = tuple[list[Recording], list[Problem]]
 
 
 def import_biotac(folder: Path, out: Path) -> Imported:
-    """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact alone.
+    """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact
+    alone.
 
     ``folder`` is searched to any depth; the folder of a file names its surface.
     """
@@ -188,7 +198,8 @@ def import_biotac(folder: Path, out: Path) -> Imported:
 
 
 def read_labels(path: Path, problems: list[Problem]) -> dict[str, Touch | None]:
-    """Return the label of each surface of a ``labels.csv``, none if there is no such file."""
+    """Return the label of each surface of a ``labels.csv``, none if there is no such
+    file."""
     if not path.is_file():
         return {}
     return {
@@ -200,7 +211,8 @@ def read_labels(path: Path, problems: list[Problem]) -> dict[str, Touch | None]:
 
 
 def _read_pac(path: Path) -> NDArray[np.float64] | None:
-    """Return the dynamic pressure of a file, each line's 22 values in turn, less its mean, in [-1, 1]."""
+    """Return the dynamic pressure of a file, each line's 22 values in turn, less its
+    mean, in [-1, 1]."""
     with path.open(encoding="utf-8-sig") as file:
         names = [
             name.strip().lower()
@@ -231,9 +243,11 @@ _LARGEST = 1 << 24
 
 
 def import_cluster(folder: Path, out: Path) -> Imported:
-    """Convert the main microphone of every slide to FLAC with a ``metadata.csv``; surfaces are named as in the list.
+    """Convert the main microphone of every slide to FLAC with a ``metadata.csv``;
+    surfaces are named as in the list.
 
-    Raises `DatasetError` if the folder holds no such recordings or its list cannot be read.
+    Raises `DatasetError` if the folder holds no such recordings or its list cannot be
+    read.
     """
     places = [folder / "sensor_data" / kind for kind in ("raw_audio", "audio")]
     files = next((found for place in places if (found := _sounds(place))), [])

@@ -1,4 +1,5 @@
-"""Print what a run sends as OSC: `tactophone loopback --bridge osc=127.0.0.1:9000`, then `receive_osc.py 9000`."""
+"""Print what a run sends as OSC: `tactophone loopback --bridge osc=127.0.0.1:9000`,
+then `receive_osc.py 9000`."""
 
 import sys
 import time

@@ -1,8 +1,10 @@
-"""Run a model file with NumPy and ONNX Runtime alone, as docs/reference/model-files.md specifies it.
+"""Run a model file with NumPy and ONNX Runtime alone, as docs/reference/model-files.md
+specifies it.
 
-``python run_anywhere.py stylus.onnx stroke.wav [THRESHOLD_DBFS]`` prints, for each window, its end in seconds, the
-probabilities of none, smooth and rough, the level in dBFS, the touch, and the roughness. Needs numpy, onnxruntime and
-soundfile. Contact is decided by a fixed threshold, the model's own unless one is given.
+``python run_anywhere.py stylus.onnx stroke.wav [THRESHOLD_DBFS]`` prints, for each
+window, its end in seconds, the probabilities of none, smooth and rough, the level in
+dBFS, the touch, and the roughness. Needs numpy, onnxruntime and soundfile. Contact is
+decided by a fixed threshold, the model's own unless one is given.
 """
 
 import json
@@ -20,7 +22,8 @@ FORGET_AFTER = 25  # windows without contact after which the next touch is a new
 
 
 def resample(sound: np.ndarray, rate: int, wanted: int) -> np.ndarray:
-    """Return sound ``(channels, samples)`` at another rate; silence lies before and after it."""
+    """Return sound ``(channels, samples)`` at another rate; silence lies before and
+    after it."""
     if rate == wanted:
         return sound
     common = math.gcd(rate, wanted)
@@ -100,7 +103,8 @@ def predict(
     card = json.loads(session.get_modelmeta().custom_metadata_map["tactophone.card"])
     sound, rate = soundfile.read(path, dtype="float32", always_2d=True)
     channels, size, hop = card["channels"], card["window_size"], Fraction(card["hop"])
-    # One channel of two: the microphone that the card names. Channels that the recording lacks are silent.
+    # One channel of two: the microphone that the card names. Channels that the
+    # recording lacks are silent.
     first = int(
         channels < sound.shape[1] and card["settings"].get("microphone") == "air"
     )

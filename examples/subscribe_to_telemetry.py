@@ -1,7 +1,7 @@
 """Watch a running process: python examples/subscribe_to_telemetry.py receive [SECONDS]
 
-Start `tactophone receive` (or `loopback`, `demo`) in another terminal first; its name is the verb, or what --name says.
-Reading never slows the watched process down.
+Start `tactophone receive` (or `loopback`, `demo`) in another terminal first; its name
+is the verb, or what --name says. Reading never slows the watched process down.
 """
 
 import sys

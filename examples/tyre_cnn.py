@@ -1,6 +1,8 @@
-"""A network on pictures of the sound, as for tyre noise, scored: ``python examples/tyre_cnn.py DIR [SPLIT]``.
+"""A network on pictures of the sound, as for tyre noise, scored: ``python
+examples/tyre_cnn.py DIR [SPLIT]``.
 
-Log spectrograms of 256 ms of the contact microphone, two convolutions, one logit; the paper names it as related work.
+Log spectrograms of 256 ms of the contact microphone, two convolutions, one logit; the
+paper names it as related work.
 """
 
 import sys
@@ -23,7 +25,8 @@ WINDOW, HOP, SLICE, BANDS, CONTACT_DB = 0.256, 0.032, 0.016, 32, 12.0
 
 
 def pictures(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the end in s, the picture (16 times 32 bands in log power) and the level in dB of each window."""
+    """Return the end in s, the picture (16 times 32 bands in log power) and the level
+    in dB of each window."""
     sound = recording.read(channels=1)
     rate, size = sound.sample_rate, round(SLICE * sound.sample_rate)
     slices = sound.samples[: len(sound.samples) // size * size, 0].reshape(-1, size)
@@ -46,7 +49,8 @@ def pictures(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class TyreNetwork:
-    """A `Method`: ``fit`` trains on labelled recordings and returns what predicts others."""
+    """A `Method`: ``fit`` trains on labelled recordings and returns what predicts
+    others."""
 
     name, identity = "tyre-cnn", "tyre-cnn 1"
 

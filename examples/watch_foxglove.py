@@ -1,4 +1,5 @@
-"""Print predictions as a Foxglove viewer gets them: ``python watch_foxglove.py ws://127.0.0.1:8765/TOKEN/``."""
+"""Print predictions as a Foxglove viewer gets them: ``python watch_foxglove.py
+ws://127.0.0.1:8765/TOKEN/``."""
 
 import asyncio
 import json

@@ -1,6 +1,7 @@
 """From a recording to a data frame: python examples/wav_to_data_frame.py finger.wav
 
-Needs pandas. Without it, `table.times`, `table.touch` and `table.roughness` are NumPy arrays.
+Needs pandas. Without it, `table.times`, `table.touch` and `table.roughness` are NumPy
+arrays.
 """
 
 import sys

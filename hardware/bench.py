@@ -1,10 +1,11 @@
-"""The bench test of a finished finger: a ball, a tap, a weight and the robot's motors, as the contact microphone hears.
+"""The bench test of a finished finger: a ball, a tap, a weight and the robot's motors,
+as the contact microphone hears.
 
-    python hardware/bench.py --source jack
-    python hardware/bench.py --source finger        # a simulated one, for which nobody has to do anything
+    python hardware/bench.py --source jack python hardware/bench.py --source finger
+    # a simulated one, for which nobody has to do anything
 
-It exits with 1 if the finger is not built as expected. Expected figures are those of the printed finger on silicone of
-Shore 00-30, by calculation; none was measured.
+It exits with 1 if the finger is not built as expected. Expected figures are those of
+the printed finger on silicone of Shore 00-30, by calculation; none was measured.
 """
 
 import sys
@@ -44,7 +45,8 @@ BRIGHTNESS_DB = -5.0, 9.0
 """Expected of a ball's drop: level over 1.5 kHz less that from 100 to 800 Hz."""
 
 MOTORS_DB = 6.0
-"""By how much motors may raise the level of silence; with the gain turned down for a ball, that is faint."""
+"""By how much motors may raise the level of silence; with the gain turned down for a
+ball, that is faint."""
 
 LEAST_HITS = 2
 CLEAR_DB = 20.0
@@ -74,7 +76,8 @@ STEPS = (
 
 @dataclass(frozen=True, slots=True)
 class BenchResult:
-    """What the bench test measured, ``nan`` where nothing was heard, and what it found wrong."""
+    """What the bench test measured, ``nan`` where nothing was heard, and what it found
+    wrong."""
 
     ball_dbfs: float
     brightness_db: float
@@ -137,7 +140,8 @@ def run_bench(
     step: Step = record_act,
     begin: Callable[[AudioInput], None] = ignore,
 ) -> BenchResult:
-    """Record the steps and measure them; the simulated finger's are rendered. ``begin``: when the source is open."""
+    """Record the steps and measure them; the simulated finger's are rendered.
+    ``begin``: when the source is open."""
     if settings.capture.source == "finger":
         from bench_sounds import BuiltFinger, bench_sounds  # beside this file
 
@@ -156,7 +160,8 @@ def run_bench(
 
 
 def measure_bench(sounds: Mapping[str, FloatArray], rate: int) -> BenchResult:
-    """Measure the contact channel of the sounds of `STEPS`, each float32 ``(samples, channels)``."""
+    """Measure the contact channel of the sounds of `STEPS`, each float32 ``(samples,
+    channels)``."""
     heard = {name: sound[:, 0].astype(np.float64) for name, sound in sounds.items()}
     silence = _level(heard["silence"])
     balls, taps, weights = (
@@ -250,7 +255,8 @@ def _level(sound: NDArray[np.float64]) -> float:
 def _hits(
     sound: NDArray[np.float64], silence: float, rate: int
 ) -> list[NDArray[np.float64]]:
-    """Return 0.3 s from each blow: where 2 ms stand `CLEAR_DB` over silence, and no blow was for 0.3 s."""
+    """Return 0.3 s from each blow: where 2 ms stand `CLEAR_DB` over silence, and no
+    blow was for 0.3 s."""
     size, length = rate // 500, 3 * rate // 10
     powers = np.mean(sound[: len(sound) // size * size].reshape(-1, size) ** 2, axis=1)
     loud = np.flatnonzero(10 * np.log10(np.maximum(powers, 1e-14)) > silence + CLEAR_DB)
@@ -275,7 +281,8 @@ def _brightness(hit: NDArray[np.float64], rate: int) -> float:
 
 
 def _resonance(hit: NDArray[np.float64], rate: int) -> float:
-    """Return the frequency in Hz at which a blow rings, from 20 to 400 Hz; the blow itself is left out."""
+    """Return the frequency in Hz at which a blow rings, from 20 to 400 Hz; the blow
+    itself is left out."""
     ringing = (
         hit[rate // 100 :]
         * np.hanning(2 * len(hit[rate // 100 :]))[len(hit[rate // 100 :]) :]

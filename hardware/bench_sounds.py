@@ -1,7 +1,7 @@
 """The finished finger on the bench, sound and with each fault that a builder can make.
 
-A pad on its bed takes an impulse ``P``: the disc hears the blow, and then the bed's force,
-``P w exp(-z w t) sin(w t)``. The model of a bench test; no finger was measured.
+A pad on its bed takes an impulse ``P``: the disc hears the blow, and then the bed's
+force, ``P w exp(-z w t) sin(w t)``. The model of a bench test; no finger was measured.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ PAD_MASS = 2e-3
 """Of pad, ring and disc, in kg."""
 
 BALL_IMPULSE, WEIGHT_IMPULSE, TAP_IMPULSE = 3e-3, 8e-3, 4e-3
-"""In N s: a steel ball of 2 g from 50 mm that comes back at half its speed; a pencil's tap on a weight; on the pad."""
+"""In N s: a steel ball of 2 g from 50 mm that comes back at half its speed; a pencil's
+tap on a weight; on the pad."""
 
 BLOW = 1.5e-4
 """Seconds that a ball touches."""
@@ -44,7 +45,8 @@ class BuiltFinger:
 def bench_sounds(
     built: BuiltFinger, *, weight: float, seed: int = 0
 ) -> dict[str, FloatArray]:
-    """Render silence, motors, ball, tap and weight; each float32 ``(samples, 2)`` at 48 kHz; ``weight`` in kg."""
+    """Render silence, motors, ball, tap and weight; each float32 ``(samples, 2)`` at 48
+    kHz; ``weight`` in kg."""
     rng = np.random.default_rng([0xBE4C, seed])
     struck = {
         "ball": (BALL_IMPULSE, 0.0),
@@ -81,7 +83,8 @@ def bench_sounds(
 
 
 def _hit(built: BuiltFinger, impulse: float, mass: float) -> FloatArray:
-    """Return the piezo's sound of a blow on the pad that carries ``mass`` kg, over 0.4 s."""
+    """Return the piezo's sound of a blow on the pad that carries ``mass`` kg, over 0.4
+    s."""
     time = np.arange(round(0.4 * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE
     moved, finger = PAD_MASS + mass, Finger()
     # The damper has training's loss at the pad's own mass.

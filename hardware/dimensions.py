@@ -1,8 +1,10 @@
-"""Every dimension of both fingertips, in mm: the one source of the parts, the tests, the pictures and the guide.
+"""Every dimension of both fingertips, in mm: the one source of the parts, the tests,
+the pictures and the guide.
 
-The finger's coordinates start at the piezo disc's centre. z is the finger's axis, from the knuckle to the tip; -y is
-the side that touches, +y the nail; x goes across. A finger that lies flat touches along -y; tilted by 30 degrees with
-its tip down, along the pad's own axis.
+The finger's coordinates start at the piezo disc's centre. z is the finger's axis, from
+the knuckle to the tip; -y is the side that touches, +y the nail; x goes across. A
+finger that lies flat touches along -y; tilted by 30 degrees with its tip down, along
+the pad's own axis.
 """
 
 from dataclasses import dataclass
@@ -27,7 +29,8 @@ FIT = 0.25
 
 @dataclass(frozen=True)
 class Finger:
-    """The robot's fingertip: a round pad on a ring, and a phalanx whose core the silicone holds in that ring.
+    """The robot's fingertip: a round pad on a ring, and a phalanx whose core the
+    silicone holds in that ring.
 
     Parameters
     ----------
@@ -38,7 +41,8 @@ class Finger:
     nose
         Radius of the ball that touches, the simulated tip ``pad``'s.
     slope
-        Of the pad's flank in degrees: within this angle of the pad's axis only the ball touches.
+        Of the pad's flank in degrees: within this angle of the pad's axis only the ball
+        touches.
     land
         Height of the pad's straight edge, where the ring is glued on.
     disc, disc_height
@@ -54,7 +58,8 @@ class Finger:
     clearance
         Of the facet for the microphone's board from the ring.
     bottom, nail, end
-        Of the phalanx: height of its underside is where the ring ends; y of the nail; z of its end.
+        Of the phalanx: height of its underside is where the ring ends; y of the nail; z
+        of its end.
     pin, pin_length
         Of an adapter, which the phalanx takes up; an M3 screw crosses both.
     """
@@ -136,15 +141,17 @@ class Finger:
         return float(self.land * self.axis[2] + self.width / 2 * self.forward[2])
 
     def contact(self, pitch: float, roll: float = 0.0) -> Vector:
-        """Return the point that touches with the tip ``pitch`` degrees down and the finger rolled by ``roll``."""
+        """Return the point that touches with the tip ``pitch`` degrees down and the
+        finger rolled by ``roll``."""
         return (self.height - self.nose) * self.axis + self.nose * towards(pitch, roll)
 
     @property
     def bed_stiffness(self) -> float:
-        """Of the bed along the pad's axis, in N/m per Pa of the silicone's Young's modulus.
+        """Of the bed along the pad's axis, in N/m per Pa of the silicone's Young's
+        modulus.
 
-        ``(1 + 2 S^2) A / t`` for the face, S = R / 2 t (Gent, *Engineering with Rubber*, ch. 8), and shear
-        ``G A / t``, G = E / 3, around the core.
+        ``(1 + 2 S^2) A / t`` for the face, S = R / 2 t (Gent, *Engineering with
+        Rubber*, ch. 8), and shear ``G A / t``, G = E / 3, around the core.
         """
         shape, face = self.core / (2 * self.bed), np.pi * self.core**2
         around = 2 * np.pi * self.core * self.overlap
@@ -154,7 +161,8 @@ class Finger:
 
     @property
     def bed_shear(self) -> float:
-        """The same across the pad's axis: the face in shear, and the silicone around the core pressed, bonded."""
+        """The same across the pad's axis: the face in shear, and the silicone around
+        the core pressed, bonded."""
         face, around = np.pi * self.core**2, np.pi * self.core * self.overlap
         shape = self.overlap / (2 * self.side)
         return 1e-3 * float(
@@ -164,10 +172,12 @@ class Finger:
 
 @dataclass(frozen=True)
 class Board:
-    """The air microphone's board, on tape on the facet between nail and tip: its largest size, and its port.
+    """The air microphone's board, on tape on the facet between nail and tip: its
+    largest size, and its port.
 
-    ``front`` is the place of its front edge along the facet, ``port`` the port's distance from it, and the microphone
-    a square of ``package`` that stands ``capsule`` over the board.
+    ``front`` is the place of its front edge along the facet, ``port`` the port's
+    distance from it, and the microphone a square of ``package`` that stands ``capsule``
+    over the board.
     """
 
     width: float = 13.0
@@ -180,7 +190,8 @@ class Board:
     port: float = 3.7
 
     out = np.array([0.0, 1.0, 1.0]) / np.sqrt(2)
-    """Out of the facet, 45 degrees between nail and tip: printed nail down, it needs no support."""
+    """Out of the facet, 45 degrees between nail and tip: printed nail down, it needs no
+    support."""
 
     along = np.array([0.0, -1.0, 1.0]) / np.sqrt(2)
     """Along the facet, towards the tip."""
@@ -195,7 +206,8 @@ class Board:
         return over * self.out + (self.front - self.port) * self.along
 
     def corners(self, finger: Finger) -> Vector:
-        """Return the corners of the board, its tape and the microphone, shape ``(16, 3)``."""
+        """Return the corners of the board, its tape and the microphone, shape ``(16,
+        3)``."""
         low = self.facet(finger)
         top, port, half = (
             low + self.tape + self.thickness,
@@ -219,7 +231,8 @@ class Board:
 
 @dataclass(frozen=True)
 class CoilCase:
-    """The operator's side: a case that holds a voice coil above the fingertip of a glove or an exoskeleton.
+    """The operator's side: a case that holds a voice coil above the fingertip of a
+    glove or an exoskeleton.
 
     Parameters
     ----------
@@ -240,7 +253,8 @@ class CoilCase:
 
 @dataclass(frozen=True)
 class Plate:
-    """A plate with holes at the corners of a rectangle: for a hand or a glove of which no drawing was found.
+    """A plate with holes at the corners of a rectangle: for a hand or a glove of which
+    no drawing was found.
 
     ``across`` and ``along`` are the holes' distances.
     """
@@ -257,14 +271,16 @@ GLOVE = Plate(width=24.0, length=46.0, height=2.4, across=18.0, along=40.0, hole
 """The operator's blank plate, which carries the coil's case."""
 
 HAND = 12.0, 2.2, 18.0
-"""Bolt circle, holes and flange for a hand whose last joint is a servo's horn with four M2 screws."""
+"""Bolt circle, holes and flange for a hand whose last joint is a servo's horn with four
+M2 screws."""
 
 STICK = 10.0
 """Diameter of a round stick, for trials by hand."""
 
 
 def cap_height(radius: float, nose: float, slope: float, land: float) -> float:
-    """Height of a pad of this radius: its edge, its flank, and the ball that the flank touches."""
+    """Height of a pad of this radius: its edge, its flank, and the ball that the flank
+    touches."""
     turn = np.radians(slope)
     return float(
         land + (radius - nose * np.sin(turn)) * np.tan(turn) + nose * (1 - np.cos(turn))
@@ -309,7 +325,8 @@ def bore_height(finger: Finger) -> float:
 
 
 def underside(finger: Finger) -> float:
-    """Return y of the phalanx' underside: it begins where the ring's lower edge ends."""
+    """Return y of the phalanx' underside: it begins where the ring's lower edge
+    ends."""
     return float((-finger.flange * finger.axis - finger.width / 2 * finger.forward)[1])
 
 

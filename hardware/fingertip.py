@@ -1,11 +1,12 @@
-"""Makes the parts of both fingertips, as STL, 3MF and STEP: the robot's, after the paper's section IV-A, and the
-operator's.
+"""Makes the parts of both fingertips, as STL, 3MF and STEP: the robot's, after the
+paper's section IV-A, and the operator's.
 
     pip install -r hardware/requirements.txt
     python hardware/fingertip.py [FOLDER]
 
-Every dimension is in ``dimensions.py``. A part is drawn as it is printed, z up from the bed; nothing needs support.
-``parts.json`` keeps each part's size and mass, and hashes, by which a test sees a file that is older than its source.
+Every dimension is in ``dimensions.py``. A part is drawn as it is printed, z up from the
+bed; nothing needs support. ``parts.json`` keeps each part's size and mass, and hashes,
+by which a test sees a file that is older than its source.
 """
 
 import argparse
@@ -75,7 +76,8 @@ def pad(finger: Finger) -> Part:
 
 
 def ring(finger: Finger) -> Part:
-    """Return the ring that is glued to the pad's back, that side up, with six holes and a notch for the leads."""
+    """Return the ring that is glued to the pad's back, that side up, with six holes and
+    a notch for the leads."""
     part = Cylinder(finger.width / 2, finger.ring, align=STANDING) - Cylinder(
         finger.inner, finger.ring, align=STANDING
     )
@@ -89,7 +91,8 @@ def ring(finger: Finger) -> Part:
 
 
 def phalanx(finger: Finger, board: Board) -> Part:
-    """Return the phalanx, nail down: its core reaches into the ring, its facet takes the microphone's board."""
+    """Return the phalanx, nail down: its core reaches into the ring, its facet takes
+    the microphone's board."""
     facet, low, half = board.facet(finger), underside(finger), finger.width / 2
     # Where the face towards the ring meets the facet, and the facet the nail.
     (_, ay, az), (_, by, bz) = finger.axis, board.out
@@ -133,7 +136,8 @@ def phalanx(finger: Finger, board: Board) -> Part:
 
 
 def _rounded(finger: Finger, low: float) -> Part:
-    """Return a bar along the finger with bevelled edges: 3 mm on the side that touches, 1.5 mm at the nail."""
+    """Return a bar along the finger with bevelled edges: 3 mm on the side that touches,
+    1.5 mm at the nail."""
     half, nail = finger.width / 2, finger.nail
     corners = [(half, low + 3), (half, nail - 1.5), (half - 1.5, nail), (half - 3, low)]
     section = [corners[3], corners[0], corners[1], corners[2]]
@@ -162,7 +166,8 @@ def across(radius: float, length: float) -> Part:
 
 
 def _roofed(radius: float, length: float) -> Part:
-    """Return a hole along x with its roof towards -y, for the phalanx, which is printed nail down."""
+    """Return a hole along x with its roof towards -y, for the phalanx, which is printed
+    nail down."""
     return Rot(X=90) * across(radius, length)
 
 
@@ -174,7 +179,8 @@ def _bore(radius: float, depth: float) -> Part:
 
 
 def pouring_jig(finger: Finger) -> Part:
-    """Return a block that holds pad, ring and phalanx in line while the silicone sets; its walls stop the phalanx."""
+    """Return a block that holds pad, ring and phalanx in line while the silicone sets;
+    its walls stop the phalanx."""
     half, deep = finger.width / 2, finger.height + 3.5 + finger.flange
     top = Pos(0, 1, 0) * Box(2 * half + 8, 2 * half + 10, deep, align=STANDING)
     floor = 3.5
@@ -203,7 +209,8 @@ def _pin(finger: Finger) -> Part:
 
 
 def stick_adapter(finger: Finger) -> Part:
-    """Return a sleeve on a round stick with the phalanx' pin on top, for trials by hand."""
+    """Return a sleeve on a round stick with the phalanx' pin on top, for trials by
+    hand."""
     outer, height = STICK / 2 + 2.4, stick_length(finger)
     sleeve = Cylinder(outer, 20, align=STANDING)
     sleeve += Pos(0, 0, 20) * Cone(outer, finger.pin / 2, height - 20, align=STANDING)
@@ -221,7 +228,8 @@ def stick_adapter(finger: Finger) -> Part:
 
 
 def hand_adapter(finger: Finger) -> Part:
-    """Return a flange with the phalanx' pin, for a servo's horn: measure the bolt circle of yours."""
+    """Return a flange with the phalanx' pin, for a servo's horn: measure the bolt
+    circle of yours."""
     circle, hole, flange = HAND
     part = Cylinder(flange / 2, 3, align=STANDING) + Pos(0, 0, 3) * _pin(finger)
     for turn in range(4):
@@ -246,7 +254,8 @@ def hand_plate(finger: Finger) -> Part:
 
 
 def glove_plate(case: CoilCase) -> Part:
-    """Return the blank plate with a rib, on which the case sits as on a finger; for an exoskeleton's fingertip."""
+    """Return the blank plate with a rib, on which the case sits as on a finger; for an
+    exoskeleton's fingertip."""
     rib = Rot(X=90) * Cylinder(case.saddle - FIT, case.length) & Box(12, 60, 60)
     over = Pos(0, 0, GLOVE.height) * Box(60, 60, 30, align=STANDING)
     return blank_plate(GLOVE) + (
@@ -255,7 +264,8 @@ def glove_plate(case: CoilCase) -> Part:
 
 
 def coil_case(case: CoilCase) -> Part:
-    """Return the case; the coil slides in from above, the saddle fits the finger below (-y)."""
+    """Return the case; the coil slides in from above, the saddle fits the finger below
+    (-y)."""
     wide, high, long = (
         case.width + 2 * FIT,
         case.height + 2 * FIT,
@@ -295,7 +305,8 @@ def coil_case_lid(case: CoilCase) -> Part:
 
 
 def soft_pad(finger: Finger) -> Part:
-    """Return the second recipe's pad, for flexible filament: it touches with the radius of the tip ``rubber``."""
+    """Return the second recipe's pad, for flexible filament: it touches with the radius
+    of the tip ``rubber``."""
     return cap(finger.width / 2, 6.0, 25.0, finger.land)
 
 

@@ -1,4 +1,5 @@
-"""Draws both fingertips from the STL files for docs/images. ``python hardware/pictures.py [FOLDER]``."""
+"""Draws both fingertips from the STL files for docs/images. ``python
+hardware/pictures.py [FOLDER]``."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -180,7 +181,8 @@ def draw(
 
 
 def section(axes: Axes, parts: dict[str, Manifold]) -> None:
-    """Draw the finger cut along its middle, the tip to the left, the side that touches below."""
+    """Draw the finger cut along its middle, the tip to the left, the side that touches
+    below."""
     for name, part in parts.items():
         # z to the left, y up, cut at x = 0.
         turned = part.transform(
@@ -211,7 +213,8 @@ def measure(
     words: str,
     shift: Sequence[float],
 ) -> None:
-    """Draw a dimension between two points, moved aside by ``shift``, with thin lines back to them."""
+    """Draw a dimension between two points, moved aside by ``shift``, with thin lines
+    back to them."""
     moved = [np.add(begin, shift), np.add(end, shift)]
     for place, to in zip((begin, end), moved, strict=True):
         axes.plot(*zip(place, to, strict=True), color="#999", linewidth=0.5)
@@ -337,7 +340,8 @@ def save(path: Path, size: tuple[float, float], *panels: tuple[str, Painter]) ->
 def view(
     parts: dict[str, Manifold], labels: Sequence[str] | None = None, *, tilt: float = 16
 ) -> Painter:
-    """Return what draws parts from aside, ``tilt`` degrees from above; the finger lies, its tip to the left."""
+    """Return what draws parts from aside, ``tilt`` degrees from above; the finger lies,
+    its tip to the left."""
     across, down = np.radians(62), np.radians(tilt)
     right = np.array([-np.cos(across), 0, -np.sin(across)])
     away = np.array(
@@ -398,7 +402,8 @@ def main() -> None:
 
 
 def apart(parts: dict[str, Manifold], shifts: dict[str, float]) -> dict[str, Manifold]:
-    """Shift the named parts along the pad's axis, in mm; leave out those of a glued pad that are not named."""
+    """Shift the named parts along the pad's axis, in mm; leave out those of a glued pad
+    that are not named."""
     shown = (
         {"pad": 0.0, **shifts}
         if "pouring jig" not in parts

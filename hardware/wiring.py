@@ -1,4 +1,5 @@
-"""Draws docs/images/wiring.svg: which part is connected to which. ``python hardware/wiring.py [OUT.svg]``."""
+"""Draws docs/images/wiring.svg: which part is connected to which. ``python
+hardware/wiring.py [OUT.svg]``."""
 
 import argparse
 import sys
@@ -51,7 +52,8 @@ def draw() -> str:
 
 
 def _wire(begin: tuple[int, int], end: tuple[int, int], words: str) -> list[str]:
-    """Draw a line between the facing sides of two boxes, with its words beside the middle."""
+    """Draw a line between the facing sides of two boxes, with its words beside the
+    middle."""
     if begin[0] == end[0]:
         x = begin[0] + WIDTH / 2
         points = (x, begin[1] + HEIGHT, x, end[1])

@@ -1,4 +1,5 @@
-"""Each integration is imported from its own folder, so that the tests need no installation."""
+"""Each integration is imported from its own folder, so that the tests need no
+installation."""
 
 import sys
 from pathlib import Path

@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""Prints the folders and files of tests that the changes since origin/main can break; what lies on no floor breaks all.
+"""Prints the folders and files of tests that the changes since origin/main can break;
+what lies on no floor breaks all.
 
-A floor's tests run if something changed on it or beneath it: `live` and `lab` do not know each other.
+A floor's tests run if something changed on it or beneath it: `live` and `lab` do not
+know each other.
 """
 
 import subprocess

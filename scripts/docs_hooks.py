@@ -1,5 +1,5 @@
-"""Adds to the site what the pages share with it, plain docstrings, code blocks that copy commands alone, and the
-page that listens (`examples/browser`)."""
+"""Adds to the site what the pages share with it, plain docstrings, code blocks that
+copy commands alone, and the page that listens (`examples/browser`)."""
 
 import html
 import logging
@@ -17,7 +17,8 @@ SHARED = (
 BLOCK = re.compile(r'<div class="[^"]*highlight"(?=><pre>(.*?)</pre></div>)', re.DOTALL)
 
 COMMAND = re.compile(r"^\w*\$ (.*?(?:\\\n.*?)*)(?:\s{2,}\w+\$ .*)?$", re.MULTILINE)
-"""What follows a prompt, ``$`` or ``robot$``, with its continued lines; of two prompts in a line, the first."""
+"""What follows a prompt, ``$`` or ``robot$``, with its continued lines; of two prompts
+in a line, the first."""
 
 
 def on_config(config: Any) -> Any:
@@ -27,7 +28,8 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, *, config: Any) -> Files:
-    """Add the mark and the palette of the pages; the site's dark scheme is called slate."""
+    """Add the mark and the palette of the pages; the site's dark scheme is called
+    slate."""
     palette = (SHARED.parents[2] / "core" / "palette.css").read_text(encoding="utf-8")
     palette = palette.replace(
         ':root[data-theme="dark"]', '[data-md-color-scheme="slate"]'
@@ -40,7 +42,8 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Return a page without ``::`` before code and without roles such as ``:class:``; its blocks copy what is typed."""
+    """Return a page without ``::`` before code and without roles such as ``:class:``;
+    its blocks copy what is typed."""
     content = re.sub(r"::\s*</p>", ":</p>", content)
     content = re.sub(r":(class|func|data|meth|mod|attr):(?=<code>)", "", content)
     return BLOCK.sub(
@@ -61,7 +64,8 @@ BROWSER_PAGE = Path(__file__).parent.parent / "examples" / "browser" / "build.py
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Add the page; the site is complete without it where npm's packages are missing, which a strict build refuses."""
+    """Add the page; the site is complete without it where npm's packages are missing,
+    which a strict build refuses."""
     try:
         runpy.run_path(str(BROWSER_PAGE))["build"](Path(config.site_dir, "browser"))
     except FileNotFoundError as error:

@@ -1,8 +1,10 @@
-"""Draws docs/images/tactophone.webp from a real run: ``tactophone demo``, then ``scripts/moving_picture.py [DEMO]``.
+"""Draws docs/images/tactophone.webp from a real run: ``tactophone demo``, then
+``scripts/moving_picture.py [DEMO]``.
 
-Left, the simulated finger where it was at each moment (the same seed moves it again); in the middle, the sound on its
-way; right, the fingertip with the vibration that the run rendered; below, its drive over time, coloured
-by what was rendered and as tall as it was strong.
+Left, the simulated finger where it was at each moment (the same seed moves it again);
+in the middle, the sound on its way; right, the fingertip with the vibration that the
+run rendered; below, its drive over time, coloured by what was rendered and as tall as
+it was strong.
 """
 
 import argparse
@@ -87,7 +89,8 @@ class Canvas:
 
 
 def finger_path() -> tuple[np.ndarray, np.ndarray]:
-    """Return the finger's place in m, and the stone that it touches or -1, one value a frame."""
+    """Return the finger's place in m, and the stone that it touches or -1, one value a
+    frame."""
     finger, places, stones = demonstration(), [], []
     size = finger.sample_rate // RATE
     for _ in range(int(END * RATE) + 1):

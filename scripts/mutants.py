@@ -1,8 +1,10 @@
-"""Mutates what keeps a vibration safe, runs the unit tests of its room on each mutant, and prints those that survive.
+"""Mutates what keeps a vibration safe, runs the unit tests of its room on each mutant,
+and prints those that survive.
 
-A mutant changes one operator, number, condition or compared string in memory; message texts and docstrings stay. Each
-is tested in a process forked from one that has the libraries already. A mutant that no test kills is a promise that no
-test holds, or an equivalent one: no input tells it from the original.
+A mutant changes one operator, number, condition or compared string in memory; message
+texts and docstrings stay. Each is tested in a process forked from one that has the
+libraries already. A mutant that no test kills is a promise that no test holds, or an
+equivalent one: no input tells it from the original.
 
     python scripts/mutants.py --files limits,gate --share 0.2 --seed 1
 """
@@ -146,7 +148,8 @@ def variants(node: ast.AST, parent: ast.AST, field: str) -> Iterator[ast.AST]:
 
 
 def places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int, ast.AST]]:
-    """Yield the parent, field, index (-1: the field itself) and node of everything under ``node`` that is code."""
+    """Yield the parent, field, index (-1: the field itself) and node of everything
+    under ``node`` that is code."""
     for field, value in ast.iter_fields(node):
         if field in NOT_CODE:
             continue
@@ -159,7 +162,8 @@ def places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int, ast.AST]]:
 
 
 def _is_text(node: ast.AST) -> bool:
-    """Whether a node is a docstring, a formatted message, what raises one, or a type."""
+    """Whether a node is a docstring, a formatted message, what raises one, or a
+    type."""
     match node:
         case ast.JoinedStr() | ast.Raise() | ast.Expr(value=ast.Constant()):
             return True
@@ -184,7 +188,8 @@ def mutants(source: str) -> Iterator[Mutant]:
 
 
 def survives(path: Path, tree: ast.Module, tests: list[str], limit: float) -> bool:
-    """Whether all tests pass on a mutant, in a process of its own that ends after ``limit`` seconds."""
+    """Whether all tests pass on a mutant, in a process of its own that ends after
+    ``limit`` seconds."""
     if child := os.fork():
         return os.waitpid(child, 0)[1] == 0
     signal.alarm(max(1, round(limit)))
@@ -227,7 +232,8 @@ def tests_of(name: str) -> list[str]:
 
 
 def run(name: str, share: float, seed: int) -> tuple[int, int]:
-    """Test a share of one file's mutants; print the survivors, and return how many were tested and survived."""
+    """Test a share of one file's mutants; print the survivors, and return how many were
+    tested and survived."""
     file, wanted = TARGETS[name][0], tests_of(name)
     path = ROOT / "src/tactophone" / file
     begin = time.monotonic()
@@ -274,7 +280,8 @@ def main() -> None:
     hypothesis.settings.register_profile(
         "few", max_examples=20, derandomize=True, deadline=None
     )
-    # Every mutant has the libraries of all tests then, and imports our own modules anew.
+    # Every mutant has the libraries of all tests then, and imports our own modules
+    # anew.
     with contextlib.redirect_stdout(io.StringIO()):
         pytest.main(
             [

@@ -1,4 +1,5 @@
-"""Writes the tables of docs/reference/paper.md from the points in paper.toml: ``python scripts/paper_page.py``."""
+"""Writes the tables of docs/reference/paper.md from the points in paper.toml: ``python
+scripts/paper_page.py``."""
 
 import re
 import sys

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Checks that Python files differ from another commit in their layout alone: their syntax trees are equal."""
+"""Checks that Python files differ from another commit in their layout alone: their
+syntax trees are equal."""
 
 import argparse
 import ast

@@ -1,4 +1,5 @@
-"""Writes docs/reference/tuning.md, what may be tuned in perception, from the constants: python scripts/tuning.py"""
+"""Writes docs/reference/tuning.md, what may be tuned in perception, from the constants:
+python scripts/tuning.py"""
 
 import ast
 import re
@@ -18,7 +19,8 @@ UNITS = (
     ("dB", r"_DB\b"),
     ("share", r"_SHARE\b"),
 )
-"""By the names of a constant; then by how its sentence begins, or by what stands after *in* or in brackets."""
+"""By the names of a constant; then by how its sentence begins, or by what stands after
+*in* or in brackets."""
 
 FIRST_WORDS = {
     "Seconds": "s",
@@ -37,7 +39,8 @@ STATED = r"\bin (dB/s|dBFS|dB|Hz|ms|s)\b|\((dB|Hz|ms|s)\)"
 
 
 def unit_of(names: str, sentence: str) -> str:
-    """Return the unit of a constant, or of several that have the same; empty where nothing states one."""
+    """Return the unit of a constant, or of several that have the same; empty where
+    nothing states one."""
     parts = names.split(", ")
     for unit, sign in UNITS:
         if all(re.search(sign, name) for name in parts):

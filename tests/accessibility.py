@@ -1,4 +1,5 @@
-"""A page by axe-core, in the widths of a phone, a tablet and a laptop, light and dark; and by the Tab key alone."""
+"""A page by axe-core, in the widths of a phone, a tablet and a laptop, light and dark;
+and by the Tab key alone."""
 
 from pathlib import Path
 
@@ -27,7 +28,8 @@ axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => done
 
 
 def serious_faults(browser: webdriver.Chrome, axe: Path = AXE) -> list[str]:
-    """Return the faults of the open page, in every size and theme; leaves it at a laptop's size, light."""
+    """Return the faults of the open page, in every size and theme; leaves it at a
+    laptop's size, light."""
     found = []
     source = axe.read_text(encoding="utf-8")
     for theme in ("dark", "light"):
@@ -66,11 +68,14 @@ return [[...document.querySelectorAll("*")].indexOf(node) + " " + node.outerHTML
 
 
 def reached_by_tab(browser: webdriver.Chrome) -> tuple[int, dict[str, bool]]:
-    """Return the number of controls that can be used, and those that the Tab key reaches, with whether one sees it.
+    """Return the number of controls that can be used, and those that the Tab key
+    reaches, with whether one sees it.
 
-    Of a group of radio buttons, Tab reaches the chosen one, and the arrow keys the others.
+    Of a group of radio buttons, Tab reaches the chosen one, and the arrow keys the
+    others.
     """
-    # Tab goes on from the element that had the focus last; so the page itself has it first.
+    # Tab goes on from the element that had the focus last; so the page itself has it
+    # first.
     browser.execute_script(
         "document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex');"
     )

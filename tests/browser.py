@@ -19,15 +19,18 @@ FLAGS = (
     "--mute-audio",
     "--no-first-run",
 )
-"""No sandbox, because containers forbid it its name spaces; it only ever sees our own page."""
+"""No sandbox, because containers forbid it its name spaces; it only ever sees our own
+page."""
 
 RULES = "MAP phone.test 127.0.0.1, MAP other.test 127.0.0.1"
-"""Names that resolve to this machine, but are no secure context as 127.0.0.1 is: as for a phone."""
+"""Names that resolve to this machine, but are no secure context as 127.0.0.1 is: as for
+a phone."""
 
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[webdriver.Chrome]:
-    """A browser, without a window; the tests that need it are skipped where there is none."""
+    """A browser, without a window; the tests that need it are skipped where there is
+    none."""
     browser = start_chromium()
     yield browser
     browser.quit()

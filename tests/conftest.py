@@ -13,10 +13,12 @@ import pytest
 
 from tactophone.live.audio.dummy import DummyServer
 
-# A shell makes what it starts in the background ignore Ctrl+C, and programs under test would inherit that.
+# A shell makes what it starts in the background ignore Ctrl+C, and programs under test
+# would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples in every run, as a change must not fail for what it did not touch; `make fuzz` looks for new ones.
+# The same examples in every run, as a change must not fail for what it did not touch;
+# `make fuzz` looks for new ones.
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.register_profile("random", max_examples=1000, deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
@@ -33,19 +35,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 MOST_RERUNS = 2
-"""Of all sessions of one `make test`: one more, and it fails, as a flake that is repeated each time hides a fault."""
+"""Of all sessions of one `make test`: one more, and it fails, as a flake that is
+repeated each time hides a fault."""
 
 _rerun: list[str] = []
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Note what had to be repeated; with several workers, where their reports come together."""
+    """Note what had to be repeated; with several workers, where their reports come
+    together."""
     if report.outcome == "rerun" and "PYTEST_XDIST_WORKER" not in os.environ:
         _rerun.append(report.nodeid)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail at the third test that had to be repeated, over all sessions that write into one list."""
+    """Fail at the third test that had to be repeated, over all sessions that write into
+    one list."""
     if (
         not (path := os.environ.get("TACTOPHONE_RERUN_LIST"))
         or "PYTEST_XDIST_WORKER" in os.environ
@@ -70,7 +75,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 @pytest.fixture(scope="session")
 def recordings() -> Path:
-    """The folder of real recordings; a test that needs it is skipped where there is none."""
+    """The folder of real recordings; a test that needs it is skipped where there is
+    none."""
     folder = os.environ.get("TACTOPHONE_RECORDINGS", "")
     if not folder or not Path(folder).is_dir():
         pytest.skip("no real recordings: set TACTOPHONE_RECORDINGS to their folder")
@@ -79,7 +85,8 @@ def recordings() -> Path:
 
 @pytest.fixture(autouse=True)
 def _subnormal_numbers() -> Iterator[None]:
-    """Undo a processor mode set by training (flush subnormals to zero), as other tests use such numbers."""
+    """Undo a processor mode set by training (flush subnormals to zero), as other tests
+    use such numbers."""
     yield
     if torch := sys.modules.get("torch"):
         torch.set_flush_denormal(False)
@@ -96,7 +103,8 @@ def jack_server() -> Iterator[DummyServer]:
 def portaudio(
     jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[None]:
-    """PortAudio on the test's own JACK server; it must forget that server before the server ends, or it aborts."""
+    """PortAudio on the test's own JACK server; it must forget that server before the
+    server ends, or it aborts."""
     monkeypatch.setenv("JACK_DEFAULT_SERVER", jack_server.name)
     monkeypatch.setenv("JACK_NO_START_SERVER", "1")
     sounddevice = pytest.importorskip("sounddevice")

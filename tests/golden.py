@@ -1,4 +1,5 @@
-"""Plays the golden run (``tests/data/golden_run``) through the operator's endpoint, without its encrypted session."""
+"""Plays the golden run (``tests/data/golden_run``) through the operator's endpoint,
+without its encrypted session."""
 
 import base64
 import csv
@@ -32,13 +33,15 @@ COLUMNS = (
     "amplitude",
     "frequency",
 )
-"""Of ``predictions.csv``; times in s, the last three are the command's and empty where there was none."""
+"""Of ``predictions.csv``; times in s, the last three are the command's and empty where
+there was none."""
 
 Row = dict[str, float | str]
 
 
 class PlainSession:
-    """Stands in for the encrypted session: what it receives are the events themselves, as JSON."""
+    """Stands in for the encrypted session: what it receives are the events themselves,
+    as JSON."""
 
     refused = 0
     peer: str | None = None

@@ -35,7 +35,8 @@ ROUGH_BIN = 51
 
 
 def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Path:
-    """Write a linear network that compares the sound over and under 200 Hz; changes go into its card.
+    """Write a linear network that compares the sound over and under 200 Hz; changes go
+    into its card.
 
     With a gain of infinity or NaN its outputs are not probabilities.
     """
@@ -63,7 +64,8 @@ def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Pat
 
 
 def classifier(path: Path) -> Any:
-    """Open what follows the features in a model file: a session from features to log-probabilities."""
+    """Open what follows the features in a model file: a session from features to
+    log-probabilities."""
     graph = onnx.utils.Extractor(onnx.load(str(path))).extract_model(
         [FEATURES], [LOG_PROBABILITIES]
     )

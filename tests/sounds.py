@@ -46,7 +46,8 @@ def blocks(
 
 
 def strokes(*, duration: float = 2.0) -> FloatArray:
-    """A rough stroke from 0.5 to 1.0 s, a smooth one from 1.5 s to the end, 60 dB over silence."""
+    """A rough stroke from 0.5 to 1.0 s, a smooth one from 1.5 s to the end, 60 dB over
+    silence."""
     samples = noise(level_dbfs=-80, duration=duration, channels=1)
     samples[24_000:48_000] += tone(400, duration=0.5)
     samples[72_000:] += tone(100, duration=duration - 1.5)

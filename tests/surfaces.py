@@ -1,4 +1,5 @@
-"""Synthetic surfaces, one second each, so smooth or so rough that every working detector classifies them."""
+"""Synthetic surfaces, one second each, so smooth or so rough that every working
+detector classifies them."""
 
 from pathlib import Path
 
@@ -15,7 +16,8 @@ TOUCHED = (0.3, 1.0)
 
 
 def scrape(*, rough: bool, seed: int, channels: int = 2) -> FloatArray:
-    """Sound of a finger that comes, slides and goes: hiss, and on rough surfaces separate impacts too."""
+    """Sound of a finger that comes, slides and goes: hiss, and on rough surfaces
+    separate impacts too."""
     rng = np.random.default_rng(seed)
     size = round(DURATION * RATE)
     time = np.arange(size) / RATE
@@ -37,7 +39,8 @@ def scrape(*, rough: bool, seed: int, channels: int = 2) -> FloatArray:
 
 
 def surfaces(folder: Path, *, each: int = 4, channels: int = 2) -> Dataset:
-    """Write some smooth and as many rough surfaces, a recording each, with the times of contact."""
+    """Write some smooth and as many rough surfaces, a recording each, with the times of
+    contact."""
     return Dataset(
         "scrapes",
         folder,

@@ -1,4 +1,5 @@
-"""No module of the package imports itself through others, not even lazily or for types alone."""
+"""No module of the package imports itself through others, not even lazily or for types
+alone."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -10,7 +11,8 @@ SRC = Path(__file__).parent.parent / "src"
 
 
 def imports() -> dict[str, set[str]]:
-    """Return the modules of the package that each one imports, in functions and ``TYPE_CHECKING`` too."""
+    """Return the modules of the package that each one imports, in functions and
+    ``TYPE_CHECKING`` too."""
     paths = {
         ".".join(path.relative_to(SRC).with_suffix("").parts): path
         for path in SRC.rglob("*.py")

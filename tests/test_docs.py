@@ -183,7 +183,8 @@ def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -
 
 
 def commands_of(page: Path) -> list[list[str]]:
-    """Return the words of each call of the program in the page's blocks of code, but for those with placeholders."""
+    """Return the words of each call of the program in the page's blocks of code, but
+    for those with placeholders."""
     blocks = re.findall(
         r"^```(?:console)?\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL
     )

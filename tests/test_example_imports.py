@@ -1,4 +1,5 @@
-"""Every name of the package that an example, an integration or the ROS folder imports exists."""
+"""Every name of the package that an example, an integration or the ROS folder imports
+exists."""
 
 import ast
 import importlib

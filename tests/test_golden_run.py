@@ -1,4 +1,5 @@
-"""A recorded run gives the predictions and commands that it gave before: what no restructuring may change."""
+"""A recorded run gives the predictions and commands that it gave before: what no
+restructuring may change."""
 
 import pytest
 from opuslib_next.api.info import get_version_string
@@ -8,7 +9,8 @@ from tests import golden
 WORDS = ("touch", "event")
 
 CLOSE = 2e-5 if b"1.3" in get_version_string() else 5e-4
-"""The run was made with libopus 1.3, and 1.6 conceals lost packets otherwise: by 1e-4 in a probability."""
+"""The run was made with libopus 1.3, and 1.6 conceals lost packets otherwise: by 1e-4
+in a probability."""
 
 
 @pytest.mark.slow

@@ -1,4 +1,5 @@
-"""What a newcomer reads while `make demo` sets up: a line a step, or one line where the system will not do."""
+"""What a newcomer reads while `make demo` sets up: a line a step, or one line where the
+system will not do."""
 
 import os
 import subprocess
@@ -19,7 +20,8 @@ esac
 def install(
     folder: Path, *, other: str = "pass", said: str = "", code: int = 0
 ) -> "subprocess.CompletedProcess[str]":
-    """Run `scripts/install demo` with a Python that says it is another, and whose pip warns as real ones do."""
+    """Run `scripts/install demo` with a Python that says it is another, and whose pip
+    warns as real ones do."""
     for name, text in {
         "venv/bin/python": PYTHON.format(
             python=sys.executable, other=other, said=said, code=code

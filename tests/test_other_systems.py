@@ -1,4 +1,5 @@
-"""What needs no live sound runs without the modules and functions that Unix alone has, as on Windows."""
+"""What needs no live sound runs without the modules and functions that Unix alone has,
+as on Windows."""
 
 import os
 import subprocess

@@ -1,4 +1,5 @@
-"""The wheel as a user gets it: installed without extras in a fresh environment, where every verb must answer."""
+"""The wheel as a user gets it: installed without extras in a fresh environment, where
+every verb must answer."""
 
 import re
 import subprocess

@@ -1,4 +1,5 @@
-"""examples/published_sets.py: fetches from a local server, converts made-up files in the layouts of published sets."""
+"""examples/published_sets.py: fetches from a local server, converts made-up files in
+the layouts of published sets."""
 
 import functools
 import hashlib

@@ -1,4 +1,5 @@
-"""Runs the commands of docs/quickstart as they stand; the simulated finger replaces what a test does not have."""
+"""Runs the commands of docs/quickstart as they stand; the simulated finger replaces
+what a test does not have."""
 
 import re
 import shlex
@@ -106,7 +107,8 @@ def test_the_phones_page_answers_encrypted(
 def test_a_lab_pairs_runs_and_replays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each machine is a folder; `setup` listens for 2 s, and the run lasts until the robot has sent for 4 s."""
+    """Each machine is a folder; `setup` listens for 2 s, and the run lasts until the
+    robot has sent for 4 s."""
     monkeypatch.chdir(tmp_path)
     port = free_port()
     stand_in = {

@@ -1,4 +1,5 @@
-"""The example without Tactophone finds what Tactophone finds; it stands for readers who follow the page alone."""
+"""The example without Tactophone finds what Tactophone finds; it stands for readers who
+follow the page alone."""
 
 import ast
 import runpy
@@ -50,7 +51,8 @@ def by_the_product(
 
 
 def by_the_example(model: str, path: Path, threshold_dbfs: float) -> list[list[str]]:
-    """What the example prints, in the same process: a runtime takes a second to start."""
+    """What the example prints, in the same process: a runtime takes a second to
+    start."""
     module = runpy.run_path(str(EXAMPLE))
     return [
         module["as_text"](*row).split()

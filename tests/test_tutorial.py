@@ -1,6 +1,8 @@
-"""Runs the tutorial's commands as they stand in docs/guide/tutorial.md, and compares what they print with the page.
+"""Runs the tutorial's commands as they stand in docs/guide/tutorial.md, and compares
+what they print with the page.
 
-``RENEW=1 pytest tests/test_tutorial.py`` writes what they print, and the two figures, into the documentation instead.
+``RENEW=1 pytest tests/test_tutorial.py`` writes what they print, and the two figures,
+into the documentation instead.
 """
 
 import itertools
@@ -25,7 +27,8 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
 
 
 def close(printed: str, shown: str) -> bool:
-    """Whether two numbers differ by less than a retrained model or another processor may: the time taken is free."""
+    """Whether two numbers differ by less than a retrained model or another processor
+    may: the time taken is free."""
     value = abs(float(shown))
     return abs(float(printed) - float(shown)) <= (
         0.08 if "." in shown and value <= 1 else max(4.0, 0.15 * value)
@@ -104,7 +107,8 @@ def test_the_tutorial_runs_from_top_to_bottom_and_prints_what_it_shows(
             )
         elif shown:
             assert len(printed) == len(shown), command
-            # Which rule four objects choose hangs on single bumps, which another processor rounds otherwise.
+            # Which rule four objects choose hangs on single bumps, which another
+            # processor rounds otherwise.
             same = agree_in_words if "quiet.onnx" in command else agree
             assert not [
                 pair for pair in zip(printed, shown, strict=True) if not same(*pair)

@@ -1,7 +1,9 @@
-"""Assemble the page that listens: ``python examples/browser/build.py [FOLDER]``, then serve the folder.
+"""Assemble the page that listens: ``python examples/browser/build.py [FOLDER]``, then
+serve the folder.
 
-Needs ``npm install --prefix tests/node`` for ONNX Runtime. Any web server will do, such as ``python -m http.server
---directory FOLDER``: there is no server part. The docs site holds the page too.
+Needs ``npm install --prefix tests/node`` for ONNX Runtime. Any web server will do, such
+as ``python -m http.server --directory FOLDER``: there is no server part. The docs site
+holds the page too.
 """
 
 import shutil
@@ -31,7 +33,8 @@ PARTS = (
 
 
 def build(folder: Path) -> None:
-    """Copy all parts into a folder; raises `FileNotFoundError` where the runtime was not installed."""
+    """Copy all parts into a folder; raises `FileNotFoundError` where the runtime was
+    not installed."""
     if not RUNTIME.is_dir():
         raise FileNotFoundError(
             f"{RUNTIME} is missing: npm install --prefix tests/node"

@@ -1,8 +1,10 @@
-"""Measure what survives LeRobot's video coding: ``python measure.py``, with ``pip install scikit-learn av``.
+"""Measure what survives LeRobot's video coding: ``python measure.py``, with ``pip
+install scikit-learn av``.
 
-A linear probe tells rough from smooth on pictures of surfaces that it was not trained on, after AV1 (libsvtav1, 4:2:0,
-g 2, crf 30: the defaults of lerobot 0.4.4), against the detector on the same sound. The sound is simulated. The rule:
-the probe's AUC is at least 0.97 of the detector's.
+A linear probe tells rough from smooth on pictures of surfaces that it was not trained
+on, after AV1 (libsvtav1, 4:2:0, g 2, crf 30: the defaults of lerobot 0.4.4), against
+the detector on the same sound. The sound is simulated. The rule: the probe's AUC is at
+least 0.97 of the detector's.
 """
 
 import io
@@ -26,7 +28,8 @@ FPS, SECONDS, FOLDS = 30, 8.0, 5
 
 
 def take(number: int, obj):
-    """Return pictures, truth and the detector's roughness at each frame, and s that drawing took."""
+    """Return pictures, truth and the detector's roughness at each frame, and s that
+    drawing took."""
     scene, rng = single(obj), np.random.default_rng(number)
     moves = take_moves(
         TAKES[number % len(TAKES)], scene.placed[0], duration=SECONDS, rng=rng

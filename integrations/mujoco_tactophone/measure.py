@@ -1,9 +1,11 @@
-"""Measure the microphone of MuJoCo against the simulated finger: ``python measure.py``, about two minutes.
+"""Measure the microphone of MuJoCo against the simulated finger: ``python measure.py``,
+about two minutes.
 
-Third-octaves of the same strokes, cost in one run, and what the shipped detector renders of the ten frozen objects: the
-takes of `docs/research/scores.md`, their moves led through MuJoCo. The rules: no third-octave differs by over 1 dB, the
-cost is at most 1.5 times the finger's, and as rendered the balanced accuracy is at least the frozen score of 0.79. All
-of it is simulated.
+Third-octaves of the same strokes, cost in one run, and what the shipped detector
+renders of the ten frozen objects: the takes of `docs/research/scores.md`, their moves
+led through MuJoCo. The rules: no third-octave differs by over 1 dB, the cost is at most
+1.5 times the finger's, and as rendered the balanced accuracy is at least the frozen
+score of 0.79. All of it is simulated.
 """
 
 import sys
@@ -188,7 +190,8 @@ def interval(shares: np.ndarray, rough: np.ndarray) -> str:
 
 
 def print_detector_and_cost() -> None:
-    """Print what the detector renders of the frozen objects, and the cost of each way, by processor time."""
+    """Print what the detector renders of the frozen objects, and the cost of each way,
+    by processor time."""
     takes = [take for take in TAKES if take.name in QUIET]
     jobs, spent = (
         plan_dataset([find(str(number)) for number in FROZEN], OPTIONS, takes=takes),

@@ -1,4 +1,5 @@
-"""A telephone for touch: microphones on a robot's fingertip, vibration on an operator's.
+"""A telephone for touch: microphones on a robot's fingertip, vibration on an
+operator's.
 
 The public API::
 

@@ -1,4 +1,5 @@
-"""A small LeRobotDataset v3.0: three episodes of two joints and a camera, written by lerobot 0.4.4 itself."""
+"""A small LeRobotDataset v3.0: three episodes of two joints and a camera, written by
+lerobot 0.4.4 itself."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""A run beside a robot's frames, written and read back by the description of LeRobotDataset v3.0."""
+"""A run beside a robot's frames, written and read back by the description of
+LeRobotDataset v3.0."""
 
 import json
 from pathlib import Path

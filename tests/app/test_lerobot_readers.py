@@ -1,7 +1,7 @@
 """An export in the hands of LeRobot's own tools, and of the checkers of others.
 
-lerobot 0.4.4 asks for torch under 2.11, so that these need an environment of their own; each is skipped where its
-package is not installed.
+lerobot 0.4.4 asks for torch under 2.11, so that these need an environment of their own;
+each is skipped where its package is not installed.
 """
 
 import os

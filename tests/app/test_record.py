@@ -1,4 +1,5 @@
-"""A notebook records an object as the verb does: by one function that returns its takes."""
+"""A notebook records an object as the verb does: by one function that returns its
+takes."""
 
 from pathlib import Path
 

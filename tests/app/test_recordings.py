@@ -1,4 +1,5 @@
-"""`feel`, `classify` and `evaluate` open a recording by one function, so that they decide alike."""
+"""`feel`, `classify` and `evaluate` open a recording by one function, so that they
+decide alike."""
 
 import os
 from pathlib import Path
@@ -53,7 +54,8 @@ def with_fault(name: str, samples: FloatArray) -> FloatArray:
 
 
 def decide_alike(path: Path, folder: Path, model: str, *, tip: str = "pad") -> None:
-    """Compare the bytes of the tables of `feel`, `classify` and what `evaluate` scores."""
+    """Compare the bytes of the tables of `feel`, `classify` and what `evaluate`
+    scores."""
     command = ["feel", str(path), "--model", model, "--out", str(folder), "--tip", tip]
     assert main(command) == 0
     table = tactophone.classify(path, model, tip=tip)

@@ -1,4 +1,5 @@
-"""A finger is set up, and its microphones are checked, from Python as by the command line."""
+"""A finger is set up, and its microphones are checked, from Python as by the command
+line."""
 
 import json
 from pathlib import Path

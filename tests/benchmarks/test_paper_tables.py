@@ -36,7 +36,8 @@ RATE = 16_000
 
 
 def authors(root: Path) -> Dataset:
-    """The authors' layout: four objects to train on, two to test, and a day's two runs."""
+    """The authors' layout: four objects to train on, two to test, and a day's two
+    runs."""
     places = [
         ("opus/stereo/00_wiggle", 1),
         ("opus/stereo/01_wiggle", 1),
@@ -72,7 +73,8 @@ def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segment
     rough = next(take for take in dataset.recordings if take.label is Touch.ROUGH)
     before, touch = loud_segments(rough)
     assert (before.contact, touch.label) == (False, Touch.ROUGH)
-    # A window of 256 ms is loud before it lies within the touch wholly, and until it has nearly left it.
+    # A window of 256 ms is loud before it lies within the touch wholly, and until it
+    # has nearly left it.
     assert TOUCHED[0] <= touch.start < TOUCHED[0] + 0.256
     assert TOUCHED[1] < touch.end < DURATION
     assert before.end <= touch.start
@@ -146,7 +148,8 @@ def test_both_gates_print_the_share_of_windows_in_contact(
         )
         for lines in tables.values()
     )
-    # The scrapes are quieter than -26 dBFS: nothing is scored there, and the cells say so.
+    # The scrapes are quieter than -26 dBFS: nothing is scored there, and the cells say
+    # so.
     assert 0 == papers_share < authors_share < 1
     marked = [
         replace(take, segments=(Segment(0.0, 1.0, "rough"),))

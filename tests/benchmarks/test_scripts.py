@@ -1,4 +1,5 @@
-"""Every script of `benchmarks` still finds the names that it imports, and prints its help."""
+"""Every script of `benchmarks` still finds the names that it imports, and prints its
+help."""
 
 import importlib
 import sys

@@ -1,4 +1,5 @@
-"""Nights of calls on one virtual clock; `python benchmarks/endurance.py --seeds 1000` has longer ones."""
+"""Nights of calls on one virtual clock; `python benchmarks/endurance.py --seeds 1000`
+has longer ones."""
 
 import pytest
 from benchmarks.virtual_night import BrokenPromiseError, live_through

@@ -1,4 +1,5 @@
-"""What the two persons of a call read; who is called and how is tested in tests/net/call."""
+"""What the two persons of a call read; who is called and how is tested in
+tests/net/call."""
 
 import argparse
 from collections.abc import Iterator
@@ -26,7 +27,8 @@ FOUND = Found(
 
 
 class Person:
-    """Stands for the process of the call and for the live side: notes what is asked of them."""
+    """Stands for the process of the call and for the live side: notes what is asked of
+    them."""
 
     def __init__(self) -> None:
         self.answered: list[bool] = []

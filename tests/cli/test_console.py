@@ -65,7 +65,8 @@ HOSTILE = "0.1.0[/x] [link=http://x]y[/] \x1b]0;title\x07\x1b[2J\x9b2J\r" + "A" 
 def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_itself(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The other end's version and its goodbye, names of devices, runs and surfaces: all reach these sinks."""
+    """The other end's version and its goodbye, names of devices, runs and surfaces: all
+    reach these sinks."""
     faults = tuple(
         Fault(code, f"{code}: {HOSTILE}")
         for code in ("link", "peer", "source", "output", "version")

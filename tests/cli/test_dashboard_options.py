@@ -23,7 +23,8 @@ NAME = "test-page-loopback"
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A running ``tactophone loopback --dashboard``, the same for all tests; its page's address."""
+    """A running ``tactophone loopback --dashboard``, the same for all tests; its page's
+    address."""
     command = [
         sys.executable,
         "-m",
@@ -34,7 +35,8 @@ def address() -> Iterator[str]:
         "--actuator",
         "none",
     ]
-    # No watchdog: on a busy machine it would end the operator's side in the middle of the test.
+    # No watchdog: on a busy machine it would end the operator's side in the middle of
+    # the test.
     command += ["--dashboard", "--name", NAME, "--set", "process.watchdog=false"]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

@@ -36,7 +36,8 @@ def test_the_demo_crosses_a_bad_network_and_writes_picture_sound_and_scores(
 def _feel_agrees(
     demo: dict[str, Any], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The recording of the demonstration, felt, is what was felt in it: two strokes, and nothing after them."""
+    """The recording of the demonstration, felt, is what was felt in it: two strokes,
+    and nothing after them."""
     assert (
         main(["feel", demo["microphones"], "--events", "--json", "--out", str(folder)])
         == 0

@@ -16,7 +16,8 @@ from tests.lab.dataset.folders import audiofolder
 
 @pytest.fixture
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """A fine-tuning from a network that calls all sound smooth; training is skipped and makes all of it rough."""
+    """A fine-tuning from a network that calls all sound smooth; training is skipped and
+    makes all of it rough."""
     calling = {}
     for name, touch in (("smooth", 1), ("rough", 2)):
         weights = {

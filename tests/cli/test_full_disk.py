@@ -1,4 +1,5 @@
-"""A full disk ends a verb with one sentence that names what was to be written, and what was there stays."""
+"""A full disk ends a verb with one sentence that names what was to be written, and what
+was there stays."""
 
 import os
 import shutil

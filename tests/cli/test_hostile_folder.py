@@ -1,4 +1,5 @@
-"""A downloaded folder that one stands in is data: no verb runs the Python modules in it."""
+"""A downloaded folder that one stands in is data: no verb runs the Python modules in
+it."""
 
 import subprocess
 import sys

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.realtime
 
 @pytest.fixture
 def arguments(tmp_path: Path) -> list[str]:
-    """Process two seconds of a rough tone, recorded at another rate than the link's, in a file."""
+    """Process two seconds of a rough tone, recorded at another rate than the link's, in
+    a file."""
     tone = 0.5 * np.sin(2 * np.pi * 400 / 44_100 * np.arange(2 * 44_100))
     soundfile.write(
         tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100

@@ -1,4 +1,5 @@
-"""``--open``: the page's address goes to a browser of this machine, besides being printed."""
+"""``--open``: the page's address goes to a browser of this machine, besides being
+printed."""
 
 import webbrowser
 from types import SimpleNamespace

@@ -1,4 +1,5 @@
-"""The stone box over the live system: finger, encrypted link, detector, oscillator, browser."""
+"""The stone box over the live system: finger, encrypted link, detector, oscillator,
+browser."""
 
 import json
 import signal

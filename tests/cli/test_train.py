@@ -10,7 +10,8 @@ QUICK = ["--recipe", str(Path(__file__).with_name("quick.toml"))]
 
 
 def recipe(folder: Path, line: str) -> Path:
-    """Write the quick recipe with another line, or with another value for one of its lines."""
+    """Write the quick recipe with another line, or with another value for one of its
+    lines."""
     lines = Path(QUICK[1]).read_text().splitlines()
     name = line.partition(" ")[0]
     kept = [each for each in lines if each.partition(" ")[0] != name]

@@ -1,4 +1,5 @@
-"""A real sound into the microphone of a page, through encryption and detector, to what is felt: ``tactophone try``."""
+"""A real sound into the microphone of a page, through encryption and detector, to what
+is felt: ``tactophone try``."""
 
 import contextlib
 import math
@@ -34,7 +35,8 @@ RATE = 48_000
 
 
 def generated() -> FloatArray:
-    """Five seconds of faint noise: two strokes of a hiss, then two of loud impulses, with pauses and 0.7 s before."""
+    """Five seconds of faint noise: two strokes of a hiss, then two of loud impulses,
+    with pauses and 0.7 s before."""
     rng = np.random.default_rng(1)
     time_axis = np.arange(5 * RATE) / RATE
     hiss = 0.05 * rng.standard_normal(len(time_axis))
@@ -73,7 +75,8 @@ def spoken(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, FloatA
 
 @pytest.fixture
 def threshold(request: pytest.FixtureRequest) -> float:
-    """In dBFS; NaN: it follows the noise, for which the generated sound after a silent page is too short."""
+    """In dBFS; NaN: it follows the noise, for which the generated sound after a silent
+    page is too short."""
     return -45.0 if "generated" in request.node.name else math.nan
 
 
@@ -117,7 +120,8 @@ def watch(name: str) -> Watcher:
 
 
 def blocks_of(steps: NDArray[np.void], sound: FloatArray) -> Iterator[AudioBlock]:
-    """Yield the blocks of sound that the operator's side processed, of all its steps from the first on."""
+    """Yield the blocks of sound that the operator's side processed, of all its steps
+    from the first on."""
     begin = 0
     for step in steps:
         samples = np.ascontiguousarray(sound[begin : step["sound_end"], :1])
@@ -126,7 +130,8 @@ def blocks_of(steps: NDArray[np.void], sound: FloatArray) -> Iterator[AudioBlock
 
 
 def share_found(sound: FloatArray, spoken: FloatArray, *, size: int = 4800) -> float:
-    """Return which share of the sound, in blocks of 0.1 s, is in the file: Chromium resamples, so by correlation."""
+    """Return which share of the sound, in blocks of 0.1 s, is in the file: Chromium
+    resamples, so by correlation."""
     length = 1 << (len(spoken) + size).bit_length()
     spectrum, power = (
         np.fft.rfft(spoken, length),
@@ -150,7 +155,8 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     spoken: tuple[Path, FloatArray],
     threshold: float,
 ) -> None:
-    """Chromium loses sound on a busy machine, so what is felt is compared with what the page really sent."""
+    """Chromium loses sound on a busy machine, so what is felt is compared with what the
+    page really sent."""
     listener.get(address)
     watch(f"{NAME}-robot")
     operator = watch(NAME)
@@ -185,7 +191,8 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
         for block in blocks_of(steps, sound)
         for item in pipeline.push(block).predictions
     ]
-    # Then Chromium repeats its last 10 ms for ever, which the live side, but not `feel`, reports as hum.
+    # Then Chromium repeats its last 10 ms for ever, which the live side, but not
+    # `feel`, reports as hum.
     end = len(spoken[1]) / RATE - 0.5
     live = {
         round(RATE * row["window_end"]): row
@@ -217,7 +224,8 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
 
 
 def test_this_machines_microphone_is_a_source_through_portaudio() -> None:
-    """`--source microphone`: noise into the one input that PortAudio has on a JACK server of the test's own."""
+    """`--source microphone`: noise into the one input that PortAudio has on a JACK
+    server of the test's own."""
     pytest.importorskip("sounddevice")
     rng, name = np.random.default_rng(1), "test-microphone"
     command = (

@@ -1,4 +1,5 @@
-"""Several fingers are what each of them is alone: through the pipelines, over the link, with loss."""
+"""Several fingers are what each of them is alone: through the pipelines, over the link,
+with loss."""
 
 from collections.abc import Iterator
 from itertools import cycle
@@ -75,7 +76,8 @@ def test_each_finger_computes_what_it_computes_alone(
             pipeline_of(chosen), samples[:, 2 * finger : 2 * finger + 2], size
         )
         assert expected
-        # What several fingers compute in one batch differs from what each computes alone by its last bits.
+        # What several fingers compute in one batch differs from what each computes
+        # alone by its last bits.
         assert flat(of_finger(steps, finger)) == pytest.approx(
             flat(expected), abs=1e-5 if name == "texture" else 0
         )
@@ -183,7 +185,8 @@ def test_loss_hides_no_finger_more_than_another(model: str) -> None:
     ]
     assert concealed[0] == concealed[1] == concealed[2]
     sizes = {step.block.size for step in steps}
-    # A packet that leads to nothing waits for others, until a window of 512 samples may be due.
+    # A packet that leads to nothing waits for others, until a window of 512 samples may
+    # be due.
     assert 120 < max(sizes) <= 600
     assert all(size % 120 == 0 for size in sizes)
 
@@ -205,7 +208,8 @@ def test_predictions_of_a_hand_travel_together(model: str) -> None:
             if step.finger == finger
             for p in step.predictions
         ]
-        # The operator counts from the first prediction that it got. Where two windows end at one sample, it keeps one.
+        # The operator counts from the first prediction that it got. Where two windows
+        # end at one sample, it keeps one.
         begun = expected[0][0] - found[0][0]
         assert {(end + begun, touch) for end, touch in found} <= set(expected)
         assert len(found) >= len(expected) - 5

@@ -1,4 +1,5 @@
-"""Children end with their parent on Ctrl-C and not by themselves; files appear whole or not at all."""
+"""Children end with their parent on Ctrl-C and not by themselves; files appear whole or
+not at all."""
 
 import os
 import signal

@@ -1,8 +1,11 @@
-"""Fuzz all targets, or some, for a bounded time: ``python -m tests.fuzz --seconds 60 [TARGET ...]``.
+"""Fuzz all targets, or some, for a bounded time: ``python -m tests.fuzz --seconds 60
+[TARGET ...]``.
 
-With atheris (``pip install atheris``, Linux) inputs are guided by coverage, one process a target, and its corpus is
-kept in ``build/fuzz``; otherwise they are mutated at random. An input that raises what its parser does not document is
-kept in ``build/fuzz/crashes``; copy it to ``tests/data/crashes/TARGET/``, where a test repeats it for ever.
+With atheris (``pip install atheris``, Linux) inputs are guided by coverage, one process
+a target, and its corpus is kept in ``build/fuzz``; otherwise they are mutated at
+random. An input that raises what its parser does not document is kept in
+``build/fuzz/crashes``; copy it to ``tests/data/crashes/TARGET/``, where a test repeats
+it for ever.
 """
 
 import argparse
@@ -22,7 +25,8 @@ from .target import Target, mutate
 
 FOLDER = Path("build/fuzz")
 SLOW = 2.0
-"""Seconds of processor time from which an input counts as a hang: a busy machine may hold any input up."""
+"""Seconds of processor time from which an input counts as a hang: a busy machine may
+hold any input up."""
 
 
 def main() -> int:
@@ -65,7 +69,8 @@ def main() -> int:
 
 
 def attack(name: str, seconds: float, seed: int) -> int:
-    """Mutate the seeds of one target at random; returns the number of different crashes."""
+    """Mutate the seeds of one target at random; returns the number of different
+    crashes."""
     seeds, run = TARGETS[name].prepare()
     dice, crashes, count = random.Random(seed), set[str](), 0
     until = time.monotonic() + seconds
@@ -104,7 +109,8 @@ def keep(name: str, data: bytes, error: Exception, known: set[str]) -> set[str]:
 
 
 def launch(name: str, seconds: float) -> int:
-    """Fuzz one target in a process of its own, which the library ends; returns whether it crashed."""
+    """Fuzz one target in a process of its own, which the library ends; returns whether
+    it crashed."""
     command = [
         sys.executable,
         "-m",
@@ -147,7 +153,8 @@ def guide(name: str, seconds: float) -> int:
         with contextlib.suppress(target.documented):
             run(data)
 
-    # All loaded functions would take minutes; those of the package are what is searched.
+    # All loaded functions would take minutes; those of the package are what is
+    # searched.
     for each in gc.get_objects():
         if isinstance(each, FunctionType) and str(each.__module__).startswith(
             "tactophone."

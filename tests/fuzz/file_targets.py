@@ -1,4 +1,5 @@
-"""Parsers of files and of the page's messages: what another program, or somebody else, may have written."""
+"""Parsers of files and of the page's messages: what another program, or somebody else,
+may have written."""
 
 import atexit
 import contextlib
@@ -53,7 +54,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def _file(name: str, read: Callable[[Path], object]) -> Run:
-    """Return a function that writes bytes to a temporary file of this name, with mode 0600, and reads it."""
+    """Return a function that writes bytes to a temporary file of this name, with mode
+    0600, and reads it."""
     folder = Path(tempfile.mkdtemp(prefix="tactophone-fuzz-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
@@ -289,7 +291,8 @@ def foxglove_requests() -> tuple[Sequence[bytes], Run]:
 
 
 def robot_frames() -> tuple[Sequence[bytes], Run]:
-    """The files of a robot's data set (LeRobot): its table of features, and the head of its frames."""
+    """The files of a robot's data set (LeRobot): its table of features, and the head of
+    its frames."""
     import pyarrow
     from pyarrow import parquet
 

@@ -1,4 +1,5 @@
-"""The link's parsers, and its sessions as a stranger, a man in the middle and a faulty peer reach them."""
+"""The link's parsers, and its sessions as a stranger, a man in the middle and a faulty
+peer reach them."""
 
 import contextlib
 import random
@@ -121,7 +122,8 @@ def opus() -> tuple[Sequence[bytes], Run]:
 
 
 class Pair:
-    """A caller and an answerer; whatever they send to each other may be changed on the way."""
+    """A caller and an answerer; whatever they send to each other may be changed on the
+    way."""
 
     def __init__(self) -> None:
         self.robot = Session(
@@ -171,7 +173,8 @@ def strangers() -> tuple[Sequence[bytes], Run]:
 def handshakes() -> tuple[Sequence[bytes], Run]:
     """A man in the middle changes the datagrams of a handshake, to either side.
 
-    Five bytes are one change: number of the datagram, kind of change, place (two bytes) and value.
+    Five bytes are one change: number of the datagram, kind of change, place (two bytes)
+    and value.
     """
 
     def run(data: bytes) -> None:
@@ -215,7 +218,8 @@ def _changed(datagram: bytes, change: bytes) -> bytes:
 def faulty_robots() -> tuple[Sequence[bytes], Run]:
     """Packets that a paired robot encrypts.
 
-    Each is a byte of its length, a byte of milliseconds that pass before it, and the packet; SSRC and length fit.
+    Each is a byte of its length, a byte of milliseconds that pass before it, and the
+    packet; SSRC and length fit.
     """
     pair = Pair()
     pair.connect()
@@ -298,7 +302,8 @@ def _packets_in(data: bytes, ssrc: int) -> list[tuple[float, bytes]]:
         if len(packet) >= 12:
             report = 64 <= packet[1] & 0x7F <= 95
             place = 4 if report else 8
-            # Only what the library itself encrypts, without contributing sources, extension or padding it refuses.
+            # Only what the library itself encrypts, without contributing sources,
+            # extension or padding it refuses.
             packet = bytes([0x80 | (packet[0] & 0x1F if report else 0)]) + packet[1:]
             packets.append(
                 (
@@ -319,7 +324,8 @@ def _send(session: Session, packet: bytes) -> None:
 def _keep(pair: Pair) -> None:
     """Connect anew what a goodbye ended, and keep the rest from timing out."""
     if pair.robot.peer is None or pair.operator.peer is None:
-        # A goodbye's reason keeps the robot from calling for a while, and the answerer waits for its timeout.
+        # A goodbye's reason keeps the robot from calling for a while, and the answerer
+        # waits for its timeout.
         for _ in range(2):
             pair.now += SESSION_TIMEOUT + BUSY_PAUSE
             pair.carry()

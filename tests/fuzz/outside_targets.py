@@ -1,4 +1,5 @@
-"""Logs, and what pages, mailboxes, OSC and ROS say: each read as the process that gets it does."""
+"""Logs, and what pages, mailboxes, OSC and ROS say: each read as the process that gets
+it does."""
 
 import asyncio
 import json
@@ -152,7 +153,8 @@ def log_messages() -> tuple[Sequence[bytes], Run]:
 
 
 def page_sound() -> tuple[Sequence[bytes], Run]:
-    """A message of a page that listens, as the server checks it and the robot's side takes it."""
+    """A message of a page that listens, as the server checks it and the robot's side
+    takes it."""
     from tactophone.faces.web.devices import is_sound
 
     heard: list[int] = []
@@ -219,7 +221,8 @@ def player_requests() -> tuple[Sequence[bytes], Run]:
 
 
 def mailbox_words() -> tuple[Sequence[bytes], Run]:
-    """What a mailbox says, one message a line, to an end that wants a code and then the other end."""
+    """What a mailbox says, one message a line, to an end that wants a code and then the
+    other end."""
     import wormhole
     from twisted.internet.testing import MemoryReactorClock
 

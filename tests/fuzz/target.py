@@ -1,4 +1,5 @@
-"""What a fuzzing target is, and what changes its inputs when no library guides by coverage."""
+"""What a fuzzing target is, and what changes its inputs when no library guides by
+coverage."""
 
 import random
 from collections.abc import Callable, Sequence
@@ -57,7 +58,8 @@ _WORDS = (
 
 @dataclass(frozen=True)
 class Target:
-    """A parser: bytes to begin with, a function that takes any, and the exceptions that its documentation names.
+    """A parser: bytes to begin with, a function that takes any, and the exceptions that
+    its documentation names.
 
     ``prepare`` makes the function, and whatever it needs that takes long.
     """

@@ -1,4 +1,5 @@
-"""The bench test of a finished finger, on simulated fingers with each fault that a builder can make."""
+"""The bench test of a finished finger, on simulated fingers with each fault that a
+builder can make."""
 
 import json
 import sys

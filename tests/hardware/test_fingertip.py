@@ -1,4 +1,5 @@
-"""The printed parts: closed, thick enough to print, printable without support; and the finger that they make."""
+"""The printed parts: closed, thick enough to print, printable without support; and the
+finger that they make."""
 
 import hashlib
 import importlib.util
@@ -72,7 +73,8 @@ def assembled() -> np.ndarray:
 
 
 def clearance(points: np.ndarray, pitch: float, roll: float) -> float:
-    """Return how far from the surface, in mm, the nearest point is that the ball's own is not; under 0 it touches."""
+    """Return how far from the surface, in mm, the nearest point is that the ball's own
+    is not; under 0 it touches."""
     down = dimensions.towards(pitch, roll)
     return float(FINGER.contact(pitch, roll) @ down - (points @ down).max())
 

@@ -37,7 +37,8 @@ def journey(
     send_predictions: bool = False,
     moving: Callable[[float], bool] = lambda time: False,
 ) -> list[tuple[float, PipelineStep]]:
-    """Strokes from the robot's fingertip to the operator's, in virtual time; each step with the time of its arrival."""
+    """Strokes from the robot's fingertip to the operator's, in virtual time; each step
+    with the time of its arrival."""
     robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
     sender = RobotEndpoint(
         robot, pipeline_of(model).detector if send_predictions else None
@@ -193,7 +194,8 @@ def calls(tree: ast.AST) -> Iterator[str]:
 
 
 def test_the_operator_has_no_loop_of_its_own() -> None:
-    """There is no second path: outside the endpoints, nothing feeds a session's sound to a pipeline."""
+    """There is no second path: outside the endpoints, nothing feeds a session's sound
+    to a pipeline."""
     source = Path(tactophone.__file__).parent
     operator = set(
         calls(ast.parse((source / "live" / "runtime" / "operator.py").read_text()))

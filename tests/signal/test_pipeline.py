@@ -156,7 +156,8 @@ def test_limits_bound_every_command(model: str) -> None:
     pipeline.limits = Limits(ceiling=0.1, lowest=100, highest=110)
     steps = processed(pipeline, strokes())
     commands = [command for _, command in steps]
-    # The ceiling scales the whole profile: only full roughness reaches it, where the ceiling once clipped the rest too.
+    # The ceiling scales the whole profile: only full roughness reaches it, where the
+    # ceiling once clipped the rest too.
     assert max(command.amplitude for command in commands) <= 0.1
     for prediction, command in steps:
         full = (
@@ -267,7 +268,8 @@ def test_feel_imports_the_core_dependencies_alone() -> None:
 
 
 class Loudness:
-    """A detector as a user may write it: all that the contract lists, and nothing more."""
+    """A detector as a user may write it: all that the contract lists, and nothing
+    more."""
 
     name, latency, bandwidth = "loudness", 0.0, 8_000.0
 

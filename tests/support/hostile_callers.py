@@ -29,7 +29,8 @@ CERTIFICATE_FAULTS = ("version", "month")
 
 
 def odd_certificate(fault: str) -> tuple[ec.EllipticCurvePrivateKey, bytes]:
-    """Return a key and a certificate (DER) that OpenSSL parses and the library ``cryptography`` refuses."""
+    """Return a key and a certificate (DER) that OpenSSL parses and the library
+    ``cryptography`` refuses."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "odd")])
     begin = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
@@ -73,7 +74,8 @@ def call_with_certificate(fault: str, answer: Answer) -> None:
 
 
 def overlong_hello(answer: Answer, high: int) -> bytes:
-    """Return a ClientHello with the cookie that ``answer`` gave, whose message is longer than its record says."""
+    """Return a ClientHello with the cookie that ``answer`` gave, whose message is
+    longer than its record says."""
     caller = Session(Identity.create("eve"), Peers({"AB" * 32: "op"}), call=("h", 1))
     caller.poll(0.0)
     ((hello, _),) = caller.outgoing()
@@ -103,7 +105,8 @@ def overlong_hello(answer: Answer, high: int) -> bytes:
 
 
 class DelayedLine:
-    """Joins an answerer with any number of callers, with the same delay each way, in virtual time."""
+    """Joins an answerer with any number of callers, with the same delay each way, in
+    virtual time."""
 
     def __init__(self, answerer: Session, *, address: Address, delay: float) -> None:
         self.answerer, self.address, self.delay = answerer, address, delay

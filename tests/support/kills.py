@@ -1,7 +1,9 @@
-"""Kills a random process of a short run at a random moment, stops all of them, or sets their clock.
+"""Kills a random process of a short run at a random moment, stops all of them, or sets
+their clock.
 
-Its log replays, nothing stale vibrates, and nothing of it is left. Each run is of the command line, and is found again
-by a mark in its environment, as a process whose parent was killed belongs to nobody.
+Its log replays, nothing stale vibrates, and nothing of it is left. Each run is of the
+command line, and is found again by a mark in its environment, as a process whose parent
+was killed belongs to nobody.
 """
 
 import contextlib
@@ -79,7 +81,8 @@ class KilledRun:
             each.wait()
 
     def processes(self) -> list[psutil.Process]:
-        """Return every process that lives, also without its parent, but those of multiprocessing's own."""
+        """Return every process that lives, also without its parent, but those of
+        multiprocessing's own."""
         living = []
         for process in psutil.process_iter():
             with contextlib.suppress(psutil.Error):
@@ -114,7 +117,8 @@ class KilledRun:
             each.terminate()
 
     def leftovers(self) -> list[str]:
-        """Wait up to `ORPHAN` s for the end of all processes; return those that live, and files in shared memory."""
+        """Wait up to `ORPHAN` s for the end of all processes; return those that live,
+        and files in shared memory."""
         end = time.monotonic() + ORPHAN
         while (alive := self.processes()) and time.monotonic() < end:
             time.sleep(0.1)
@@ -191,7 +195,8 @@ class Finding:
     """Logs that hold no beginning of a run yet."""
     equal: int = 0
     behind: float = 0.0
-    """Seconds of the end that a log lacks, where its recorder or everything was killed."""
+    """Seconds of the end that a log lacks, where its recorder or everything was
+    killed."""
     wrong: list[str] = field(default_factory=list)
 
 
@@ -203,7 +208,8 @@ def kill(
     running: bool = False,
     victim: str = "",
 ) -> Finding:
-    """Kill a process of a run, or ``everything``; ``running``: only once its log has begun."""
+    """Kill a process of a run, or ``everything``; ``running``: only once its log has
+    begun."""
     finding = Finding()
     with kind(folder, f"kill-{secrets.token_hex(4)}") as run:
         if running:
@@ -240,7 +246,8 @@ def _role(process: psutil.Process, run: KilledRun) -> str:
 
 
 def check_log(log: Path, finding: Finding, killed: float) -> None:
-    """Replay a log, and note in the finding what it holds; ``killed``: when that came to its run."""
+    """Replay a log, and note in the finding what it holds; ``killed``: when that came
+    to its run."""
     if not log.exists():
         finding.empty += 1
         return
@@ -312,9 +319,11 @@ time_t time(time_t *at) {
 
 
 class WallClock:
-    """A wall clock that can be set, for processes with its `environment`; ``folder`` holds its files.
+    """A wall clock that can be set, for processes with its `environment`; ``folder``
+    holds its files.
 
-    libfaketime 0.9.10 will not do: under Python 3.11 it also changes the monotonic clock, or each sleep is an error.
+    libfaketime 0.9.10 will not do: under Python 3.11 it also changes the monotonic
+    clock, or each sleep is an error.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -343,7 +352,8 @@ class WallClock:
 
 
 class RunningLink:
-    """`send` and `receive` with a log of each, and what the operator's telemetry says."""
+    """`send` and `receive` with a log of each, and what the operator's telemetry
+    says."""
 
     def __init__(self, run: KilledRun) -> None:
         self.run, self._watcher = run, Watcher(run.name)
@@ -363,7 +373,8 @@ class RunningLink:
         return max(later - sooner for sooner, later in itertools.pairwise([*made, now]))
 
     def stop(self, duration: float) -> tuple[float, float]:
-        """Stop every process for a while; return seconds until the next prediction, and what vibrated before it."""
+        """Stop every process for a while; return seconds until the next prediction, and
+        what vibrated before it."""
         processes = self.run.processes()
         for process in processes:
             process.suspend()
@@ -378,8 +389,9 @@ class RunningLink:
         peak = 0.0
         while time.monotonic() < begun + 10.0:
             time.sleep(0.02)
-            # What was rendered last may fade for 0.1 s of periods, and lie in the newest 20 ms for as long again. It is
-            # read before the predictions, so that the vibration of a new one is not taken for what was left.
+            # What was rendered last may fade for 0.1 s of periods, and lie in the
+            # newest 20 ms for as long again. It is read before the predictions, so that
+            # the vibration of a new one is not taken for what was left.
             faded = self._watcher.totals()[0]["callbacks"] > rendered + FADE
             level = float(
                 np.abs(self._watcher.snapshot().vibration[-960:]).max(initial=0.0)

@@ -1,6 +1,8 @@
-"""The network interface of a running link is taken away and given back, in network namespaces of this machine.
+"""The network interface of a running link is taken away and given back, in network
+namespaces of this machine.
 
-`send` and `receive` run in a namespace each, with a virtual cable between them. Needs root and Debian's iproute2.
+`send` and `receive` run in a namespace each, with a virtual cable between them. Needs
+root and Debian's iproute2.
 """
 
 import contextlib
@@ -47,7 +49,8 @@ def can_make_networks() -> bool:
 
 
 def prefix_of_networks() -> str:
-    """Return a new prefix for the names of namespaces; those that killed processes left are removed."""
+    """Return a new prefix for the names of namespaces; those that killed processes left
+    are removed."""
     listed = subprocess.run(
         ["ip", "netns", "list"], capture_output=True, text=True, check=True
     ).stdout
@@ -119,8 +122,9 @@ class Cable:
 class Outage:
     """What the operator's telemetry showed.
 
-    ``silent`` is from when the interface was taken away, ``felt`` from when it was given back, both in s and infinite
-    where it did not come; ``peak`` is the largest amplitude between the two.
+    ``silent`` is from when the interface was taken away, ``felt`` from when it was
+    given back, both in s and infinite where it did not come; ``peak`` is the largest
+    amplitude between the two.
     """
 
     silent: float
@@ -150,7 +154,8 @@ class UnpluggableLink:
         return int(self._watcher.totals()[0]["process_restarts"])
 
     def _until(self, least: float, most: float, timeout: float) -> tuple[float, float]:
-        """Wait for an amplitude between the two; return when it came, and the largest one until then."""
+        """Wait for an amplitude between the two; return when it came, and the largest
+        one until then."""
         end, peak = time.monotonic() + timeout, 0.0
         while (now := time.monotonic()) < end:
             amplitude = self._watcher.pulse().amplitude
@@ -163,7 +168,8 @@ class UnpluggableLink:
 
 @contextlib.contextmanager
 def unpluggable_link(folder: Path, name: str) -> Iterator[UnpluggableLink]:
-    """Run both ends for a minute or two; what they print is in the file ``printed`` of the folder."""
+    """Run both ends for a minute or two; what they print is in the file ``printed`` of
+    the folder."""
     times = np.arange(120 * 48_000) / 48_000
     tone = (0.3 * np.sin(2 * np.pi * 250 * times)).astype(np.float32)
     soundfile.write(folder / "stroke.wav", np.stack([tone, tone], axis=1), 48_000)

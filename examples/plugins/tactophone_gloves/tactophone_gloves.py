@@ -1,8 +1,10 @@
-"""MANUS and HaptX gloves on ROS 2, as a plug-in: pip install examples/plugins/tactophone_gloves
+"""MANUS and HaptX gloves on ROS 2, as a plug-in: pip install
+examples/plugins/tactophone_gloves
 
     tactophone receive --bridge ros --set bridges.ros_sinks=manus
 
-Neither was tried on a glove. A HaptX glove inflates slowly: it shows strength, not vibration.
+Neither was tried on a glove. A HaptX glove inflates slowly: it shows strength, not
+vibration.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +17,16 @@ from tactophone.faces.bridges.ros_topics import Sink, message_type
 ManusVibrationCommand = message_type(
     "manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities"
 )
-# Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1.
+# Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0
+# to 1.
 TactorGroupState = message_type(
     "haptx_interfaces/msg/TactorGroupState",
     "string[] tactor_group\nfloat64[] inflation",
 )
 
 HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
-"""Names of tactor groups, in the order of `FINGER_NAMES` (github.com/NU-Haptics-Lab/haptx_interfaces)."""
+"""Names of tactor groups, in the order of `FINGER_NAMES`
+(github.com/NU-Haptics-Lab/haptx_interfaces)."""
 
 
 def manus(fingers: Sequence[str]) -> Sink:

@@ -1,6 +1,8 @@
-"""bHaptics over REST: ``python -m devices_tactophone.bhaptics RUN``, with ``python -m bhaptics_http`` on the PC.
+"""bHaptics over REST: ``python -m devices_tactophone.bhaptics RUN``, with ``python -m
+bhaptics_http`` on the PC.
 
-Each command plays one motor for 100 ms (``POST /haptic/dot``), so that a run that ends is silent by then.
+Each command plays one motor for 100 ms (``POST /haptic/dot``), so that a run that ends
+is silent by then.
 """
 
 import json

@@ -1,6 +1,8 @@
-"""Hapbeat over UDP: ``tactophone receive --actuator hapbeat:ADDRESS``; the vibration itself, 16 kHz in 16 bits.
+"""Hapbeat over UDP: ``tactophone receive --actuator hapbeat:ADDRESS``; the vibration
+itself, 16 kHz in 16 bits.
 
-The packets are those of the maker's Python SDK 0.3.0 (stream of version 1): header, begin, data, end.
+The packets are those of the maker's Python SDK 0.3.0 (stream of version 1): header,
+begin, data, end.
 """
 
 import socket
@@ -48,7 +50,8 @@ HEADER = struct.Struct("<HBBHH")
 
 
 class Hapbeat(ClockedDevice):
-    """Plays what ``render`` gives for the first finger; the stream ends with the device."""
+    """Plays what ``render`` gives for the first finger; the stream ends with the
+    device."""
 
     def __init__(self, render: RenderHand, stream: Stream, *, fingers: int) -> None:
         def play(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:

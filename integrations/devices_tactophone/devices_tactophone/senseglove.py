@@ -1,6 +1,8 @@
-"""SenseGlove Nova 2: ``python -m devices_tactophone.senseglove RUN | ./nova2 right`` (`nova2.cpp`, with its SDK).
+"""SenseGlove Nova 2: ``python -m devices_tactophone.senseglove RUN | ./nova2 right``
+(`nova2.cpp`, with its SDK).
 
-Prints ``finger amplitude hertz`` of what vibrates, every `INTERVAL` s; each lasts 0.1 s at the glove.
+Prints ``finger amplitude hertz`` of what vibrates, every `INTERVAL` s; each lasts 0.1 s
+at the glove.
 """
 
 import sys

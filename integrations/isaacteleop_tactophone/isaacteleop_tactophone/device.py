@@ -2,8 +2,9 @@
 
 ``python -m isaacteleop_tactophone.device pulse.wav`` writes the vibration of one pulse.
 
-Isaac's ``ControllerHapticPulse`` is amplitude 0-1, frequency in Hz and duration in s, as OpenXR's XrHapticVibration.
-`TactophoneDevice` is an ``IHapticDevice``: Isaac's ``HapticSink`` passes it the pulses of a simulation.
+Isaac's ``ControllerHapticPulse`` is amplitude 0-1, frequency in Hz and duration in s,
+as OpenXR's XrHapticVibration. `TactophoneDevice` is an ``IHapticDevice``: Isaac's
+``HapticSink`` passes it the pulses of a simulation.
 """
 
 import math
@@ -22,7 +23,8 @@ from numpy.typing import NDArray
 from tactophone import HapticCommand, Limits, Oscillator
 
 DEFAULT_FREQUENCY = 160.0
-"""Hz where a pulse leaves the frequency to the device (OpenXR: XR_FREQUENCY_UNSPECIFIED)."""
+"""Hz where a pulse leaves the frequency to the device (OpenXR:
+XR_FREQUENCY_UNSPECIFIED)."""
 
 LONGEST_PULSE = 1.0
 """Seconds after which a pulse ends whatever its duration says."""
@@ -34,9 +36,10 @@ PULSE_DURATION = 0.03
 class TactophoneDevice(IHapticDevice):
     """Renders Isaac's pulses.
 
-    ``submit`` takes each command: ``Oscillator(Limits()).submit``, whose limits bound it again and which fades by
-    itself when no command follows. ``endpoint`` names the actuator in Isaac, ``ceiling`` is the greatest amplitude, 0-1
-    of full drive, and ``clock`` returns seconds.
+    ``submit`` takes each command: ``Oscillator(Limits()).submit``, whose limits bound
+    it again and which fades by itself when no command follows. ``endpoint`` names the
+    actuator in Isaac, ``ceiling`` is the greatest amplitude, 0-1 of full drive, and
+    ``clock`` returns seconds.
 
     Attributes
     ----------

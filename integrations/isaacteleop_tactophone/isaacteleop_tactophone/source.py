@@ -1,8 +1,10 @@
-"""What a robot's fingertip hears, as haptic values of Isaac Teleop: controller pulses and powers of fingers.
+"""What a robot's fingertip hears, as haptic values of Isaac Teleop: controller pulses
+and powers of fingers.
 
-Isaac's own sources are forces; this one has the texture. It says *silence* wherever it does not know: a run that ends,
-a link that breaks and a prediction that is late all end the vibration within `SILENCE`, and a pulse never outlasts it,
-so that the vibration ends as well where this process dies.
+Isaac's own sources are forces; this one has the texture. It says *silence* wherever it
+does not know: a run that ends, a link that breaks and a prediction that is late all end
+the vibration within `SILENCE`, and a pulse never outlasts it, so that the vibration
+ends as well where this process dies.
 """
 
 import math
@@ -20,7 +22,8 @@ from numpy.typing import NDArray
 from tactophone.live.log.reader import Passed, PredictionReader
 
 SILENCE = 0.1
-"""Seconds from the making of a command after which it is silence, whatever else happens."""
+"""Seconds from the making of a command after which it is silence, whatever else
+happens."""
 
 Values = NDArray[np.float32]
 
@@ -31,9 +34,11 @@ class TouchSource(BaseRetargeter):
     Outputs
     -------
     pulse
-        ``ControllerHapticPulse`` (amplitude 0-1, Hz, s) of the finger that vibrates most.
+        ``ControllerHapticPulse`` (amplitude 0-1, Hz, s) of the finger that vibrates
+        most.
     powers
-        ``FingerPowerVector``: the amplitude of each finger, 0-1, of ``fingers`` in order.
+        ``FingerPowerVector``: the amplitude of each finger, 0-1, of ``fingers`` in
+        order.
 
     Parameters
     ----------
@@ -74,7 +79,8 @@ class TouchSource(BaseRetargeter):
         }
 
     def values(self) -> tuple[Values, Values]:
-        """Return the pulse and the powers of this moment; zeros where no command is known to hold."""
+        """Return the pulse and the powers of this moment; zeros where no command is
+        known to hold."""
         self._newest |= {passed.finger: passed for passed in self._read()}
         now, pulse = self._clock(), np.zeros(3, np.float32)
         powers = np.zeros(len(self.fingers), np.float32)

@@ -16,7 +16,8 @@ from tactophone.live.telemetry.watcher import running
 @CameraConfig.register_subclass("tactophone")
 @dataclass(kw_only=True)
 class TactophoneCameraConfig(CameraConfig):
-    """``run`` is the name of a run (``tactophone status``); ``log`` is an MCAP file that stands for one."""
+    """``run`` is the name of a run (``tactophone status``); ``log`` is an MCAP file
+    that stands for one."""
 
     run: str = "loopback"
     log: str = ""

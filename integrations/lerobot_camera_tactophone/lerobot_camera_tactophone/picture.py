@@ -1,8 +1,10 @@
-"""The picture: bands of contact and air over time, and a strip of what the detector says.
+"""The picture: bands of contact and air over time, and a strip of what the detector
+says.
 
-Rows 0-103 are the contact microphone, 104-207 the air microphone, low at the bottom of each; a column is 8.9 ms, the
-newest at the right. Rows 208-215 are roughness and 216-223 amplitude, as grey. All is grey, as video codecs keep the
-colour of every fourth pixel.
+Rows 0-103 are the contact microphone, 104-207 the air microphone, low at the bottom of
+each; a column is 8.9 ms, the newest at the right. Rows 208-215 are roughness and
+216-223 amplitude, as grey. All is grey, as video codecs keep the colour of every fourth
+pixel.
 """
 
 import numpy as np
@@ -31,7 +33,8 @@ Pixels = NDArray[np.uint8]
 
 
 def _bands() -> NDArray[np.float32]:
-    """Return the share of each bin in each band, ``(bins, BANDS)``; narrow bands are interpolated."""
+    """Return the share of each bin in each band, ``(bins, BANDS)``; narrow bands are
+    interpolated."""
     bins = np.fft.rfftfreq(WINDOW, 1 / LIVE_SAMPLE_RATE)
     edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
     centres, half = (

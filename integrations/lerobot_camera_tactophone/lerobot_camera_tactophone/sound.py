@@ -16,7 +16,8 @@ from tactophone.live.telemetry.watcher import Watcher
 
 
 class LiveSound:
-    """Draws what a run hears; silence while nothing comes, so that a dead run is no frozen touch."""
+    """Draws what a run hears; silence while nothing comes, so that a dead run is no
+    frozen touch."""
 
     def __init__(
         self, run: str, picture: Picture, *, clock: Callable[[], float]

@@ -1,7 +1,8 @@
-"""A LeRobot plug-in: a robot whose observation holds the newest values of its fingertip.
+"""A LeRobot plug-in: a robot whose observation holds the newest values of its
+fingertip.
 
-LeRobot records them as scalars of ``observation.state``; `tactophone export lerobot` adds every prediction afterwards.
-LeRobot finds the robot by importing this package.
+LeRobot records them as scalars of ``observation.state``; `tactophone export lerobot`
+adds every prediction afterwards. LeRobot finds the robot by importing this package.
 """
 
 import time
@@ -14,14 +15,16 @@ from typing import Any
 from tactophone.live.log.reader import Passed, PredictionReader
 
 FRESH = 0.1
-"""Seconds after which a value is no longer that of this moment: a run that ends leaves no frozen touch."""
+"""Seconds after which a value is no longer that of this moment: a run that ends leaves
+no frozen touch."""
 
 NOTHING = {"touch": 0.0, "roughness": 0.0, "level_dbfs": -200.0, "amplitude": 0.0}
 """The values of no contact and of silence."""
 
 
 class Felt:
-    """The newest values of a finger of a run; ``read`` and ``clock`` (s since 1970) are replaced in tests."""
+    """The newest values of a finger of a run; ``read`` and ``clock`` (s since 1970) are
+    replaced in tests."""
 
     def __init__(
         self,
@@ -54,13 +57,15 @@ with suppress(ModuleNotFoundError):
     @RobotConfig.register_subclass("tactophone")
     @dataclass
     class TactophoneConfig(RobotConfig):
-        """``run`` is the name of a run (``tactophone status``); a run of one finger calls it ``index``."""
+        """``run`` is the name of a run (``tactophone status``); a run of one finger
+        calls it ``index``."""
 
         run: str = "loopback"
         finger: str = "index"
 
     class Tactophone(Robot):
-        """A fingertip alone; add the joints of your robot to each method, or its class as a base."""
+        """A fingertip alone; add the joints of your robot to each method, or its class
+        as a base."""
 
         config_class = TactophoneConfig
         name = "tactophone"
@@ -83,7 +88,8 @@ with suppress(ModuleNotFoundError):
             return self._felt is not None
 
         def connect(self, calibrate: bool = True) -> None:
-            """Find the run; raises ``tactophone.TactophoneError`` where there is none."""
+            """Find the run; raises ``tactophone.TactophoneError`` where there is
+            none."""
             self._felt = Felt(self.config.run, self.config.finger)
 
         @property

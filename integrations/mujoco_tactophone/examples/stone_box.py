@@ -1,4 +1,5 @@
-"""Play StoneBox-v0 with the scripted policy: ``python stone_box.py --episodes 10 [--random] [--picture out.png]``."""
+"""Play StoneBox-v0 with the scripted policy: ``python stone_box.py --episodes 10
+[--random] [--picture out.png]``."""
 
 import argparse
 
@@ -12,7 +13,8 @@ from mujoco_tactophone.world import STEP, pressed, stones_model, stroke
 
 
 def solved(episodes: int, *, random: bool) -> tuple[int, int]:
-    """Return how many episodes end with the rough stone, and how many actions all took."""
+    """Return how many episodes end with the rough stone, and how many actions all
+    took."""
     register()
     box, right, actions = gymnasium.make("StoneBox-v0"), 0, 0
     box.action_space.seed(1)

@@ -1,8 +1,10 @@
 """What two microphones on a fingertip hear of MuJoCo's contacts.
 
-MuJoCo knows the force and the slip of a contact at each step, some 500 times a second, and nothing of the roughness
-between. Tactophone's simulated finger knows how a tip sounds on a surface that it is pressed on and led over. So the
-physics leads, and the finger's kernels render: the two channels are contact and air, at 48 kHz, one step behind.
+MuJoCo knows the force and the slip of a contact at each step, some 500 times a second,
+and nothing of the roughness between. Tactophone's simulated finger knows how a tip
+sounds on a surface that it is pressed on and led over. So the physics leads, and the
+finger's kernels render: the two channels are contact and air, at 48 kHz, one step
+behind.
 """
 
 import math
@@ -22,21 +24,26 @@ from tactophone.lab.simulation.source import SimulatedFinger
 Vector = tuple[float, float, float]
 
 STICKS = 1e-3
-"""Slip in m/s under which a tip sticks: MuJoCo's soft friction lets a resting contact creep by about 0.1 mm/s."""
+"""Slip in m/s under which a tip sticks: MuJoCo's soft friction lets a resting contact
+creep by about 0.1 mm/s."""
 
 PRESS_CORNER = 9.0
-"""Hz up to which the finger's kernels are pressed with the physics' force: that of the simulated finger's force
-control. Faster forces are the kernels' own, as the physics does not know what lies between two of its steps."""
+"""Hz up to which the finger's kernels are pressed with the physics' force: that of the
+simulated finger's force control. Faster forces are the kernels' own, as the physics
+does not know what lies between two of its steps."""
 
 PATH_CORNERS = (28.0, 14.0, 14.0)
-"""Hz of the poles by which the tip's place is eased, those of the simulated finger's hand: what MuJoCo's tip trembles
-faster, under its servo and its soft friction, would be a vibration twice, as the kernels have their own."""
+"""Hz of the poles by which the tip's place is eased, those of the simulated finger's
+hand: what MuJoCo's tip trembles faster, under its servo and its soft friction, would be
+a vibration twice, as the kernels have their own."""
 
 HOLD = 0.02
-"""Seconds without contact after which the tip has left the geom: MuJoCo's tip hops between two steps."""
+"""Seconds without contact after which the tip has left the geom: MuJoCo's tip hops
+between two steps."""
 
 REVERSAL = -0.2
-"""Cosine of two directions of slip that makes the way back the same track, as in the simulated finger."""
+"""Cosine of two directions of slip that makes the way back the same track, as in the
+simulated finger."""
 
 
 class ContactMicrophone:
@@ -57,10 +64,12 @@ class ContactMicrophone:
     seed
         Of all noise, and of the session when the tip is not the pad.
 
-    A touched geom has the surface of the catalogue (``tactophone simulate objects``) that a ``<custom><text>`` entry
-    named after the geom holds, or after which its material is named; others sound like a floor.
+    A touched geom has the surface of the catalogue (``tactophone simulate objects``)
+    that a ``<custom><text>`` entry named after the geom holds, or after which its
+    material is named; others sound like a floor.
 
-    Raises ``tactophone.ConfigError`` if there is no such geom, or a text names no surface.
+    Raises ``tactophone.ConfigError`` if there is no such geom, or a text names no
+    surface.
     """
 
     def __init__(
@@ -171,7 +180,8 @@ class ContactMicrophone:
         return Path(position, np.zeros(size), motion)
 
     def _contact(self) -> tuple[float, float, int]:
-        """Return force (N), slip (m/s) and what is touched, of all contacts of the tip."""
+        """Return force (N), slip (m/s) and what is touched, of all contacts of the
+        tip."""
         index = self._steps[-1][3]
         if not self._data.ncon:
             self._direction = None
@@ -218,7 +228,8 @@ class ContactMicrophone:
         return total, speed, index
 
     def _slip(self, at: list[float], normal: list[float], other: int) -> Vector:
-        """Return the speed of the tip over the other geom at a place, in the plane of this normal."""
+        """Return the speed of the tip over the other geom at a place, in the plane of
+        this normal."""
         ours, theirs = self._speed_at(self._geom, at), self._speed_at(other, at)
         x, y, z = ours[0] - theirs[0], ours[1] - theirs[1], ours[2] - theirs[2]
         along = x * normal[0] + y * normal[1] + z * normal[2]
@@ -239,7 +250,8 @@ class ContactMicrophone:
 
 
 def surface_of(model: mujoco.MjModel, geom: int) -> SimulatedObject | None:
-    """Return the catalogue's object of a geom, by its text or material; ``None`` where neither names one."""
+    """Return the catalogue's object of a geom, by its text or material; ``None`` where
+    neither names one."""
     name = model.geom(geom).name
     text = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, name) if name else -1
     if text >= 0:

@@ -1,4 +1,5 @@
-"""StoneBox-v0: find the rough one of five stones, blind, by moving a finger over them."""
+"""StoneBox-v0: find the rough one of five stones, blind, by moving a finger over
+them."""
 
 from typing import Any
 
@@ -32,9 +33,11 @@ Values = NDArray[np.float32]
 class StoneBox(gymnasium.Env[Values, Values]):
     """Five stones, one of them rough.
 
-    An action is ``(speed, press, choose)``, each -1 to 1. ``choose`` over 0.9 ends the episode with the stone under the
-    finger, and the reward is 1 if that is the rough one. An observation is ``(x, force, none, smooth, rough,
-    roughness)``: the finger's place in m, its force in N, and the means of the detector's predictions in this turn.
+    An action is ``(speed, press, choose)``, each -1 to 1. ``choose`` over 0.9 ends the
+    episode with the stone under the finger, and the reward is 1 if that is the rough
+    one. An observation is ``(x, force, none, smooth, rough, roughness)``: the finger's
+    place in m, its force in N, and the means of the detector's predictions in this
+    turn.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # gymnasium's own attribute

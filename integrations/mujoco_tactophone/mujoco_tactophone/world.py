@@ -1,4 +1,5 @@
-"""A finger on three slides over stones: the model of the tests, of the example and of StoneBox."""
+"""A finger on three slides over stones: the model of the tests, of the example and of
+StoneBox."""
 
 from collections.abc import Sequence
 
@@ -38,7 +39,8 @@ _ACTUATED = """
 
 
 def stones_model(names: Sequence[str], width: float = WIDTH) -> mujoco.MjModel:
-    """Return a model of a finger over a row of stones of these names of the catalogue, ``width`` m wide."""
+    """Return a model of a finger over a row of stones of these names of the catalogue,
+    ``width`` m wide."""
     texts = "".join(
         f'<text name="stone{k}" data="{name}"/>' for k, name in enumerate(names)
     )
@@ -53,7 +55,8 @@ def stones_model(names: Sequence[str], width: float = WIDTH) -> mujoco.MjModel:
 
 
 def pressed(force: float, height: float) -> float:
-    """Return the motor's force in N that presses with ``force``, or lifts where it is not positive."""
+    """Return the motor's force in N that presses with ``force``, or lifts where it is
+    not positive."""
     return force if force > 0 else 60.0 * (height - 0.003)
 
 

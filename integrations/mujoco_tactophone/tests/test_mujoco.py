@@ -23,7 +23,8 @@ STONES = ("polished marble", "smooth competition stone", "lava stone", "22")
 def stroked(
     name: str, seconds: float, force: float = 1.0
 ) -> tuple[Sound, list[Move], ContactMicrophone]:
-    """Press at 0.3 s and stroke from 1 s on; return the sound and the finger's true moves."""
+    """Press at 0.3 s and stroke from 1 s on; return the sound and the finger's true
+    moves."""
     model = stones_model([name])
     data = mujoco.MjData(model)
     microphone, blocks, moves = ContactMicrophone(model, data, "tip"), [], []
@@ -68,7 +69,8 @@ def level(sound: Sound) -> float:
 
 
 def beside(name: str, seconds: float) -> tuple[Sound, Sound]:
-    """Sound of a stroke from 1.5 s on, and that of the simulated finger on the same path with the same force."""
+    """Sound of a stroke from 1.5 s on, and that of the simulated finger on the same
+    path with the same force."""
     sound, moves, microphone = stroked(name, seconds)
     (placed, *_) = microphone.finger.scene.placed
     x, y = placed.centre

@@ -1,8 +1,10 @@
-"""Commands as the frames that XR_EXT_haptic_parametric (OpenXR 1.1.60, revision 1) takes.
+"""Commands as the frames that XR_EXT_haptic_parametric (OpenXR 1.1.60, revision 1)
+takes.
 
-The structure is described in the registry, ``XrHapticParametricVibrationEXT``: points of amplitude and of frequency,
-each 0 to 1, with times in ns from the start of the frame; the frequency lies between two bounds in Hz. A runtime holds
-the vibration for 50 ms after a frame and then stops it: a dead-man in the standard.
+The structure is described in the registry, ``XrHapticParametricVibrationEXT``: points
+of amplitude and of frequency, each 0 to 1, with times in ns from the start of the
+frame; the frequency lies between two bounds in Hz. A runtime holds the vibration for 50
+ms after a frame and then stops it: a dead-man in the standard.
 """
 
 import enum
@@ -22,10 +24,12 @@ HELD = 0.05
 """``XR_HAPTIC_PARAMETRIC_VIBRATION_EXTEND_DURATION_EXT``, in s."""
 
 STALE = HELD
-"""Seconds after which an old command is silence in a frame; with `HELD`, nothing outlasts its command by over 0.1 s."""
+"""Seconds after which an old command is silence in a frame; with `HELD`, nothing
+outlasts its command by over 0.1 s."""
 
 PULSES = 16.0
-"""Hz at which `patterned` pulses what is rough: a runtime that knows one frequency shows it as loudness, in time."""
+"""Hz at which `patterned` pulses what is rough: a runtime that knows one frequency
+shows it as loudness, in time."""
 
 ROUGH_HZ = 90.0
 """Between the paper's frequencies of rough (60 Hz) and smooth (120 Hz)."""
@@ -56,8 +60,9 @@ class Frame:
 class HapticStream:
     """Makes frames of commands, one frame for each stretch of time.
 
-    ``lowest`` and ``highest`` are the device's band in Hz (``XrHapticParametricPropertiesEXT``); ``pulsed`` is for
-    runtimes that ignore the frequency.
+    ``lowest`` and ``highest`` are the device's band in Hz
+    (``XrHapticParametricPropertiesEXT``); ``pulsed`` is for runtimes that ignore the
+    frequency.
     """
 
     def __init__(
@@ -74,7 +79,8 @@ class HapticStream:
     def frame(
         self, commands: Iterable[HapticCommand], begin: float, end: float
     ) -> Frame:
-        """Return the frame from ``begin`` to ``end`` (s), with the commands whose time lies in it, oldest first."""
+        """Return the frame from ``begin`` to ``end`` (s), with the commands whose time
+        lies in it, oldest first."""
         amplitudes: list[Point] = [(0, self._amplitude(self._held, begin))]
         frequencies: list[Point] = [(0, self._frequency(self._held))]
         silence = HapticCommand(0.0, self._lowest, begin)
@@ -102,7 +108,8 @@ class HapticStream:
         return self._made(amplitudes, frequencies, kind)
 
     def finish(self) -> Frame:
-        """Return the frame that ends the stream, in silence; the next one begins another stream."""
+        """Return the frame that ends the stream, in silence; the next one begins
+        another stream."""
         self._begun = False
         self._held = HapticCommand(0.0, self._lowest, -math.inf)
         return self._made([(0, 0.0), (1_000_000, 0.0)], [(0, 0.0)], FrameType.LAST)
@@ -126,7 +133,8 @@ class HapticStream:
 
 
 def patterned(amplitude: float, frequency: float, moment: float) -> float:
-    """Return an amplitude that tells rough from smooth without a frequency: rough pulses, smooth is steady."""
+    """Return an amplitude that tells rough from smooth without a frequency: rough
+    pulses, smooth is steady."""
     if frequency >= ROUGH_HZ:
         return amplitude
     return amplitude if moment * PULSES % 1 < 0.5 else 0.0

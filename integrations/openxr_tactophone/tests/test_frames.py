@@ -20,7 +20,8 @@ STREAMS = int(os.environ.get("OPENXR_STREAMS", "10000"))
 
 
 def valid(frame: Frame, duration: float) -> bool:
-    """By the registry's page of ``XrHapticParametricVibrationEXT`` and its constants."""
+    """By the registry's page of ``XrHapticParametricVibrationEXT`` and its
+    constants."""
     for points in (frame.amplitude_points, frame.frequency_points):
         times = [at for at, _ in points]
         if (

@@ -1,4 +1,5 @@
-"""``tactophone demo``: both sides over recordings or a simulated finger, scored and drawn; no hardware is needed."""
+"""``tactophone demo``: both sides over recordings or a simulated finger, scored and
+drawn; no hardware is needed."""
 
 import os
 import tempfile
@@ -34,12 +35,14 @@ RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 """Settings of both sides over a recording."""
 
 Follow = Callable[[Sequence[Supervisor], str, float], Snapshot | None]
-"""Waits for the end of a run of that name, at most so many seconds; returns its last snapshot."""
+"""Waits for the end of a run of that name, at most so many seconds; returns its last
+snapshot."""
 
 
 @dataclass(frozen=True, slots=True)
 class DemoFinger:
-    """How a finger of a demonstration was rendered: its scores, and its files by what they hold."""
+    """How a finger of a demonstration was rendered: its scores, and its files by what
+    they hold."""
 
     scores: RunScores
     files: dict[str, Path]
@@ -47,7 +50,8 @@ class DemoFinger:
 
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """A demonstration: its fingers by name, which is empty for a single one, and the last snapshot of the operator."""
+    """A demonstration: its fingers by name, which is empty for a single one, and the
+    last snapshot of the operator."""
 
     fingers: dict[str, DemoFinger]
     last: Snapshot
@@ -63,16 +67,18 @@ def demonstrate(
     report: Callable[[str], None] = ignore,
     warn: Callable[[str], None] = ignore,
 ) -> Demonstration:
-    """Run both sides over sound, in real time, with the simulated network of the settings between them.
+    """Run both sides over sound, in real time, with the simulated network of the
+    settings between them.
 
     - ``recording``: WAV or FLAC of the only finger; it is opened as `tactophone.app.feel` opens it. Without it, and
-      without a file in the settings of each finger, a simulated finger is rendered into ``folder``.
+      without a file in the settings of each finger, a simulated finger is rendered into
+      ``folder``.
     - ``name``: of the run.
     - ``follow``: waits for its end; by default until a side ends.
     - ``report``, ``warn``: called with what people should know, and with what has gone wrong, from any thread.
 
-    Writes picture, vibration and timeline to ``folder``. Raises `ConfigError` if a setting does not fit, and
-    `TactophoneError` if no side ever started.
+    Writes picture, vibration and timeline to ``folder``. Raises `ConfigError` if a
+    setting does not fit, and `TactophoneError` if no side ever started.
     """
     if not recording:
         report("a simulated finger strokes a smooth stone, then a rough one ...")
@@ -130,9 +136,11 @@ def demonstrate(
 
 @contextmanager
 def free_name() -> Iterator[str]:
-    """Yield a name that no run of this machine has, so that two demonstrations run side by side.
+    """Yield a name that no run of this machine has, so that two demonstrations run side
+    by side.
 
-    A run shows its name only after seconds of starting; until then, a locked file keeps it from other demonstrations.
+    A run shows its name only after seconds of starting; until then, a locked file keeps
+    it from other demonstrations.
     """
     import fcntl  # not on Windows, where the live system does not run
 
@@ -152,7 +160,8 @@ def free_name() -> Iterator[str]:
 
 
 def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Settings:
-    """Name a recording for every finger; where there is none, the demonstration is rendered first."""
+    """Name a recording for every finger; where there is none, the demonstration is
+    rendered first."""
     from tactophone.lab.simulation.demonstration import write_demonstration
 
     tip, seed = settings.capture.tip, settings.simulation.seed

@@ -1,4 +1,5 @@
-"""Scores of a model on a data set, of recipes by cross-validation, and of many recipes beside each other."""
+"""Scores of a model on a data set, of recipes by cross-validation, and of many recipes
+beside each other."""
 
 import importlib.util
 from collections.abc import Callable, Mapping
@@ -24,13 +25,15 @@ HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 """Scores of single windows that a model's card keeps."""
 
 Progress = Callable[[str, int, int, str], None]
-"""Called with what is being done, how many parts of it are done, of how many, and the name of the newest."""
+"""Called with what is being done, how many parts of it are done, of how many, and the
+name of the newest."""
 
 
 def evaluate_model(
     model: str, dataset: Dataset, *, report: Progress = ignore
 ) -> tuple[Report, list[str]]:
-    """Score a model, a shipped one's name or a file, as `tactophone feel` renders the recordings of a data set.
+    """Score a model, a shipped one's name or a file, as `tactophone feel` renders the
+    recordings of a data set.
 
     Returns the scores, and warnings: trained on these recordings, or for another tip.
     """
@@ -53,14 +56,17 @@ def evaluate_model(
 
 
 FEWEST_CHECKED = 3
-"""Surfaces of each class, beside the one that is checked, from which its label is doubted."""
+"""Surfaces of each class, beside the one that is checked, from which its label is
+doubted."""
 
 OPPOSITE = 0.8
-"""Share of a surface's contact that a model of all others must call the opposite before its label is doubted."""
+"""Share of a surface's contact that a model of all others must call the opposite before
+its label is doubted."""
 
 
 def can_check_labels(dataset: Dataset) -> bool:
-    """Return whether there are surfaces enough of each class, and the extra ``train`` is installed."""
+    """Return whether there are surfaces enough of each class, and the extra ``train``
+    is installed."""
     kept = dataset.labelled()
     labels = [
         next(take.rough for take in kept.recordings if take.surface == surface)
@@ -73,10 +79,11 @@ def can_check_labels(dataset: Dataset) -> bool:
 
 
 def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Problem]:
-    """Name each surface that a model of all other kinds calls the opposite of its label.
+    """Name each surface that a model of all other kinds calls the opposite of its
+    label.
 
-    Each surface is predicted by the recipe ``texture``, trained without it and its kin. Raises `DatasetError` if no
-    sound is loud enough to be contact.
+    Each surface is predicted by the recipe ``texture``, trained without it and its kin.
+    Raises `DatasetError` if no sound is loud enough to be contact.
     """
     from tactophone.lab.benchmark.folds import cross_validate
     from tactophone.lab.benchmark.methods import method_of
@@ -94,7 +101,8 @@ def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Pr
     if len(found) > 1 and len({take.rough for take in rest.recordings}) == len(
         SURFACE_LABELS
     ):
-        # A wrong label misleads the models of others: a model that heard none of the doubted tells who was misled.
+        # A wrong label misleads the models of others: a model that heard none of the
+        # doubted tells who was misled.
         doubted = tuple(take for take in kept.recordings if take.surface in found)
         folds = [Fold("doubted", rest.recordings, doubted)]
         found = (
@@ -110,7 +118,8 @@ def suspicious_labels(dataset: Dataset, *, report: Progress = ignore) -> list[Pr
 
 
 def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
-    """Return label and share right of each surface that is mostly called the opposite, by name."""
+    """Return label and share right of each surface that is mostly called the opposite,
+    by name."""
     return {
         row.name: (row.label, row.two_class)
         for row in scores.by_surface
@@ -135,7 +144,8 @@ def evaluate_recipe(
     cache: "Cache | None" = None,
     report: Progress = ignore,
 ) -> dict[str, Report]:
-    """Cross-validate a recipe; returns its scores, first, and those of the baselines, by name.
+    """Cross-validate a recipe; returns its scores, first, and those of the baselines,
+    by name.
 
     - ``how``: one of `tactophone.lab.dataset.splits.SPLITS`.
     - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces
@@ -176,7 +186,8 @@ def evaluate_recipe(
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A recipe that was tried among others: its name, and its scores of single windows by the two-class rule."""
+    """A recipe that was tried among others: its name, and its scores of single windows
+    by the two-class rule."""
 
     settings: str
     scores: Mapping[str, Estimate]
@@ -192,7 +203,8 @@ def compare_recipes(
     ray: bool = False,
     report: Progress = ignore,
 ) -> list[Trial]:
-    """Cross-validate recipes on the same folds; returns them best first, by balanced accuracy."""
+    """Cross-validate recipes on the same folds; returns them best first, by balanced
+    accuracy."""
     from tactophone.lab.benchmark.folds import cross_validate, default_cache, run_folds
     from tactophone.lab.benchmark.methods import method_of
 

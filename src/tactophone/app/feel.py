@@ -1,4 +1,5 @@
-"""A recording as the vibration that a finger would feel, with a timeline of predictions, events and scores."""
+"""A recording as the vibration that a finger would feel, with a timeline of
+predictions, events and scores."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -35,15 +36,17 @@ from tactophone.signal.pipeline import Pipeline
 class Felt:
     """A recording that was processed, with the files written.
 
-    ``notes`` state what was corrected or is missing; ``events`` counts touch events by kind; ``floor`` is ``None``
-    where a threshold was given, and ``scores`` where no label says what was touched.
+    ``notes`` state what was corrected or is missing; ``events`` counts touch events by
+    kind; ``floor`` is ``None`` where a threshold was given, and ``scores`` where no
+    label says what was touched.
     """
 
     path: Path
     pipeline: Pipeline
     profile: str
     chosen_for_mono: bool
-    """Whether the model was chosen for the only channel, which was taken as the contact microphone."""
+    """Whether the model was chosen for the only channel, which was taken as the contact
+    microphone."""
     label: str
     truth: tuple[Segment, ...]
     summary: RunSummary
@@ -92,8 +95,8 @@ def feel(
     - ``settings``: model, contact, threshold, events, tip, profile and ceiling are used.
     - ``report``: called with the samples processed and their number.
 
-    Raises `DatasetError` if the recording cannot be read, `ModelError` if the model does not fit it, and `ConfigError`
-    if the results cannot be written.
+    Raises `DatasetError` if the recording cannot be read, `ModelError` if the model
+    does not fit it, and `ConfigError` if the results cannot be written.
     """
     detector, tip, profile = (
         settings.detector,
@@ -176,10 +179,11 @@ def sounds_of(
     finger: str = "",
     report: Callable[[str], None] = ignore,
 ) -> Iterator[Path]:
-    """Yield recordings, those in a folder, and a log's sound, written to ``folder``: of each finger, or of one.
+    """Yield recordings, those in a folder, and a log's sound, written to ``folder``: of
+    each finger, or of one.
 
-    ``report`` is called with what is wrong with a log, which is then left out. Raises `ConfigError` if a finger is
-    named, but there is no log.
+    ``report`` is called with what is wrong with a log, which is then left out. Raises
+    `ConfigError` if a finger is named, but there is no log.
     """
     from tactophone.live.log.mcap import is_mcap
 
@@ -210,7 +214,8 @@ def sounds_of(
 
 
 def unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
-    """Name the results of each recording after it; a second ``a.wav`` from another folder becomes ``a-2``."""
+    """Name the results of each recording after it; a second ``a.wav`` from another
+    folder becomes ``a-2``."""
     taken: set[str] = set()
     stems = []
     for path in paths:

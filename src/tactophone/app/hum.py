@@ -1,8 +1,10 @@
-"""Mains hum in a recording: steady lines at the harmonics of 50 and 60 Hz, found in a first reading, then subtracted.
+"""Mains hum in a recording: steady lines at the harmonics of 50 and 60 Hz, found in a
+first reading, then subtracted.
 
-Hum that a microphone's cable picks up is louder than a faint stroke, hides its low bands and flattens its crest
-(docs/research/contact.md). Its lines are narrower than 1 Hz and last as long as the recording; a stroke's sound is
-broad and comes and goes. So each line is measured over 1 s, twice a second, and what is subtracted takes about 2 Hz
+Hum that a microphone's cable picks up is louder than a faint stroke, hides its low
+bands and flattens its crest (docs/research/contact.md). Its lines are narrower than 1
+Hz and last as long as the recording; a stroke's sound is broad and comes and goes. So
+each line is measured over 1 s, twice a second, and what is subtracted takes about 2 Hz
 of the sound with it.
 """
 
@@ -14,19 +16,22 @@ from numpy.typing import NDArray
 from tactophone.core.types import FloatArray
 
 HIGHEST = 1000
-"""Hz; over that, hum is weak and a line wanders by more than the width that is looked at."""
+"""Hz; over that, hum is weak and a line wanders by more than the width that is looked
+at."""
 
 LINES = np.array(sorted({*range(50, HIGHEST + 1, 50), *range(60, HIGHEST + 1, 60)}))
 """Hz, of either mains frequency."""
 
 APART = np.array([*range(-12, -3), *range(4, 13)])
-"""Hz from a line to the neighbours that it is compared with: beyond the window's main lobe."""
+"""Hz from a line to the neighbours that it is compared with: beyond the window's main
+lobe."""
 
 OVER_DB = 10.0
 """Over the median of its neighbours; one bin of noise in 500 is."""
 
 LEAST_SHARE, LEAST_FRAMES = 0.8, 4
-"""Of the frames in which a line stands out so far: a stroke's tone does not last, so 2.5 s are enough."""
+"""Of the frames in which a line stands out so far: a stroke's tone does not last, so
+2.5 s are enough."""
 
 Amplitudes = NDArray[np.complex64]
 
@@ -40,8 +45,9 @@ class Hum:
     frequency: NDArray[np.float64]
     """Of each line and channel, in Hz, shape ``(lines, channels)``."""
     amplitude: Amplitudes
-    """At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that frequency that starts at 0:
-    shape ``(lines, channels, frames)``. 0 if the channel lacks that line."""
+    """At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that
+    frequency that starts at 0: shape ``(lines, channels, frames)``. 0 if the channel
+    lacks that line."""
 
     @property
     def level_dbfs(self) -> float:
@@ -62,7 +68,8 @@ class Hum:
         )
 
     def waveform(self, first: int, size: int) -> FloatArray:
-        """Return the hum's samples from number ``first`` on, shape ``(size, channels)``."""
+        """Return the hum's samples from number ``first`` on, shape ``(size,
+        channels)``."""
         time = (first + np.arange(size)) / self.sample_rate
         middles = 0.5 * np.arange(1, self.amplitude.shape[-1] + 1)
         hum = np.zeros((size, self.amplitude.shape[1]), np.float32)
@@ -74,7 +81,8 @@ class Hum:
 
 
 class HumMeter:
-    """Measures the lines of a recording that is read once; its memory is 1 s of sound and 1 kB a second."""
+    """Measures the lines of a recording that is read once; its memory is 1 s of sound
+    and 1 kB a second."""
 
     def __init__(self, sample_rate: int, channels: int) -> None:
         self._rate, self._hop = sample_rate, sample_rate // 2
@@ -99,12 +107,14 @@ class HumMeter:
         lines = found.any(axis=1)
         if not lines.any():
             return None
-        # (frames, lines, channels) to (lines, channels, frames), without what is no line of its channel.
+        # (frames, lines, channels) to (lines, channels, frames), without what is no
+        # line of its channel.
         amplitude = np.moveaxis(np.array(self._frames)[:, lines] * found[lines], 0, -1)
         return _tracked(self._rate, self._lines[lines, None] * found[lines], amplitude)
 
     def _measure(self, frame: FloatArray) -> None:
-        # A bin is 1 Hz wide, as a frame lasts 1 s; a cosine of amplitude 1 gives 1 at its bin.
+        # A bin is 1 Hz wide, as a frame lasts 1 s; a cosine of amplitude 1 gives 1 at
+        # its bin.
         spectrum = np.nan_to_num(
             np.fft.rfft(frame * self._window, axis=0)
         ) * np.float32(4 / self._rate)
@@ -115,16 +125,19 @@ class HumMeter:
 
 
 def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hum:
-    """Return the hum at its true frequencies: those at which the amplitude stands still on average.
+    """Return the hum at its true frequencies: those at which the amplitude stands still
+    on average.
 
-    Mains, and a recorder's clock, are off by up to some tenths of a hertz at the harmonics.
+    Mains, and a recorder's clock, are off by up to some tenths of a hertz at the
+    harmonics.
     """
     hop, frames = (rate // 2) / rate, np.arange(amplitude.shape[-1])
     # From the start of each frame to that of the recording, at the nominal frequency.
     still = amplitude * np.exp(-2j * np.pi * nominal[..., None] * hop * frames)
     turn = np.angle((still[..., 1:] * still[..., :-1].conj()).sum(axis=-1))
     off = turn / (2 * np.pi * hop)
-    # The window weighs a line that is off by d Hz with sinc(d) / (1 - d^2), and turns it by half a frame.
+    # The window weighs a line that is off by d Hz with sinc(d) / (1 - d^2), and turns
+    # it by half a frame.
     loss = np.sinc(off) / np.where(np.abs(off) > 0.999, np.inf, 1 - off * off)
     middle = (
         np.exp(-1j * (turn[..., None] * frames + np.pi * off[..., None]))

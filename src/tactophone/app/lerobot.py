@@ -1,8 +1,10 @@
-"""What a run felt, beside the frames of a robot's data set (LeRobotDataset v3.0): as features of each frame, and sound.
+"""What a run felt, beside the frames of a robot's data set (LeRobotDataset v3.0): as
+features of each frame, and sound.
 
-The format is described in huggingface/lerobot, ``docs/source/lerobot-dataset-v3.mdx``, and in its ``datasets`` folder.
-A data set has one rate, and ours is higher: a frame holds the newest few predictions at its time, oldest first, so that
-none is left out and none comes from the frame's future.
+The format is described in huggingface/lerobot, ``docs/source/lerobot-dataset-v3.mdx``,
+and in its ``datasets`` folder. A data set has one rate, and ours is higher: a frame
+holds the newest few predictions at its time, oldest first, so that none is left out and
+none comes from the frame's future.
 """
 
 import itertools
@@ -32,20 +34,24 @@ LEROBOT_VALUES = (
     "age",
     *(field.name for field in PREDICTION_FIELDS[3:-1] if field.name != "unknown"),
 )
-"""What a finger's feature holds of a prediction: its age in s at the frame, -1 where none is known, and its numbers,
-``event`` the last of them, which a log without touch events leaves out."""
+"""What a finger's feature holds of a prediction: its age in s at the frame, -1 where
+none is known, and its numbers, ``event`` the last of them, which a log without touch
+events leaves out."""
 
 STATE = "observation.state"
-"""The feature that LeRobot's policies take as the robot's state; they leave out all others that are no pictures."""
+"""The feature that LeRobot's policies take as the robot's state; they leave out all
+others that are no pictures."""
 
 AUDIO_PATH = "audio/{audio_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.wav"
-"""WAV, as AAC in the proposal's ``.m4a`` cuts what a contact microphone hears above 16 kHz and delays it."""
+"""WAV, as AAC in the proposal's ``.m4a`` cuts what a contact microphone hears above 16
+kHz and delays it."""
 
 LEROBOT_LOWEST_DBFS = -200.0
 """Stands for the level of digital silence, because a mean over -inf is useless."""
 
 NEW_SESSION = 0.5
-"""Seconds by which stream time falls back where another session begins; touch events may come a window late."""
+"""Seconds by which stream time falls back where another session begins; touch events
+may come a window late."""
 
 MOST_FRAMES = 2_000_000
 """Most frames of a data set: 18 hours at 30 a second."""
@@ -54,7 +60,8 @@ MOST_NUMBERS = 10_000_000
 """Most predictions that are written, over all frames."""
 
 MOST_VALUES = 100_000_000
-"""Most values of a file, over all columns: 800 MB. LeRobot begins another file after 100 MB."""
+"""Most values of a file, over all columns: 800 MB. LeRobot begins another file after
+100 MB."""
 
 BATCH_BYTES = 64 << 20
 """Bytes of pictures or text that a batch of frames may take."""
@@ -66,7 +73,8 @@ Rows = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """The predictions of a finger: ``times`` in s since 1970, and a row of `LEROBOT_VALUES` but the first for each."""
+    """The predictions of a finger: ``times`` in s since 1970, and a row of
+    `LEROBOT_VALUES` but the first for each."""
 
     name: str
     times: Rows
@@ -82,7 +90,8 @@ class Finger:
         return LEROBOT_VALUES[: 1 + self.rows.shape[1]]
 
     def names(self, most: int) -> list[str]:
-        """Return the names of the values of ``most`` predictions, oldest first; the newest end in 0."""
+        """Return the names of the values of ``most`` predictions, oldest first; the
+        newest end in 0."""
         return [
             f"{name}.{place}" for place in range(1 - most, 1) for name in self.values
         ]
@@ -113,13 +122,16 @@ def export(
 ) -> Exported:
     """Copy a data set to a new folder, with what was felt in one of its episodes.
 
-    The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. A
-    feature ``observation.tactile.FINGER`` holds `LEROBOT_VALUES` of each prediction, one after another in one row,
-    as LeRobot's tools cannot edit arrays of two dimensions; the newest values of those named in ``into_state`` are
-    also appended to ``observation.state``, which policies read. What other episodes have felt stays.
+    The episode's first frame is at ``start`` s since 1970, by default the time of the
+    log's first prediction. A feature ``observation.tactile.FINGER`` holds
+    `LEROBOT_VALUES` of each prediction, one after another in one row, as LeRobot's
+    tools cannot edit arrays of two dimensions; the newest values of those named in
+    ``into_state`` are also appended to ``observation.state``, which policies read. What
+    other episodes have felt stays.
 
-    Raises `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, the log covers no
-    frame of the episode, a name of ``into_state`` is unknown, or an earlier export wrote other values.
+    Raises `DatasetError` if log or data set cannot be read, and `ConfigError` if the
+    folder exists, the log covers no frame of the episode, a name of ``into_state`` is
+    unknown, or an earlier export wrote other values.
     """
     from pyarrow import parquet
 
@@ -223,7 +235,8 @@ def _read_info(dataset: Path) -> dict[str, Any]:
 
 
 def _read_fingers(log: Path) -> tuple[list[Finger], float]:
-    """Return the predictions of each finger, and the time of the beginning of the sound, in s since 1970."""
+    """Return the predictions of each finger, and the time of the beginning of the
+    sound, in s since 1970."""
     found: dict[str, list[tuple[float, float, list[float]]]] = {}
     for message in read_messages(log):
         if (
@@ -280,9 +293,11 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
 
 
 def _even(stamps: list[tuple[float, float]]) -> Rows:
-    """Return the times of predictions, from their stamps and stream times: as even as the stream of each session.
+    """Return the times of predictions, from their stamps and stream times: as even as
+    the stream of each session.
 
-    A stamp follows the least delay seen until then; here the least of a whole session is known.
+    A stamp follows the least delay seen until then; here the least of a whole session
+    is known.
     """
     stamped, ends = np.array(stamps).T
     starts = np.flatnonzero(np.diff(ends, prepend=math.inf) < -NEW_SESSION)
@@ -300,7 +315,8 @@ def _moments(table: Any, episode: int, begin: float) -> Rows:
 
 
 def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
-    """Return how many predictions of this finger a frame of an earlier export holds; 0 if there was none."""
+    """Return how many predictions of this finger a frame of an earlier export holds; 0
+    if there was none."""
     names = info["features"].get(finger.feature, {}).get("names") or []
     most = len(names) // len(finger.values)
     if names != finger.names(most):
@@ -312,7 +328,8 @@ def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
 
 
 def _feature(finger: Finger, table: Any, episode: int, begin: float, most: int) -> Rows:
-    """Return the feature of a finger, ``most`` predictions a frame; in other episodes as it was."""
+    """Return the feature of a finger, ``most`` predictions a frame; in other episodes
+    as it was."""
     moments = _moments(table, episode, begin)
     newest = np.searchsorted(finger.times, moments, side="right") - 1
     known = (newest >= 0) & (moments <= finger.times[-1] + 1)
@@ -339,7 +356,8 @@ def _write_frames(
     out: Path,
     features: Callable[[Any], dict[str, Rows]],
 ) -> dict[str, Rows]:
-    """Write each file of frames with its new features, batch by batch; return the features of all frames."""
+    """Write each file of frames with its new features, batch by batch; return the
+    features of all frames."""
     import pyarrow
     from pyarrow import parquet
 
@@ -373,7 +391,8 @@ def _column_chunks(head: Any) -> Iterator[Any]:
 
 
 def _batch_size(head: Any) -> int:
-    """Return how many frames are read at once: one value of a dictionary may stand in all of them."""
+    """Return how many frames are read at once: one value of a dictionary may stand in
+    all of them."""
     sizes = [
         each.total_uncompressed_size
         for each in _column_chunks(head)
@@ -385,7 +404,8 @@ def _batch_size(head: Any) -> int:
 def _extended_state(
     names: Sequence[str], info: dict[str, Any], dataset: Path, fingers: list[Finger]
 ) -> tuple[int, dict[str, Any]]:
-    """Return how many of our values the state holds from an earlier export, and how it is described with them."""
+    """Return how many of our values the state holds from an earlier export, and how it
+    is described with them."""
     for name in names:
         if name not in (there := fingers[0].values):
             raise ConfigError(
@@ -429,7 +449,8 @@ def _state(
     fingers: list[Finger],
     names: Sequence[str],
 ) -> dict[str, Rows]:
-    """Return the state that policies read, with the newest values of all episodes at its end."""
+    """Return the state that policies read, with the newest values of all episodes at
+    its end."""
     own = np.array(table[STATE].to_pylist(), float).reshape(len(table), -1)
     newest = [
         values[:, values.shape[1] - len(finger.values) :][
@@ -441,7 +462,8 @@ def _state(
 
 
 def _stats(values: Rows) -> dict[str, list[float]]:
-    """Return statistics as LeRobot has them: over all but the last axis, their count that of the frames."""
+    """Return statistics as LeRobot has them: over all but the last axis, their count
+    that of the frames."""
     rows = values.astype(np.float32).reshape(-1, values.shape[-1])
     found = {
         "min": rows.min(0),
@@ -465,7 +487,8 @@ def _write_meta(
     sounds: dict[str, dict[str, float]],
     episode: int,
 ) -> None:
-    """Write ``info.json``, and the statistics of new features for all frames and for each episode."""
+    """Write ``info.json``, and the statistics of new features for all frames and for
+    each episode."""
     import pyarrow
     from pyarrow import parquet
 
@@ -518,7 +541,8 @@ def _write_meta(
 
 
 def _refuse_links(dataset: Path) -> None:
-    """Refuse links that leave the data set, and links to folders, which may lead in circles."""
+    """Refuse links that leave the data set, and links to folders, which may lead in
+    circles."""
     for path in dataset.rglob("*"):
         if path.is_symlink() and (
             path.is_dir() or not path.resolve().is_relative_to(dataset.resolve())
@@ -527,7 +551,8 @@ def _refuse_links(dataset: Path) -> None:
 
 
 def _count_frames(paths: Iterable[Path]) -> int:
-    """Return the number of frames by the heads of the files, before anything is read; raises `DatasetError`."""
+    """Return the number of frames by the heads of the files, before anything is read;
+    raises `DatasetError`."""
     import pyarrow
     from pyarrow import parquet
 
@@ -574,7 +599,8 @@ def _copy(dataset: Path, out: Path) -> None:
 
 
 def _write_sound(log: Path, out: Path) -> list[Path]:
-    """Write the sound where the open proposal for sound (huggingface/lerobot, pull request 2824) has it."""
+    """Write the sound where the open proposal for sound (huggingface/lerobot, pull
+    request 2824) has it."""
     placed = []
     with TemporaryDirectory(prefix="tactophone-", dir=out) as folder:
         try:

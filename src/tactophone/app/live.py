@@ -1,4 +1,5 @@
-"""Live sound from Python: a source and a pipeline in this process, step by step or by callback."""
+"""Live sound from Python: a source and a pipeline in this process, step by step or by
+callback."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -15,9 +16,11 @@ from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 
 class Live:
-    """Live sound through a pipeline in this process, without link, actuator or watchdog; made by `open_live`.
+    """Live sound through a pipeline in this process, without link, actuator or
+    watchdog; made by `open_live`.
 
-    Iterate over it for its steps, or let it call you: ``with open_live().start(callback): ...``.
+    Iterate over it for its steps, or let it call you: ``with
+    open_live().start(callback): ...``.
     """
 
     def __init__(self, source: Source, pipeline: Pipeline, *, at_pace: bool) -> None:
@@ -39,13 +42,16 @@ class Live:
                 )
 
     def moving(self, moves: bool) -> None:
-        """Say whether the robot moves now: around each start and stop, contact counts once it has lasted 150 ms."""
+        """Say whether the robot moves now: around each start and stop, contact counts
+        once it has lasted 150 ms."""
         self._moving = moves
 
     def start(self, callback: Callable[[PipelineStep], object]) -> Self:
-        """Call back with each step from now on, in a thread of its own, until `stop` or the end of the sound.
+        """Call back with each step from now on, in a thread of its own, until `stop` or
+        the end of the sound.
 
-        An exception, of the callback or the source, ends the run too; `stop` or `wait` raises it.
+        An exception, of the callback or the source, ends the run too; `stop` or `wait`
+        raises it.
         """
 
         def run() -> None:
@@ -60,7 +66,8 @@ class Live:
         return self
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the end of the sound, up to ``timeout`` s; returns whether it has ended.
+        """Wait for the end of the sound, up to ``timeout`` s; returns whether it has
+        ended.
 
         Raises what the callback or the source raised.
         """
@@ -74,8 +81,9 @@ class Live:
     def stop(self) -> None:
         """End the sound and wait for the callback that is running; not from within one.
 
-        Closes the source if it has a method ``close``: a source that delivers nothing, as an unplugged microphone,
-        must have one that ends its iteration. Raises what the callback or the source raised.
+        Closes the source if it has a method ``close``: a source that delivers nothing,
+        as an unplugged microphone, must have one that ends its iteration. Raises what
+        the callback or the source raised.
         """
         self._ended.set()
         if self._thread and (close := getattr(self._source, "close", None)):
@@ -102,8 +110,9 @@ def open_live(
     Parameters
     ----------
     source
-        As the option ``--source`` takes it: ``finger`` (simulated), ``jack``, ``portaudio:DEVICE``, ``microphone``,
-        ``file:RECORDING`` or ``ros:/TOPIC``; or a `Source`.
+        As the option ``--source`` takes it: ``finger`` (simulated), ``jack``,
+        ``portaudio:DEVICE``, ``microphone``, ``file:RECORDING`` or ``ros:/TOPIC``; or a
+        `Source`.
     model
         As for `open_pipeline`, like the parameters after it.
 

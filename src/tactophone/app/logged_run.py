@@ -1,6 +1,8 @@
-"""The run in a log: its settings, what its operator's end processed at each moment, that end opened again, its sound.
+"""The run in a log: its settings, what its operator's end processed at each moment,
+that end opened again, its sound.
 
-The same endpoint gets the same packets at the same times, without network or clock. Needs the link's libraries.
+The same endpoint gets the same packets at the same times, without network or clock.
+Needs the link's libraries.
 """
 
 import hashlib
@@ -52,7 +54,8 @@ from tactophone.signal.pipeline import Hand, Pipeline
 Change = Callable[[Settings], Settings]
 
 LONGEST_GAP = 1.0
-"""Seconds without sound that are rendered as silence; a longer gap, such as a night, is noted and left out."""
+"""Seconds without sound that are rendered as silence; a longer gap, such as a night, is
+noted and left out."""
 
 _NOWHERE: Address = ("", 0)
 
@@ -77,7 +80,8 @@ LoggedItem = RunStart | Controls | WakeUp | LoggedPrediction | LogEnd
 
 
 def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
-    """Put together the arrivals of each moment, and the changes during them; pass on everything else."""
+    """Put together the arrivals of each moment, and the changes during them; pass on
+    everything else."""
     pending: WakeUp | None = None
     for entry in entries:
         match entry:
@@ -112,9 +116,10 @@ def _open_session() -> tuple[LoggedSession, ReceiveSession]:
 class LoggedEndpoint:
     """The operator's end of one logged process.
 
-    ``change`` changes its settings: another model, another profile. Controls in the log then no longer set them.
-    ``ceiling`` bounds that of the log, which may come from a machine that allows more, or from anybody; ``lowered``
-    says whether it did. ``notes`` say what differs here from the machine of the run.
+    ``change`` changes its settings: another model, another profile. Controls in the log
+    then no longer set them. ``ceiling`` bounds that of the log, which may come from a
+    machine that allows more, or from anybody; ``lowered`` says whether it did.
+    ``notes`` say what differs here from the machine of the run.
     """
 
     def __init__(self, run: RunStart, change: Change, *, ceiling: float = 1.0) -> None:
@@ -161,7 +166,8 @@ class LoggedEndpoint:
         ]
 
     def open(self, channels: int, *, finger: int = 0) -> Pipeline:
-        """Open the pipeline of a finger for this number of channels, with the calibration that the log holds."""
+        """Open the pipeline of a finger for this number of channels, with the
+        calibration that the log holds."""
         settings = of_finger(self.settings, finger)
         with TemporaryDirectory(prefix="tactophone-") as folder:
             if self._calibrations[finger]:
@@ -171,10 +177,11 @@ class LoggedEndpoint:
             return open_pipeline_for(settings, channels=channels)
 
     def process(self, wake_up: WakeUp) -> Iterator[tuple[PipelineStep, bool]]:
-        """Process one moment again; returns its steps, with commands as limited and gated.
+        """Process one moment again; returns its steps, with commands as limited and
+        gated.
 
-        Beside each, whether it is certain: where a control changed while a step was computed, the log cannot say
-        whether that was before its command or after.
+        Beside each, whether it is certain: where a control changed while a step was
+        computed, the log cannot say whether that was before its command or after.
         """
         datagrams = [(content, _NOWHERE) for content in wake_up.received]
         self._session.polled = list(wake_up.polled)
@@ -192,7 +199,8 @@ class LoggedEndpoint:
                 self.apply(controls)
 
     def apply(self, controls: Controls) -> None:
-        """Set what somebody changed during the run; what was chosen for the replay stays.
+        """Set what somebody changed during the run; what was chosen for the replay
+        stays.
 
         Raises `DatasetError` if they are of a finger that the run does not have.
         """
@@ -211,8 +219,8 @@ class LoggedEndpoint:
             )
         if "profile" not in chosen and output.pipeline.profile.name != controls.profile:
             requests.append(Request("profile", text=controls.profile))
-        # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
-        # end that.
+        # Without a threshold in the log the pipeline follows the noise floor, as it did
+        # in the run; to assign one would end that.
         threshold_dbfs = controls.threshold_dbfs
         if "detector" not in chosen and threshold_dbfs not in (
             None,
@@ -232,7 +240,8 @@ def _differences(settings: Settings, logged: Settings) -> set[str]:
 
 
 def settings_of(run: RunStart) -> Settings:
-    """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
+    """Return the settings of a logged process; raises `ConfigError` if they name what
+    this version does not know."""
     tables = {
         f"{section}.{name}": value
         for section, table in run.settings.items()
@@ -253,7 +262,8 @@ def settings_of(run: RunStart) -> Settings:
 
 def _with(settings: Settings, values: dict[str, Any]) -> Settings:
     for name, value in values.items():
-        # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
+        # None stands for NaN, which is the default where it may occur; the text of the
+        # calibration is in the log.
         if value is None or name == _CALIBRATION:
             continue
         if isinstance(value, str) and not value.isprintable():
@@ -317,7 +327,8 @@ class SoundDecoder:
 
 
 def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBlock]]:
-    """Yield the blocks of sound in a log, each with the number of its session; a gap over `LONGEST_GAP` begins one."""
+    """Yield the blocks of sound in a log, each with the number of its session; a gap
+    over `LONGEST_GAP` begins one."""
     number, reached = 0, None
     for item in SoundDecoder().push(entries):
         if not isinstance(item, AudioBlock):
@@ -334,7 +345,8 @@ def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBloc
 
 @dataclass(frozen=True, slots=True)
 class SessionSound:
-    """The sound of one session of a log, counted from 1, at one finger; its name is empty for the only one."""
+    """The sound of one session of a log, counted from 1, at one finger; its name is
+    empty for the only one."""
 
     path: Path
     session: int
@@ -342,10 +354,12 @@ class SessionSound:
 
 
 def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
-    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
+    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats,
+    which hold it exactly.
 
-    Gaps too long to be concealed are silence; over `LONGEST_GAP` another file begins. Raises `DatasetError` if the log
-    has no such finger or no sound: a link may carry predictions only.
+    Gaps too long to be concealed are silence; over `LONGEST_GAP` another file begins.
+    Raises `DatasetError` if the log has no such finger or no sound: a link may carry
+    predictions only.
     """
     start = next(
         (entry for entry in read_log(log) if isinstance(entry, RunStart)),
@@ -393,7 +407,8 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
 
 
 def _without_gaps(blocks: Iterable[AudioBlock]) -> Iterator[FloatArray]:
-    """Yield the samples of blocks with silence between them where some are missing, all with as many channels."""
+    """Yield the samples of blocks with silence between them where some are missing, all
+    with as many channels."""
     reached = channels = 0
     for block in blocks:
         channels = channels or block.channels
@@ -408,9 +423,11 @@ def _without_gaps(blocks: Iterable[AudioBlock]) -> Iterator[FloatArray]:
 
 
 def add_sound(log: Path, path: Path) -> Path:
-    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or samples of 16 bits.
+    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or
+    samples of 16 bits.
 
-    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy
+    cannot be written.
     """
     start = next(
         (entry for entry in read_log(log) if isinstance(entry, RunStart)),

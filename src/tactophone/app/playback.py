@@ -1,4 +1,5 @@
-"""Recordings as a run that pages show: played back through the pipeline at the pace of the sound."""
+"""Recordings as a run that pages show: played back through the pipeline at the pace of
+the sound."""
 
 import time
 from collections.abc import Sequence
@@ -21,7 +22,8 @@ BLOCK_DURATION = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Take:
-    """A recording to play back under a title, a pipeline opened for it, and its labels where they are known.
+    """A recording to play back under a title, a pipeline opened for it, and its labels
+    where they are known.
 
     There are a recording and a pipeline for each of the ``fingers``, which these name.
     """
@@ -34,7 +36,8 @@ class Take:
 
 
 def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | None:
-    """Play a take from a position in s, in real time; of a hand, until its shortest recording ends.
+    """Play a take from a position in s, in real time; of a hand, until its shortest
+    recording ends.
 
     Returns the position that a page has asked for meanwhile, or ``None`` at the end.
     """
@@ -72,7 +75,8 @@ def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | Non
 
 
 def _obey(telemetry: Telemetry, state: State) -> tuple[State, float | None]:
-    """Carry out what pages ask; while paused, wait here. Returns where to go on, if a page has moved the position."""
+    """Carry out what pages ask; while paused, wait here. Returns where to go on, if a
+    page has moved the position."""
     while True:
         for request in telemetry.requests(now := time.monotonic()):
             if request.action == "seek":

@@ -1,4 +1,5 @@
-"""The figure of a run: sound, prediction, vibration and labels over time, as in the paper's Figs. 7 and 8."""
+"""The figure of a run: sound, prediction, vibration and labels over time, as in the
+paper's Figs. 7 and 8."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,10 +35,12 @@ def draw_recording(
     truth: Sequence[Segment] = (),
     finger: str = "",
 ) -> None:
-    """Draw a run, by its timeline (CSV) and the peak envelopes of its sound and vibration, and write it as PNG.
+    """Draw a run, by its timeline (CSV) and the peak envelopes of its sound and
+    vibration, and write it as PNG.
 
-    Labelled segments (``truth``) are drawn as a strip. Of a hand, ``finger`` names whose lines of the timeline are
-    drawn. Raises `TactophoneError` if matplotlib is not installed.
+    Labelled segments (``truth``) are drawn as a strip. Of a hand, ``finger`` names
+    whose lines of the timeline are drawn. Raises `TactophoneError` if matplotlib is not
+    installed.
     """
     pyplot = load_pyplot()
     lines = read_timeline(timeline, finger=finger)
@@ -76,7 +79,8 @@ def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
         axis.fill_between(
             time, low[:, channel], high[:, channel], color=CONTACT_COLOUR, linewidth=0.4
         )
-        # Each on its own scale, at least -40 dBFS: the air microphone is some 20 dB quieter than the contact one.
+        # Each on its own scale, at least -40 dBFS: the air microphone is some 20 dB
+        # quieter than the contact one.
         reach = max(
             0.01, float(np.abs([low[:, channel], high[:, channel]]).max()) * 1.05
         )

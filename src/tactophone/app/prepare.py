@@ -1,7 +1,9 @@
-"""A recording as models expect it: without a channel that is silent, an offset or mains hum, and loud enough.
+"""A recording as models expect it: without a channel that is silent, an offset or mains
+hum, and loud enough.
 
-A recording can be read twice. So what a live run only reports as a fault of a microphone is corrected here: a
-microphone in one channel of a stereo file, a converter's offset, hum of a cable, a gain far from any in training.
+A recording can be read twice. So what a live run only reports as a fault of a
+microphone is corrected here: a microphone in one channel of a stereo file, a
+converter's offset, hum of a cable, a gain far from any in training.
 """
 
 from collections.abc import Iterator
@@ -17,13 +19,16 @@ from tactophone.core.types import AudioBlock, ChangedSource, Source
 from tactophone.signal.perception import health
 
 SILENT_CHANNEL = 1e-6
-"""Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a twentieth of the last bit of 16."""
+"""Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a
+twentieth of the last bit of 16."""
 
 LEAST_OFFSET = 1e-3
-"""Mean of a channel, -60 dBFS, from which it is removed: a smaller one moves no feature, and sound stays bit-equal."""
+"""Mean of a channel, -60 dBFS, from which it is removed: a smaller one moves no
+feature, and sound stays bit-equal."""
 
 QUIET_DBFS = -50.0
-"""Banded level of the loudest 32 ms under which sound is amplified: in training it is -10 to -44 dBFS."""
+"""Banded level of the loudest 32 ms under which sound is amplified: in training it is
+-10 to -44 dBFS."""
 
 LEVEL_DBFS = -35.0
 """Level to which it is amplified: in the middle of the training levels."""
@@ -32,8 +37,9 @@ MOST_GAIN_DB = 60.0
 """Over that, it is a converter's noise that would be amplified."""
 
 TRAINED_HUM_DBFS = -30.0
-"""Models but for a hard tip are trained with hum under this, that of the simulated contact microphone: without it they
-are right 0.02 less often (docs/research/contact.md)."""
+"""Models but for a hard tip are trained with hum under this, that of the simulated
+contact microphone: without it they are right 0.02 less often
+(docs/research/contact.md)."""
 
 _MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
 
@@ -51,11 +57,14 @@ class Preparation:
     hum: Hum | None = None
     """Hum to subtract from all channels of the source, if any."""
     invalid: int = 0
-    """Samples that are no sound; they are left as they are, and the detector withholds its predictions there."""
+    """Samples that are no sound; they are left as they are, and the detector withholds
+    its predictions there."""
     clipped: float = 0.0
-    """Share of the samples of a channel, the one that has most, that are cut off; floats may go over 1."""
+    """Share of the samples of a channel, the one that has most, that are cut off;
+    floats may go over 1."""
     faults: tuple[health.SensorFault, ...] = ()
-    """Other faults of the microphones that a live run would report; they are only said."""
+    """Other faults of the microphones that a live run would report; they are only
+    said."""
 
     @classmethod
     def of(cls, source: Source) -> Self:
@@ -104,7 +113,8 @@ class Preparation:
         )
 
     def for_tip(self, tip: str) -> Self:
-        """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
+        """Return this without subtracting hum that models for a tip, empty where it is
+        unknown, were trained with."""
         if (
             self.hum is None
             or self.hum.level_dbfs >= TRAINED_HUM_DBFS
@@ -114,12 +124,14 @@ class Preparation:
         return replace(self, hum=None)
 
     def amplified(self, loudest_dbfs: float) -> Self:
-        """Return this with the gain for sound whose loudest 32 ms have this banded level."""
+        """Return this with the gain for sound whose loudest 32 ms have this banded
+        level."""
         quiet = loudest_dbfs < QUIET_DBFS and loudest_dbfs > LEVEL_DBFS - MOST_GAIN_DB
         return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
 
     def notes(self, channels: int, *, used: int = 2) -> list[str]:
-        """Return sentences on a recording of so many ``channels``, for a model that uses so many."""
+        """Return sentences on a recording of so many ``channels``, for a model that
+        uses so many."""
         notes = []
         if len(self.channels) == channels:
             notes += [
@@ -156,7 +168,8 @@ class Preparation:
 
 
 class PreparedSource(ChangedSource):
-    """A source with the changes of a preparation; a :class:`~tactophone.core.types.Source` itself.
+    """A source with the changes of a preparation; a
+    :class:`~tactophone.core.types.Source` itself.
 
     >>> from tactophone.live.audio.files import FileSource
     >>> def prepared(path):

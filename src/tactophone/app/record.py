@@ -1,4 +1,5 @@
-"""``tactophone record``: the takes of one object, recorded into a data set, each checked as it ends."""
+"""``tactophone record``: the takes of one object, recorded into a data set, each
+checked as it ends."""
 
 from collections.abc import Callable
 
@@ -29,8 +30,8 @@ def record_object(
     - ``follow``: called after each block, to show the recorder.
     - ``report``: called with what people should know.
 
-    Takes that a killed process left unfinished are finished first. Raises `DatasetError` if the disk is full; no
-    recorded sound is lost.
+    Takes that a killed process left unfinished are finished first. Raises
+    `DatasetError` if the disk is full; no recorded sound is lost.
     """
     with recording_in(plan.root):
         for recovered in recover(plan.root):
@@ -71,7 +72,8 @@ def _press_go(recorder: Recorder, audio: AudioInput, plan: SessionPlan) -> None:
         recorder.press(Key.GO)
     if recorder.protocol.stage is Stage.READY:
         recorder.press(Key.GO)
-        # The simulated person starts at once, so that the countdown is over when the stroke is under way.
+        # The simulated person starts at once, so that the countdown is over when the
+        # stroke is under way.
         audio.ask(
             SimulatedAct(
                 "take", plan.duration + plan.countdown, take=recorder.protocol.take.name

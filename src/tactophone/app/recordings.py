@@ -1,7 +1,9 @@
-"""One way to open a recording, so that `feel`, `classify`, `evaluate` and `demo` decide alike.
+"""One way to open a recording, so that `feel`, `classify`, `evaluate` and `demo` decide
+alike.
 
-A recording is read before it is processed: what is wrong with its sound is corrected (`tactophone.app.prepare`), and
-contact begins at its own noise floor, which is followed from there as in a live run.
+A recording is read before it is processed: what is wrong with its sound is corrected
+(`tactophone.app.prepare`), and contact begins at its own noise floor, which is followed
+from there as in a live run.
 """
 
 import math
@@ -42,7 +44,8 @@ from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenRecording:
-    """A recording, corrected, and the pipeline that was opened for it; made by `open_recording`.
+    """A recording, corrected, and the pipeline that was opened for it; made by
+    `open_recording`.
 
     Attributes
     ----------
@@ -57,7 +60,8 @@ class OpenRecording:
     channels
         Of the file; ``sound`` may have fewer.
     floor
-        What the recording shows of its noise; ``None`` where a threshold was given, or the detector is no model.
+        What the recording shows of its noise; ``None`` where a threshold was given, or
+        the detector is no model.
     card
         Of the model; ``None`` for a detector of another package.
     """
@@ -80,7 +84,8 @@ class OpenRecording:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on what was corrected and, after it was processed, on what does not fit the model."""
+        """Sentences on what was corrected and, after it was processed, on what does not
+        fit the model."""
         return [*self._notes, *(self._misfits | self._known).values()]
 
     def steps(self) -> Iterator[PipelineStep]:
@@ -95,7 +100,8 @@ class OpenRecording:
             yield self.pipeline.flush(last)
 
     def check_fit(self) -> None:
-        """Note what about the newest sound does not fit the model, for whoever pushes blocks without `steps`."""
+        """Note what about the newest sound does not fit the model, for whoever pushes
+        blocks without `steps`."""
         if misfit := getattr(self.pipeline.detector, "misfit", None):
             self._misfits[misfit.code] = misfit.text
 
@@ -118,12 +124,14 @@ def open_recording(
     Parameters
     ----------
     path
-        A WAV or FLAC file. Channel 0 is the contact microphone and channel 1 (if there is one) the air microphone,
-        unless the manifest of a data set around it says otherwise.
+        A WAV or FLAC file. Channel 0 is the contact microphone and channel 1 (if there
+        is one) the air microphone, unless the manifest of a data set around it says
+        otherwise.
     model
         As for `open_pipeline`, like the parameters after it.
     threshold_dbfs
-        Level from which there is contact, in dB of full scale; by default just over the recording's noise floor.
+        Level from which there is contact, in dB of full scale; by default just over the
+        recording's noise floor.
     margin_db
         How far over its noise a band is heard; by default 5 dB.
     block_size
@@ -208,13 +216,15 @@ def open_recording(
 
 
 def recording_predictor(model: str | Model) -> Predictor:
-    """Return a predictor that runs a model over the recordings of a data set as `tactophone feel` does."""
+    """Return a predictor that runs a model over the recordings of a data set as
+    `tactophone feel` does."""
 
     def predict(recording: Recording) -> TakePredictions:
         opened = open_recording(recording.path, model)
         card = opened.card
         if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
-            # Raises where the manifest says that the file holds other microphones than the model takes.
+            # Raises where the manifest says that the file holds other microphones than
+            # the model takes.
             recording.read(channels=card.channels, single=card.microphone, duration=0)
         found = [
             prediction for step in opened.steps() for prediction in step.predictions
@@ -245,7 +255,8 @@ class _Exchanged(ChangedSource):
 
 
 def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:
-    """Open the recording of a finger's settings, ``capture.device``, with their model, tip, profile and threshold."""
+    """Open the recording of a finger's settings, ``capture.device``, with their model,
+    tip, profile and threshold."""
     return open_recording(
         settings.capture.device,
         settings.detector.model,
@@ -257,7 +268,8 @@ def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecordin
 
 
 def corrected_source(settings: Settings) -> Source:
-    """Open the recordings of all fingers as one live source, corrected as `open_recording` does."""
+    """Open the recordings of all fingers as one live source, corrected as
+    `open_recording` does."""
     opened = [
         open_settings(own, block_size=settings.capture.block_size)
         for own in each_finger(settings)
@@ -267,7 +279,8 @@ def corrected_source(settings: Settings) -> Source:
 
 
 def with_own_thresholds(settings: Settings) -> Settings:
-    """Return settings with the contact threshold of each finger's recording, where none is given."""
+    """Return settings with the contact threshold of each finger's recording, where none
+    is given."""
 
     found = [
         open_settings(own).pipeline.detector.threshold.dbfs

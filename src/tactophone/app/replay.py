@@ -1,4 +1,5 @@
-"""``tactophone replay``: a logged run computed again in virtual time, compared with its log, rendered, and played.
+"""``tactophone replay``: a logged run computed again in virtual time, compared with its
+log, rendered, and played.
 
 Needs the link's libraries.
 """
@@ -44,11 +45,13 @@ MOST_NOTED = 10
 
 @dataclass(slots=True)
 class Comparison:
-    """How the predictions and commands of a replay compare with those in the log, one by one."""
+    """How the predictions and commands of a replay compare with those in the log, one
+    by one."""
 
     equal: int = 0
     different: int = 0
-    """`equal` and `different`: predictions that are equal to the bit, command included, and those that are not."""
+    """`equal` and `different`: predictions that are equal to the bit, command included,
+    and those that are not."""
     uncertain: int = 0
     """Of which the log cannot say which controls held; not compared."""
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
@@ -57,7 +60,8 @@ class Comparison:
     def add(
         self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool
     ) -> None:
-        # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
+        # By their entries, as NaN differs from itself; telemetry does not publish the
+        # flag `faulty`.
         if encoded(logged.prediction, logged.command) == encoded(
             computed.prediction, computed.command
         ):
@@ -82,7 +86,8 @@ class Replay:
     """With what was logged; complete when the steps have been computed."""
     role: str = ""
     complete: bool = True
-    """Whether the log has its end; the writer of one without was killed, or its disk was full."""
+    """Whether the log has its end; the writer of one without was killed, or its disk
+    was full."""
     missed: int = 0
     """Bytes and predictions that the log lacks, because they were not read in time."""
     processes: int = 0
@@ -90,7 +95,8 @@ class Replay:
     """Gaps over `LONGEST_GAP` that were left out."""
     notes: list[str] = field(default_factory=list)
     lowered: bool = False
-    """Whether a ceiling in the log was above the bound; the comparison then says nothing."""
+    """Whether a ceiling in the log was above the bound; the comparison then says
+    nothing."""
     endpoint: LoggedEndpoint | None = None
     _logged: dict[int, deque[LoggedPrediction]] = field(
         default_factory=partial(defaultdict, deque)
@@ -102,7 +108,8 @@ class Replay:
     _end: int = 0
 
     def steps(self) -> Iterator[PipelineStep]:
-        """Compute the run again; returns its steps on one time axis, through all its sessions.
+        """Compute the run again; returns its steps on one time axis, through all its
+        sessions.
 
         Raises `DatasetError` if the log holds no beginning of a run.
         """
@@ -166,7 +173,8 @@ class Replay:
             self.notes.append("further long gaps are left out too")
 
     def _compare(self) -> None:
-        # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
+        # The robot's log holds the packets as sent and predictions from the sound
+        # before: no counterparts.
         for finger, logged in self._logged.items() if self.role == "operator" else ():
             while logged and self._computed[finger]:
                 computed, certain = self._computed[finger].popleft()
@@ -185,7 +193,8 @@ class RenderedFinger:
 def write_replay(
     replay: Replay, folder: Path, stem: str, *, plot: bool = False
 ) -> list[RenderedFinger]:
-    """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
+    """Compute a log again and write vibration and timeline of each finger, as for a
+    recording, and a figure if wanted.
 
     Raises `DatasetError` if nothing in the log can be rendered.
     """
@@ -234,7 +243,8 @@ def write_replay(
 
 
 def _complete(step: PipelineStep) -> PipelineStep:
-    """Give each prediction a command, silence where there was none, and each block two channels."""
+    """Give each prediction a command, silence where there was none, and each block two
+    channels."""
     samples = step.block.samples
     if samples.shape[1] == 1:
         block = structs.replace(
@@ -251,7 +261,8 @@ def _complete(step: PipelineStep) -> PipelineStep:
 
 
 def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
-    """Return a step ``offset`` samples later: the processes of a run follow one another, each begins at 0."""
+    """Return a step ``offset`` samples later: the processes of a run follow one
+    another, each begins at 0."""
     shift = offset / step.block.sample_rate
     return PipelineStep(
         structs.replace(step.block, start=step.block.start + offset),
@@ -292,8 +303,9 @@ def replay_log(
     - ``audio``: file for a copy of the log with its sound.
     - ``follow``: is given the entries, and passes them on.
 
-    A log is compared at its own ceiling; what is written keeps to this machine's, unless a change names another.
-    Raises `DatasetError` if the log cannot be replayed, and `ConfigError` if a file cannot be written.
+    A log is compared at its own ceiling; what is written keeps to this machine's,
+    unless a change names another. Raises `DatasetError` if the log cannot be replayed,
+    and `ConfigError` if a file cannot be written.
     """
     changed, ceiling = changed_by(changes), _ceiling(changes) if out or bag else 1.0
     replay = Replay(follow(read_log(log)), changed, ceiling)
@@ -322,7 +334,8 @@ def replay_log(
 
 
 def changed_by(changes: Sequence[str]) -> Change:
-    """Return what applies ``NAME=VALUE`` to settings, of every finger also where it has a value of its own."""
+    """Return what applies ``NAME=VALUE`` to settings, of every finger also where it has
+    a value of its own."""
     names = [text.partition("=")[0] for text in changes]
 
     def changed(settings: Settings) -> Settings:
@@ -338,7 +351,8 @@ def changed_by(changes: Sequence[str]) -> Change:
 
 
 def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
-    """Write the sound of each session to a folder; return takes with the settings and calibration of the replay."""
+    """Write the sound of each session to a folder; return takes with the settings and
+    calibration of the replay."""
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
     endpoint, takes = (
         LoggedEndpoint(run, changed_by(changes), ceiling=_ceiling(changes)),
@@ -359,7 +373,8 @@ def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
 
 
 def _ceiling(changes: Sequence[str]) -> float:
-    """Return what bounds the ceiling of a log: this machine's usual one, unless another was chosen."""
+    """Return what bounds the ceiling of a log: this machine's usual one, unless another
+    was chosen."""
     return (
         1.0
         if any(text.startswith("rendering.ceiling=") for text in changes)

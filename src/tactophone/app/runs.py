@@ -1,6 +1,8 @@
-"""Runs of the telephone on this machine: one side or both, recorded and shown elsewhere meanwhile.
+"""Runs of the telephone on this machine: one side or both, recorded and shown elsewhere
+meanwhile.
 
-Each log and each bridge is a process of its own that reads telemetry, so that none of them delays the sound.
+Each log and each bridge is a process of its own that reads telemetry, so that none of
+them delays the sound.
 """
 
 import math
@@ -47,12 +49,14 @@ def loopback(
     bridges: Sequence[str] = (),
     report: Report = ignore,
 ) -> "Snapshot":
-    """Run both sides on this machine, and return the last snapshot of the operator: counters, gauges, state.
+    """Run both sides on this machine, and return the last snapshot of the operator:
+    counters, gauges, state.
 
     - ``duration``: longest time, in s, once the run has started; it ends before if its sound does.
     - ``record``, ``bridges``, ``report``: as for `observed`.
 
-    Raises `ConfigError` if a setting does not fit, and `TactophoneError` if no side ever started.
+    Raises `ConfigError` if a setting does not fit, and `TactophoneError` if no side
+    ever started.
     """
     with (
         both_sides(settings, name=name, report=report) as sides,
@@ -71,7 +75,8 @@ def loopback(
 def wait_for_end(
     sides: "Sequence[Supervisor]", name: str, duration: float
 ) -> "Snapshot | None":
-    """Wait until a side ends, at most so many seconds from the start of the run of that name.
+    """Wait until a side ends, at most so many seconds from the start of the run of that
+    name.
 
     Returns the last snapshot of the run; ``None`` if it never started.
     """
@@ -97,7 +102,8 @@ def open_side(
     report: Report = ignore,
     **way: Any,
 ) -> "Supervisor":
-    """Return the robot's side, or without a source the operator's, which is not started yet; ``way`` as of a call."""
+    """Return the robot's side, or without a source the operator's, which is not started
+    yet; ``way`` as of a call."""
     from tactophone.live.runtime.operator import run_operator
     from tactophone.live.runtime.robot import run_robot
     from tactophone.live.runtime.supervisor import Main, Supervisor
@@ -120,8 +126,8 @@ def both_sides(
 ) -> "Iterator[Sequence[Supervisor]]":
     """Run operator and robot, in this order, with the simulated network between them.
 
-    ``open_source`` replaces the way in which the settings' source is opened; ``report`` is called with what people
-    should know, from any thread.
+    ``open_source`` replaces the way in which the settings' source is opened; ``report``
+    is called with what people should know, from any thread.
     """
     from tactophone.live.runtime import pairing
     from tactophone.live.runtime.priority import prioritize_thread
@@ -307,10 +313,11 @@ def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
 
 
 class PageRecorder:
-    """Obeys a page's process, which sends true to begin a log and false to end it, at ``page``, and answers it.
+    """Obeys a page's process, which sends true to begin a log and false to end it, at
+    ``page``, and answers it.
 
-    A context manager that ends a log that is still open. ``report`` is called from another thread, with a line when a
-    log begins, ends or fails.
+    A context manager that ends a log that is still open. ``report`` is called from
+    another thread, with a line when a log begins, ends or fails.
     """
 
     def __init__(

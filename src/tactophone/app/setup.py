@@ -1,4 +1,5 @@
-"""Fit a detector to a new finger from a few minutes of its sound, or measure the levels of its microphones."""
+"""Fit a detector to a new finger from a few minutes of its sound, or measure the levels
+of its microphones."""
 
 import datetime
 from collections.abc import Callable, Iterator, Sequence
@@ -56,7 +57,8 @@ CHECKED_OBJECT = "smooth competition stone"
 """What the simulated finger strokes in a check, where no smooth object is named."""
 
 Step = Callable[[AudioInput, Iterator[AudioBlock], SimulatedAct, str], FloatArray]
-"""Gives an instruction and returns the sound that follows, ``(samples, channels)``; by default `record_act`."""
+"""Gives an instruction and returns the sound that follows, ``(samples, channels)``; by
+default `record_act`."""
 
 
 def record_act(
@@ -67,9 +69,11 @@ def record_act(
     *,
     follow: Callable[[AudioBlock, float], None] = ignore,
 ) -> FloatArray:
-    """Return the sound of an act, ``(samples, channels)``, without the time in which it settles.
+    """Return the sound of an act, ``(samples, channels)``, without the time in which it
+    settles.
 
-    ``follow`` is called with each block and the seconds that are left. Raises `DatasetError` if the sound ends early.
+    ``follow`` is called with each block and the seconds that are left. Raises
+    `DatasetError` if the sound ends early.
     """
     audio.ask(SimulatedAct(act.verb, act.duration + SETTLING))
     parts: list[FloatArray] = []
@@ -89,7 +93,8 @@ def record_act(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetUpSounds:
-    """The sound of a set-up: silence, and each object's name, label (true for rough) and sound."""
+    """The sound of a set-up: silence, and each object's name, label (true for rough)
+    and sound."""
 
     sample_rate: int
     source: str
@@ -115,9 +120,11 @@ def record_set_up(
     step: Step = record_act,
     begin: Callable[[int, AudioInput], None] = ignore,
 ) -> SetUpSounds:
-    """Record silence, and sliding on smooth and rough objects; of the simulated finger, names of the catalogue.
+    """Record silence, and sliding on smooth and rough objects; of the simulated finger,
+    names of the catalogue.
 
-    ``begin`` is called before each step: silence is step 1, and a number beyond the last object means the end.
+    ``begin`` is called before each step: silence is step 1, and a number beyond the
+    last object means the end.
     """
     objects = [*((name, False) for name in smooth), *((name, True) for name in rough)]
     recorded: list[tuple[str, bool, FloatArray]] = []
@@ -135,7 +142,8 @@ def record_set_up(
             words = f"Slide to and fro on {name} ({'rough' if is_rough else 'smooth'}), now fast, now slowly"
             act = SimulatedAct("stroke", seconds)
             if number and audio.name == "finger":
-                # A simulated finger lies on one object; the same seed gives the same set-up on the next.
+                # A simulated finger lies on one object; the same seed gives the same
+                # set-up on the next.
                 with AudioInput(settings, name) as other:
                     recorded.append(
                         (name, is_rough, step(other, iter(other), act, words))
@@ -148,7 +156,8 @@ def record_set_up(
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A model that was fitted, what its file holds, and what was found wrong with the microphones."""
+    """A model that was fitted, what its file holds, and what was found wrong with the
+    microphones."""
 
     file: Path
     fit: "SetUpFit"
@@ -183,10 +192,12 @@ def fit_finger(
     model: str = "",
     report: Callable[[int], None] = ignore,
 ) -> Fitted:
-    """Fit a model of kind texture to a set-up, by default the shipped one for the tip, and write it to a file.
+    """Fit a model of kind texture to a set-up, by default the shipped one for the tip,
+    and write it to a file.
 
-    ``report`` is called with the number of objects done. Raises `ModelError` if the model is of another kind or the
-    silence was not steady; whether the microphones work is said by `SetUpSounds.findings`, which are to be read first.
+    ``report`` is called with the number of objects done. Raises `ModelError` if the
+    model is of another kind or the silence was not steady; whether the microphones work
+    is said by `SetUpSounds.findings`, which are to be read first.
     """
     from tactophone.lab.training.setup import collect, fit_set_up, write_set_up
 
@@ -238,10 +249,11 @@ def check_microphones(
     step: Step = record_act,
     begin: Callable[[int, AudioInput], None] = ignore,
 ) -> CalibrationResult:
-    """Measure the microphones in silence, strokes and taps; write a calibration file if nothing fatal was found.
+    """Measure the microphones in silence, strokes and taps; write a calibration file if
+    nothing fatal was found.
 
-    Where the finger is a robot's, ``moving``, its motion is heard too. ``begin`` is called before each step with its
-    number, from 1, and at the end with the next.
+    Where the finger is a robot's, ``moving``, its motion is heard too. ``begin`` is
+    called before each step with its number, from 1, and at the end with the next.
     """
     with AudioInput(settings, stroked) as audio:
         blocks, parts = iter(audio), list[FloatArray]()
@@ -262,7 +274,8 @@ def check_microphones(
 
 
 def _misfits(name: str, sounds: SetUpSounds, *, threshold_dbfs: float) -> list[Finding]:
-    """Return what of the sound does not fit a shipped model: a missing band, noise, another tip."""
+    """Return what of the sound does not fit a shipped model: a missing band, noise,
+    another tip."""
     detector = open_detector(name, sample_rate=sounds.sample_rate, contact="window")
     detector.threshold.dbfs = threshold_dbfs
     sound = np.concatenate((sounds.silence, *(each for _, _, each in sounds.objects)))

@@ -1,4 +1,5 @@
-"""Where sound comes from: a device, a recording, a page's microphone, or the simulated finger."""
+"""Where sound comes from: a device, a recording, a page's microphone, or the simulated
+finger."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -24,17 +25,19 @@ SETTLING = 0.5
 """Seconds that are discarded after a source is opened and after each instruction."""
 
 ONE_MICROPHONE_MODEL = "stylus"
-"""The shipped model for one air microphone, and the tip it is for; `paper-mono` was trained on a contact microphone."""
+"""The shipped model for one air microphone, and the tip it is for; `paper-mono` was
+trained on a contact microphone."""
 
 UNATTENDED = ("finger", "file")
 """Sources in which no real person takes part."""
 
 
 def open_source(settings: Settings) -> "Source":
-    """Open the source of ``settings.capture``; it delivers sound at the live sample rate.
+    """Open the source of ``settings.capture``; it delivers sound at the live sample
+    rate.
 
-    Raises `ConfigError` if the setting ``capture.device`` does not fit the source, and `DatasetError` if a recording is
-    missing or damaged.
+    Raises `ConfigError` if the setting ``capture.device`` does not fit the source, and
+    `DatasetError` if a recording is missing or damaged.
     """
     from tactophone.core.hand import each_finger
     from tactophone.live.audio.files import CombinedSource, FileSource
@@ -83,7 +86,8 @@ def open_source(settings: Settings) -> "Source":
 
 
 def recorded(source: "Source", path: Path, duration: float) -> "RecordedSource":
-    """Return the sound of a recording as a live source, with the labels of the data set that the file belongs to."""
+    """Return the sound of a recording as a live source, with the labels of the data set
+    that the file belongs to."""
     from tactophone.lab.dataset.read import ground_truth
     from tactophone.lab.dataset.values import touch_at
     from tactophone.live.audio.files import RecordedSource
@@ -120,7 +124,8 @@ def _ros_source(topic: str) -> "Source":
 def source_of(
     settings: Settings, *, page: bool = True
 ) -> "tuple[OpenSource, Connection | None]":
-    """Return what opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources.
+    """Return what opens the source in the robot's process, and where a page's sound
+    goes; ``None`` for other sources.
 
     Raises `ConfigError` if it is the microphone of a page, and there is none.
     """
@@ -141,9 +146,11 @@ def _open_browser(sound: Connection, _: Settings) -> "Source":
 
 
 def for_one_microphone(settings: Settings) -> Settings:
-    """Choose the model for one air microphone, where that is the source and no model is named.
+    """Choose the model for one air microphone, where that is the source and no model is
+    named.
 
-    What touches is anything then, so the tip is the model's, unless another than the default is named.
+    What touches is anything then, so the tip is the model's, unless another than the
+    default is named.
     """
     if (
         settings.capture.source not in ("browser", "microphone")
@@ -160,7 +167,8 @@ def for_one_microphone(settings: Settings) -> Settings:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedAct:
-    """An instruction for the simulated person, ``rest``, ``stroke``, ``tap``, ``move`` or ``take``, and seconds."""
+    """An instruction for the simulated person, ``rest``, ``stroke``, ``tap``, ``move``
+    or ``take``, and seconds."""
 
     verb: str
     duration: float
@@ -168,7 +176,8 @@ class SimulatedAct:
 
 
 class AudioInput:
-    """An open source; a person touching ``object_name`` if it is the simulated finger. A context manager.
+    """An open source; a person touching ``object_name`` if it is the simulated finger.
+    A context manager.
 
     The simulated person needs no time: minutes take seconds.
     """
@@ -215,7 +224,8 @@ class AudioInput:
         return iter(self.source)
 
     def ask(self, act: SimulatedAct) -> None:
-        """Instruct the simulated person, if there is one; a real person reads the screen."""
+        """Instruct the simulated person, if there is one; a real person reads the
+        screen."""
         if self._participant is None:
             return
         if act.take:

@@ -29,7 +29,8 @@ class Table:
     commands
         As many.
     notes
-        Sentences on what was corrected in the recording, and on what does not fit the model.
+        Sentences on what was corrected in the recording, and on what does not fit the
+        model.
     """
 
     predictions: tuple[Prediction, ...]
@@ -40,7 +41,8 @@ class Table:
         return len(self.predictions)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return one number of each prediction; names as in the CSV file, such as ``level_dbfs`` or ``amplitude``.
+        """Return one number of each prediction; names as in the CSV file, such as
+        ``level_dbfs`` or ``amplitude``.
 
         Raises `ConfigError` if there is no such number.
         """
@@ -79,7 +81,8 @@ class Table:
         return [event for prediction in self.predictions for event in prediction.events]
 
     def to_pandas(self) -> Any:
-        """Return a pandas data frame, a row for each prediction; ``touch`` is ``none``, ``smooth`` or ``rough``.
+        """Return a pandas data frame, a row for each prediction; ``touch`` is ``none``,
+        ``smooth`` or ``rough``.
 
         Needs pandas, which Tactophone does not install.
         """

@@ -1,6 +1,8 @@
-"""The files that `tactophone feel` writes: the vibration as WAV, and a timeline; and the scores of a run.
+"""The files that `tactophone feel` writes: the vibration as WAV, and a timeline; and
+the scores of a run.
 
-A recording, or any source that ends, goes through the pipeline block by block: memory does not grow with its length.
+A recording, or any source that ends, goes through the pipeline block by block: memory
+does not grow with its length.
 """
 
 import contextlib
@@ -41,19 +43,23 @@ from tactophone.signal.perception.resample import Resampler
 from tactophone.signal.pipeline import Pipeline
 
 VIBRATION_TAIL = 0.1
-"""Seconds of vibration after the end of the sound: the fade that follows the last command, to its last sample."""
+"""Seconds of vibration after the end of the sound: the fade that follows the last
+command, to its last sample."""
 
 CAPACITY = 4096
-"""Greatest number of columns, an even number: more than any figure has pixels across."""
+"""Greatest number of columns, an even number: more than any figure has pixels
+across."""
 
 PERCEPTIBLE = 0.02
-"""Amplitude from which a vibration can be felt, -34 dB: well under the paper's smooth, at -25 dBFS."""
+"""Amplitude from which a vibration can be felt, -34 dB: well under the paper's smooth,
+at -25 dBFS."""
 
 
 class PeakEnvelope:
     """Collects the extremes of a stream of sound; memory does not grow with its length.
 
-    When the columns are full, neighbours are joined, and each column then spans twice as many samples.
+    When the columns are full, neighbours are joined, and each column then spans twice
+    as many samples.
 
     >>> envelope = PeakEnvelope(1, sample_rate=1000)
     >>> envelope.push(np.sin(np.arange(100_000, dtype=np.float32))[:, None])
@@ -81,7 +87,8 @@ class PeakEnvelope:
                 self._step *= 2
 
     def columns(self) -> tuple[NDArray[np.float64], FloatArray, FloatArray]:
-        """Return the time of each column in s, and its least and greatest values, each ``(columns, channels)``."""
+        """Return the time of each column in s, and its least and greatest values, each
+        ``(columns, channels)``."""
         time = np.arange(len(self._low)) * self._step / self._sample_rate
         empty = np.empty((0, self._rest.shape[1]), np.float32)
         return (
@@ -101,7 +108,8 @@ class PeakEnvelope:
 
 @dataclass(frozen=True, slots=True)
 class OutputFiles:
-    """Where the results of a recording are written; the JSON timeline only if it has a path."""
+    """Where the results of a recording are written; the JSON timeline only if it has a
+    path."""
 
     waveform: Path
     timeline: Path
@@ -109,7 +117,8 @@ class OutputFiles:
 
     @classmethod
     def in_folder(cls, folder: Path, stem: str, *, json: bool = False) -> Self:
-        """Name the files ``stem.haptic.wav``, ``stem.timeline.csv`` and ``stem.timeline.json``."""
+        """Name the files ``stem.haptic.wav``, ``stem.timeline.csv`` and
+        ``stem.timeline.json``."""
         timeline_json = folder / f"{stem}.timeline.json" if json else None
         return cls(
             folder / f"{stem}.haptic.wav",
@@ -129,8 +138,8 @@ class RunSummary:
     contact: float
     rough: float
     unknown: float
-    """`contact`, `rough` and `unknown`: share of all predictions in contact, and of those in contact that are rough
-    and that are unknown; NaN where there are none."""
+    """`contact`, `rough` and `unknown`: share of all predictions in contact, and of
+    those in contact that are rough and that are unknown; NaN where there are none."""
     loudest_dbfs: float
     """Greatest level of the contact channel in any window."""
     elapsed: float
@@ -144,10 +153,12 @@ class RunSummary:
 
 
 class OfflineRenderer:
-    """Runs the pipeline over a recording and writes its output step by step; a context manager.
+    """Runs the pipeline over a recording and writes its output step by step; a context
+    manager.
 
-    Files appear at the end, if all went well, in place of existing ones. The pipeline is opened for this sound, and its
-    limits bound the waveform too; ``passthrough`` renders the sound itself, in place of its commands.
+    Files appear at the end, if all went well, in place of existing ones. The pipeline
+    is opened for this sound, and its limits bound the waveform too; ``passthrough``
+    renders the sound itself, in place of its commands.
 
     ``microphones``, ``vibration``: peak envelopes of sound and vibration, for a figure.
     """
@@ -214,9 +225,11 @@ class OfflineRenderer:
         self._last = step.block
 
     def finish(self, *, flush: bool = True) -> RunSummary:
-        """Write what the end of the sound completes, unless ``flush`` is false; return the totals."""
+        """Write what the end of the sound completes, unless ``flush`` is false; return
+        the totals."""
         duration = self._last.end / self._sample_rate if self._last else 0.0
-        # Counted before the tail: the fade at the end is the oscillator's timeout, but not a fault.
+        # Counted before the tail: the fade at the end is the oscillator's timeout, but
+        # not a fault.
         faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
         if self._last:
             tail = (
@@ -268,11 +281,12 @@ def process_recording(
 ) -> tuple[RunSummary, OfflineRenderer]:
     """Process a source to its end.
 
-    The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
-    renders the sound itself, in place of the pipeline's commands.
+    The source is not entered yet; the pipeline is for its rate and channels, and is
+    reset first. ``passthrough`` renders the sound itself, in place of the pipeline's
+    commands.
 
-    Returns the totals, and the renderer with the peak envelopes of sound and vibration. Raises `ConfigError` if the
-    results cannot be written.
+    Returns the totals, and the renderer with the peak envelopes of sound and vibration.
+    Raises `ConfigError` if the results cannot be written.
     """
     pipeline.reset()
     renderer = OfflineRenderer(
@@ -301,9 +315,11 @@ def process_recording(
 
 
 class RunRecorder(RunFollower):
-    """Records an operator's run (of a hand: one finger's vibration); a context manager around the run.
+    """Records an operator's run (of a hand: one finger's vibration); a context manager
+    around the run.
 
-    Its predictions are written by `tactophone.live.telemetry.prediction_log.PredictionLog`.
+    Its predictions are written by
+    `tactophone.live.telemetry.prediction_log.PredictionLog`.
     """
 
     def __init__(self, name: str, *, finger: int = 0) -> None:
@@ -314,11 +330,13 @@ class RunRecorder(RunFollower):
         self._vibration: list[FloatArray] = []
 
     def vibration(self, *, sample_rate: int) -> FloatArray:
-        """Return the actuator's waveform, shape ``(samples,)``, from the arrival of the first sound on."""
+        """Return the actuator's waveform, shape ``(samples,)``, from the arrival of the
+        first sound on."""
         steps = np.concatenate([np.empty(0, STEP_RECORD), *self._steps])
         if not len(steps):
             return np.empty(0, np.float32)
-        # Each step holds how much vibration had been rendered at its time: that aligns the two.
+        # Each step holds how much vibration had been rendered at its time: that aligns
+        # the two.
         first = int(np.median(steps["vibration_end"] - steps["time"] * sample_rate))
         rendered = np.concatenate([np.zeros(0, np.float32), *self._vibration])
         return np.concatenate(
@@ -340,10 +358,12 @@ class RunScores:
 
     smooth_right: float
     rough_right: float
-    """`smooth_right` and `rough_right`: share of correct predictions while a smooth, or rough, stone was touched."""
+    """`smooth_right` and `rough_right`: share of correct predictions while a smooth, or
+    rough, stone was touched."""
     false_bumps: int
     dips: int
-    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough interrupted within one touch."""
+    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough
+    interrupted within one touch."""
     touch_to_vibration: float
     """Median time in s from the start of a contact to a vibration that can be felt."""
     lift_to_silence: float
@@ -353,7 +373,8 @@ class RunScores:
 def score_run(
     timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]
 ) -> RunScores:
-    """Score a run's timeline against its labelled segments; a score without data is NaN."""
+    """Score a run's timeline against its labelled segments; a score without data is
+    NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
     smooth, rough = (
         within(time, [each for each in truth if each.label is label])
@@ -383,7 +404,8 @@ def _share(right: NDArray[np.bool_]) -> float:
 def _delay(
     time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]
 ) -> float:
-    """Return the median time in s from each event to the first line that meets the condition."""
+    """Return the median time in s from each event to the first line that meets the
+    condition."""
     found = [time[condition & (time >= event)] for event in events]
     delays = [
         float(after[0] - event)

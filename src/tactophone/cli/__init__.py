@@ -1,8 +1,10 @@
-"""The command line: one program, one verb or family of verbs per file, and the only room that prints.
+"""The command line: one program, one verb or family of verbs per file, and the only
+room that prints.
 
-A verb's module has ``EXAMPLES``, ``add_arguments(parser)`` and ``run(args) -> int``; one with several actions sets the
-default ``run`` of each action's parser instead. It is imported only when its verb is called, and imports heavy
-libraries inside ``run``, so that ``--help`` answers in under 0.4 s.
+A verb's module has ``EXAMPLES``, ``add_arguments(parser)`` and ``run(args) -> int``;
+one with several actions sets the default ``run`` of each action's parser instead. It is
+imported only when its verb is called, and imports heavy libraries inside ``run``, so
+that ``--help`` answers in under 0.4 s.
 """
 
 import argparse
@@ -65,7 +67,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",
     },
 }
-"""Each verb with its line in ``tactophone --help``, in groups; ``a-b`` lives in ``a_b.py``."""
+"""Each verb with its line in ``tactophone --help``, in groups; ``a-b`` lives in
+``a_b.py``."""
 
 VERBS: dict[str, str] = {
     verb: line for group in GROUPS.values() for verb, line in group.items()
@@ -90,7 +93,8 @@ EXTRAS_OF_VERB = {
     "finetune": ("train",),
     "benchmark": ("link", "sim", "train"),
 }
-"""What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
+"""What a verb always needs, so that one message names all of it, rather than one extra
+per attempt."""
 
 NEWCOMER = ("demo", "play", "try", "feel", "setup", "call")
 """The verbs that a newcomer needs, which ``tactophone --help`` explains."""
@@ -109,7 +113,8 @@ _SHARED_MODULES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130 (interrupted)."""
+    """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130
+    (interrupted)."""
     words = list(sys.argv[1:] if argv is None else argv)
     verb = (
         ""
@@ -134,7 +139,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         output.print_error("interrupted")
         return 130
     except BrokenPipeError:
-        # The reader of our output has closed it (`tactophone ... | head`), which is no error.
+        # The reader of our output has closed it (`tactophone ... | head`), which is no
+        # error.
         _discard_output()
         return 0
     except OSError as error:
@@ -151,7 +157,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 1
     except RuntimeError as error:
-        # By name: the library of sound files takes long to import, and tells nobody that the disk is full.
+        # By name: the library of sound files takes long to import, and tells nobody
+        # that the disk is full.
         if type(error).__name__ != "LibsndfileError":
             raise
         output.print_error(
@@ -161,7 +168,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _discard_output() -> None:
-    """Redirect stdout to nothing: what is still buffered would raise the same error again at exit."""
+    """Redirect stdout to nothing: what is still buffered would raise the same error
+    again at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -1,4 +1,5 @@
-"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and a report with figures."""
+"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and a
+report with figures."""
 
 import argparse
 import json
@@ -135,7 +136,8 @@ def _run(
 
 
 def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
-    """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
+    """Yield the columns that 80 characters hold, gate and abstention inside; the report
+    has the rest."""
     from tactophone.lab.benchmark.report import (
         control_of,
         format_delay,

@@ -1,4 +1,5 @@
-"""``tactophone call`` and ``answer``: `send` and `receive` between any two networks, found by a spoken code."""
+"""``tactophone call`` and ``answer``: `send` and `receive` between any two networks,
+found by a spoken code."""
 
 import argparse
 import math
@@ -138,7 +139,8 @@ def _found(
     side: "_Side",
     folder: Path,
 ) -> "Found":
-    """Show the code, ask the person, and return the other end, to which there is a way now."""
+    """Show the code, ask the person, and return the other end, to which there is a way
+    now."""
     for step, content in steps:
         if step == "code" and not args.code:
             output.note(f"your code: {content}")
@@ -190,7 +192,8 @@ def _way(found: "Found") -> str:
 def _watch(
     steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[str]
 ) -> None:
-    """Report each new way, and how far the other end is; end the run as SIGTERM does once the last way is lost."""
+    """Report each new way, and how far the other end is; end the run as SIGTERM does
+    once the last way is lost."""
     other = "operator" if found.role == "robot" else "robot"
     doing = "opening its microphones" if other == "robot" else "opening its output"
     words = {
@@ -211,7 +214,8 @@ def _watch(
 
 
 class _Side(AbstractContextManager["_Side", None]):
-    """The live side, which starts while the other end is searched for; a context manager."""
+    """The live side, which starts while the other end is searched for; a context
+    manager."""
 
     def __init__(
         self, args: argparse.Namespace, settings: Settings, process: "CallProcess"
@@ -286,7 +290,8 @@ def _secret_path(folder: Path, name: str) -> Path:
 
 
 def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
-    """Return the secret of the last call with an end, and that of the call before, which it may have missed."""
+    """Return the secret of the last call with an end, and that of the call before,
+    which it may have missed."""
     path = _secret_path(folder, name)
     with suppress(OSError, ValueError):
         if secrets := tuple(map(bytes.fromhex, path.read_text().split())):
@@ -307,7 +312,8 @@ def _fingerprint_of(folder: Path, name: str) -> str:
 
 
 def _remember(folder: Path, name: str, found: "Found") -> None:
-    """Trust the other end from now on, and keep the secrets from which both derive the next code."""
+    """Trust the other end from now on, and keep the secrets from which both derive the
+    next code."""
     from tactophone.net.link.identity import Peers, write_private
 
     if (

@@ -1,4 +1,5 @@
-"""The live console of a running side: one line that changes, messages below it, and the keys that control it."""
+"""The live console of a running side: one line that changes, messages below it, and the
+keys that control it."""
 
 import contextlib
 import os
@@ -24,8 +25,8 @@ if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.live.runtime.supervisor import Supervisor
 
 RUN_KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
-"""Which key makes which request; the space bar is the emergency stop, as it is the largest key. A page's
-keys are in `faces/web/static/stop.js`."""
+"""Which key makes which request; the space bar is the emergency stop, as it is the
+largest key. A page's keys are in `faces/web/static/stop.js`."""
 
 QUIT_KEYS = ("q", "\x03", "\x04")
 """Keys that end the run: q, Ctrl-C and Ctrl-D."""
@@ -33,24 +34,28 @@ QUIT_KEYS = ("q", "\x03", "\x04")
 KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 
 STRIP = 60
-"""Updates, 12 s, of vibration that the line above the figures shows; the newest is at its right."""
+"""Updates, 12 s, of vibration that the line above the figures shows; the newest is at
+its right."""
 
 TOUCH_STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
-"""How vibration is drawn: in the terminal's own colours, which its theme makes legible."""
+"""How vibration is drawn: in the terminal's own colours, which its theme makes
+legible."""
 
 MOST_WORDS = 500
 """Most characters of a message: some come from the other end."""
 
 REFRESH_INTERVAL = 0.2
-"""Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
+"""Seconds between two updates; a person reads no faster, and this process also hosts
+the watchdog."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How a run ended.
 
-    ``last`` is its last snapshot, if it ever started, ``restarts`` how often a side was restarted, and ``received`` the
-    signals to end it, also those that come while its sides end.
+    ``last`` is its last snapshot, if it ever started, ``restarts`` how often a side was
+    restarted, and ``received`` the signals to end it, also those that come while its
+    sides end.
     """
 
     last: Snapshot | None
@@ -59,12 +64,14 @@ class Outcome:
 
     @property
     def signal(self) -> int:
-        """What ended it: SIGINT, SIGTERM, or 0 where it ended by itself, by a key or by its duration."""
+        """What ended it: SIGINT, SIGTERM, or 0 where it ended by itself, by a key or by
+        its duration."""
         return self.received[0] if self.received else 0
 
     @property
     def exit_code(self) -> int:
-        """130 after Ctrl-C; 0 after SIGTERM too, by which a service manager ends a run in order."""
+        """130 after Ctrl-C; 0 after SIGTERM too, by which a service manager ends a run
+        in order."""
         return 130 if self.signal == signal.SIGINT else 0
 
 
@@ -73,7 +80,8 @@ def follow(
 ) -> Outcome:
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
-    The first of the ``supervisors`` to end by itself ends all. A ``duration`` of 0 s means no limit.
+    The first of the ``supervisors`` to end by itself ends all. A ``duration`` of 0 s
+    means no limit.
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")
@@ -139,7 +147,8 @@ class _ConsoleView:
         )
 
     def _print_changes(self, state: State) -> None:
-        # One entry per subject, so that a message is printed when it appears or changes, not at every update.
+        # One entry per subject, so that a message is printed when it appears or
+        # changes, not at every update.
         messages = {
             f"fault {fault.code}": f"! {fault.text}" for fault in state.faults
         } | {"link": state.link}
@@ -154,7 +163,8 @@ class _ConsoleView:
 
 
 def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
-    """Draw the vibration of each update: a bar from 1/8 at -30 dB to the whole height at -6 dB, the usual ceiling."""
+    """Draw the vibration of each update: a bar from 1/8 at -30 dB to the whole height
+    at -6 dB, the usual ceiling."""
     strip = Text(no_wrap=True)
     for touch, amplitude in felt:
         height = round(
@@ -193,7 +203,8 @@ def _line(snapshot: Snapshot) -> Text:
 
 @contextlib.contextmanager
 def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
-    """Yield the signals received that end a run in order; SIGUSR1 is an emergency stop that keeps it running."""
+    """Yield the signals received that end a run in order; SIGUSR1 is an emergency stop
+    that keeps it running."""
     received: list[int] = []
 
     def end(number: int, _: object) -> None:
@@ -217,14 +228,16 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
     try:
         yield received
     finally:
-        # The sides end now: a service manager's signal is still only noted, as it would cut that short; a person's may.
+        # The sides end now: a service manager's signal is still only noted, as it would
+        # cut that short; a person's may.
         for number, handler in (before | {signal.SIGTERM: end}).items():
             signal.signal(number, handler)
 
 
 @contextlib.contextmanager
 def single_keys() -> Iterator[bool]:
-    """Read keys as they are pressed, without Enter; yields whether there is a keyboard to read from."""
+    """Read keys as they are pressed, without Enter; yields whether there is a keyboard
+    to read from."""
     if not sys.stdin.isatty() or os.name != "posix":
         yield False
         return

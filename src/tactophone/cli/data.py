@@ -85,10 +85,11 @@ def open_filtered(
     segments: bool = False,
     labels: Mapping[str, str] | None = None,
 ) -> Dataset:
-    """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
+    """Open a data set, apply the filters, and drop unusable recordings, each reported
+    on stderr.
 
-    Recordings with fewer ``channels`` are dropped where others have as many; those of several labels are kept with
-    ``segments``. Raises `DatasetError` if nothing is left.
+    Recordings with fewer ``channels`` are dropped where others have as many; those of
+    several labels are kept with ``segments``. Raises `DatasetError` if nothing is left.
     """
     dataset = open_dataset(folder, labels=labels)
     for text in filters or ():

@@ -132,7 +132,8 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _wrong_labels(dataset: Dataset) -> tuple[Problem, ...]:
-    """Return surfaces whose labels look wrong, where there are enough to tell and the extra ``train`` is installed."""
+    """Return surfaces whose labels look wrong, where there are enough to tell and the
+    extra ``train`` is installed."""
     from tactophone.app.evaluation import can_check_labels, suspicious_labels
 
     if not can_check_labels(dataset):
@@ -145,7 +146,8 @@ def _wrong_labels(dataset: Dataset) -> tuple[Problem, ...]:
 
 
 def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
-    """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
+    """Yield a line for each problem; one for all warnings of a kind that many
+    recordings share."""
     counts = Counter(problem.kind for problem in problems if not problem.fatal)
     for problem in problems:
         if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
@@ -278,7 +280,8 @@ def _card(args: argparse.Namespace) -> int:
 
 
 def _surfaces(dataset: Dataset) -> list[dict[str, Any]]:
-    """Return a row for each surface: its name, the values of three columns, and its number of recordings."""
+    """Return a row for each surface: its name, the values of three columns, and its
+    number of recordings."""
     takes = {
         name: [each for each in dataset.recordings if each.surface == name]
         for name in dataset.surfaces

@@ -1,4 +1,5 @@
-"""``tactophone devices`` and ``settings``: the sound devices of this machine, what they play, and what can be set."""
+"""``tactophone devices`` and ``settings``: the sound devices of this machine, what they
+play, and what can be set."""
 
 import argparse
 import json
@@ -134,11 +135,13 @@ def _card(device: SurveyedDevice) -> Table:
 
 
 BURST, STEPS_DB = 0.5, range(-50, 1, 5)
-"""Seconds of a burst; its levels under the ceiling, at which a call renders what is rough."""
+"""Seconds of a burst; its levels under the ceiling, at which a call renders what is
+rough."""
 
 
 def _feel(settings: Settings) -> int:
-    """Play bursts at both ends of the default profile, ever louder, until the operator feels one."""
+    """Play bursts at both ends of the default profile, ever louder, until the operator
+    feels one."""
     from tactophone.live.runtime.wiring import open_actuator
 
     oscillator, now = (
@@ -215,8 +218,10 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
 
 
 def as_toml(found: "MeasuredResponse") -> str:
-    """Return a settings file with the figures; the settings check them when they are read."""
-    # The microphone's own response is in these levels; where they fall deep, full drive could not make up for it.
+    """Return a settings file with the figures; the settings check them when they are
+    read."""
+    # The microphone's own response is in these levels; where they fall deep, full drive
+    # could not make up for it.
     pairs = zip(found.frequencies, found.levels_db, strict=True)
     levels = ",".join(
         f"{frequency:.1f}:{level:.1f}" for frequency, level in pairs if level > -40

@@ -161,7 +161,8 @@ def _progress() -> Iterator[Progress]:
 def _parts(
     reports: "Mapping[str, Report]", *, by_recording: bool
 ) -> Iterator[output.Part]:
-    """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
+    """Yield the scores by the name of what was scored; the first is the model or the
+    recipe, the others baselines."""
     from tactophone.lab.evaluation.bootstrap import FEWEST_SURFACES
     from tactophone.lab.evaluation.metrics import SCORING_RULES
 

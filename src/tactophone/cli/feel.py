@@ -1,4 +1,5 @@
-"""``tactophone feel``: recordings in; the vibration that a finger would feel, and a timeline of predictions, out."""
+"""``tactophone feel``: recordings in; the vibration that a finger would feel, and a
+timeline of predictions, out."""
 
 import argparse
 import shlex
@@ -22,7 +23,8 @@ EXAMPLES = (
 
 
 def _parts(felt: Felt) -> Iterator[output.Part]:
-    """Print the summary; where there was no contact, the likely cause and the next command."""
+    """Print the summary; where there was no contact, the likely cause and the next
+    command."""
     summary = felt.summary
     label = f"; labelled {felt.label}" if felt.label else ""
     yield output.styled("bold", f"{felt.path!s}", f": {summary.duration:.1f} s{label}")

@@ -1,4 +1,5 @@
-"""``tactophone finetune``: improve a model on new objects, and show what that costs elsewhere."""
+"""``tactophone finetune``: improve a model on new objects, and show what that costs
+elsewhere."""
 
 import argparse
 import math
@@ -29,10 +30,12 @@ if TYPE_CHECKING:
     from tactophone.lab.training.trainer import NetworkRecipe
 
 REPLAYED, VALIDATED, TESTED = 40, 12, 21
-"""Most recordings used of the general set: with takes of 30 s, the whole verb takes under five minutes on two cores."""
+"""Most recordings used of the general set: with takes of 30 s, the whole verb takes
+under five minutes on two cores."""
 
 MOST_LOST = 0.005
-"""Largest loss of balanced accuracy on the few validation surfaces, so that others lose at most 0.02."""
+"""Largest loss of balanced accuracy on the few validation surfaces, so that others lose
+at most 0.02."""
 
 HEADINGS = {
     "balanced_accuracy": "balanced accuracy",
@@ -192,7 +195,8 @@ def _data(args: argparse.Namespace) -> "FinetuningData":
 
 
 def _split(dataset: Dataset) -> tuple[Sequence[Recording], Sequence[Recording]]:
-    """Split surfaces: as the data set itself says, or three quarters and one quarter."""
+    """Split surfaces: as the data set itself says, or three quarters and one
+    quarter."""
     try:
         fold = split(dataset, "predefined")[0]
     except DatasetError:
@@ -206,7 +210,8 @@ def _choose(
     trained: "dict[str, FloatArray]",
     data: "FinetuningData",
 ) -> float:
-    """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
+    """Write the mixture with the largest share of the new without losing much on the
+    validation surfaces."""
     from tactophone.lab.evaluation.bootstrap import accuracy_of
     from tactophone.lab.training.finetune import mixtures, write_finetuned
 
@@ -242,7 +247,8 @@ def _measure(
     start = model_path(args.model)
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     parts: dict[str, tuple[Sequence[Recording], Callable[[Recording], str], float]] = {
-        # By take, as a few new objects leave nothing else to draw: intervals hold for these objects only.
+        # By take, as a few new objects leave nothing else to draw: intervals hold for
+        # these objects only.
         NEW: (
             data.held_out,
             lambda take: str(take.path),

@@ -1,4 +1,5 @@
-"""Guided steps of `setup` and `record`: level meters, a terminal and a page that show them, and the sound of each step.
+"""Guided steps of `setup` and `record`: level meters, a terminal and a page that show
+them, and the sound of each step.
 
 The page is on this machine, and there only with ``--dashboard``.
 """
@@ -25,7 +26,8 @@ from tactophone.core.microphones import CONTACT, MICROPHONES
 from tactophone.core.types import AudioBlock, FloatArray
 
 LAST_LOOK = 0.3
-"""Seconds for which the page of a command that waits for nobody stays, so that it shows the end."""
+"""Seconds for which the page of a command that waits for nobody stays, so that it shows
+the end."""
 
 DONE = "done"
 """Button that ends the page."""
@@ -36,13 +38,15 @@ METER_INTERVAL = 0.1
 """Seconds between two updates of the screen."""
 
 PEAK_HOLD = 0.7
-"""Factor by which a peak falls between two updates: slow enough to be read after a tap."""
+"""Factor by which a peak falls between two updates: slow enough to be read after a
+tap."""
 
 RED_DBFS, YELLOW_DBFS = -1.0, -6.0
 
 
 class Meters:
-    """Measures levels; `rows` draws them, with a mark at the threshold unless that is NaN."""
+    """Measures levels; `rows` draws them, with a mark at the threshold unless that is
+    NaN."""
 
     def __init__(self, channels: int, threshold_dbfs: float) -> None:
         self._threshold_dbfs = threshold_dbfs
@@ -68,7 +72,8 @@ class Meters:
         return True
 
     def levels(self) -> list[tuple[str, float, float]]:
-        """Return each microphone's name, level and peak in dBFS, and lower the peaks."""
+        """Return each microphone's name, level and peak in dBFS, and lower the
+        peaks."""
         powers, peaks = np.sqrt(self._powers), self._peaks
         self._peaks = PEAK_HOLD * peaks
         return [
@@ -79,7 +84,8 @@ class Meters:
     def rows(
         self, levels: Sequence[tuple[str, float, float]] | None = None
     ) -> list[Text]:
-        """Return a row of up to 80 characters for each microphone, of levels measured now if none are given."""
+        """Return a row of up to 80 characters for each microphone, of levels measured
+        now if none are given."""
         return [
             self._row(*level) for level in (self.levels() if levels is None else levels)
         ]
@@ -121,7 +127,8 @@ def _dbfs(amplitude: float) -> float:
 
 
 class GuidePage:
-    """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
+    """A guided command's page; a context manager that shows an error and, with
+    ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
         from tactophone.faces.web.server import (
@@ -156,9 +163,11 @@ class GuidePage:
             self._orders.send(entries)
 
     def pressed(self, timeout: float = 0.0) -> str:
-        """Return the name of the button that was pressed, waiting up to ``timeout`` s; empty if none was.
+        """Return the name of the button that was pressed, waiting up to ``timeout`` s;
+        empty if none was.
 
-        Without the page's process no button is ever pressed, and nothing is left to wait for at the end.
+        Without the page's process no button is ever pressed, and nothing is left to
+        wait for at the end.
         """
         try:
             return str(self._orders.recv()) if self._orders.poll(timeout) else ""
@@ -204,7 +213,8 @@ class GuideScreen:
             )
 
     def offer(self, buttons: Mapping[str, str]) -> None:
-        """Show buttons, by name, on the page; a second press of the last ones is dropped."""
+        """Show buttons, by name, on the page; a second press of the last ones is
+        dropped."""
         if self.page is not None:
             while self.page.pressed():
                 pass
@@ -217,7 +227,8 @@ class GuideScreen:
         state: str,
         countdown: Sequence[float] = (),
     ) -> None:
-        """Show an instruction, what to do now, the levels of the microphones, and what is left of how many seconds."""
+        """Show an instruction, what to do now, the levels of the microphones, and what
+        is left of how many seconds."""
         levels = meters.levels()
         if self.live is not None:
             rows = meters.rows(levels)
@@ -238,7 +249,8 @@ class GuideScreen:
             )
 
     def pressed(self, timeout: float = 0.0) -> str:
-        """Return the key or the button that was pressed, waiting up to ``timeout`` s for each; empty if none was."""
+        """Return the key or the button that was pressed, waiting up to ``timeout`` s
+        for each; empty if none was."""
         key = console.read_key(timeout) if self.has_keyboard else ""
         return key or (self.page.pressed(timeout) if self.page is not None else "")
 
@@ -253,7 +265,8 @@ def record_step(
     screen: GuideScreen,
     wait: bool,
 ) -> FloatArray:
-    """Give an instruction, wait for an answer if ``wait``, and return the sound, ``(samples, channels)``.
+    """Give an instruction, wait for an answer if ``wait``, and return the sound,
+    ``(samples, channels)``.
 
     Raises `DatasetError` if the sound ends too early.
     """

@@ -1,4 +1,5 @@
-"""``tactophone latency``: impulses through the running system, and the latency budget stage by stage."""
+"""``tactophone latency``: impulses through the running system, and the latency budget
+stage by stage."""
 
 import argparse
 from collections.abc import Iterator
@@ -161,7 +162,8 @@ def _rows(
         durations["decision: contact to vibration"] = np.array(delays.touch)
         durations["decision: edge to changed vibration"] = np.array(delays.edge)
     for stage, found in durations.items():
-        # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
+        # A server without a card delivers a period early: its negative times are those
+        # of no microphone (`_notes`).
         shown = {
             f"{name:>7}": f"{max(value, 0.0):7.2f}"
             for name, value in _percentiles_ms(found).items()

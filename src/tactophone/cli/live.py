@@ -1,6 +1,8 @@
-"""``tactophone send``, ``receive`` and ``loopback``, and what live verbs share: their options, and how a run ends.
+"""``tactophone send``, ``receive`` and ``loopback``, and what live verbs share: their
+options, and how a run ends.
 
-Each log and each bridge is a process of its own that reads telemetry, so that none of them delays the sound.
+Each log and each bridge is a process of its own that reads telemetry, so that none of
+them delays the sound.
 """
 
 import argparse
@@ -40,7 +42,8 @@ EXAMPLES = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the settings of a live verb, and all that a live run can show, record and pass on."""
+    """Add the settings of a live verb, and all that a live run can show, record and
+    pass on."""
     options.add_settings(parser, parser.get_default("verb"))
     options.add_fingers(parser)
     page.add_dashboard(parser)
@@ -114,7 +117,8 @@ def follow(
     *,
     microphone: Connection | None = None,
 ) -> int:
-    """Start the sides, show and record the run of that name until it ends; return the verb's exit code.
+    """Start the sides, show and record the run of that name until it ends; return the
+    verb's exit code.
 
     ``microphone`` takes the sound of a page's microphone.
     """

@@ -1,4 +1,5 @@
-"""``tactophone model`` and ``set-threshold``: a model file's card, the authors' models, and the decision rule."""
+"""``tactophone model`` and ``set-threshold``: a model file's card, the authors' models,
+and the decision rule."""
 
 import argparse
 import json
@@ -200,7 +201,8 @@ def _set_threshold(args: argparse.Namespace) -> int:
     from tactophone.lab.evaluation import rules as trials
 
     path = model_path(args.model)
-    # The package's own files stay as they are: other programs of this installation use them.
+    # The package's own files stay as they are: other programs of this installation use
+    # them.
     out = args.out or (Path(path.name) if args.model in shipped_models() else path)
     model = read_model(path)
     dataset = open_filtered(

@@ -1,4 +1,5 @@
-"""Options: the parser of every verb, numbers with a range, and the settings on the command line."""
+"""Options: the parser of every verb, numbers with a range, and the settings on the
+command line."""
 
 import argparse
 import math
@@ -16,10 +17,11 @@ from tactophone.core.settings import SETTINGS, Settings, change, read_settings
 
 @dataclass(frozen=True, slots=True)
 class Within:
-    """The type of an option that takes a number from ``low`` to ``high``; write the range as ``%(type)s`` in its help.
+    """The type of an option that takes a number from ``low`` to ``high``; write the
+    range as ``%(type)s`` in its help.
 
-    ``kind`` is ``int`` or ``float``; with ``over``, ``low`` itself is out of the range. Called with a text, it raises
-    `ConfigError` if that is no number within the range.
+    ``kind`` is ``int`` or ``float``; with ``over``, ``low`` itself is out of the range.
+    Called with a text, it raises `ConfigError` if that is no number within the range.
 
     >>> str(Within(float, 0, 1, unit="of full drive")), str(Within(int, 1)), str(Within(float, 0, over=True, unit="s"))
     ('0 to 1 of full drive', '1 or more', 'over 0 s')
@@ -82,7 +84,8 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
     """Shows the default of each option that has one, and examples line by line."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
+        # bool first, as it is a number too; an empty text or list is no default worth
+        # showing, but 0 is.
         default = action.default
         shown = default is not argparse.SUPPRESS and (
             default or isinstance(default, int | float)
@@ -108,7 +111,8 @@ ELSEWHERE = {
     "'fetch'": "examples/published_sets.py authors OUT",
     ": bench": "hardware/bench.py",
 }
-"""What is no verb, by words of the error, and the program of the repository that does it."""
+"""What is no verb, by words of the error, and the program of the repository that does
+it."""
 
 FIRST_OPTIONS = (
     "out",
@@ -175,7 +179,8 @@ class _Help(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """Shows defaults and examples, and names in errors the option or choice nearest to an unknown one.
+    """Shows defaults and examples, and names in errors the option or choice nearest to
+    an unknown one.
 
     An option is not found by its beginning: ``--finger`` must not become ``--fingers``.
     """
@@ -195,7 +200,8 @@ class Parser(argparse.ArgumentParser):
         )
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse, and refuse what is unknown at once: this parser knows which options are near."""
+        """Parse, and refuse what is unknown at once: this parser knows which options
+        are near."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
             option = unknown[0].partition("=")[0]
@@ -241,7 +247,8 @@ def flags_of(verb: str) -> list[str]:
 def add_flag(
     group: "argparse._ActionsContainer", name: str, default: Any = None
 ) -> None:
-    """Add the option of a setting, with its words, range and default; ``default`` is the verb's own."""
+    """Add the option of a setting, with its words, range and default; ``default`` is
+    the verb's own."""
     setting = SETTINGS[name]
     words, *unset = re.split(
         "; (?:nan|empty): ", setting.words
@@ -273,7 +280,8 @@ def add_flag(
 def add_settings(
     parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()
 ) -> None:
-    """Add ``--settings``, ``--set`` and the options that `tactophone.core.settings` declares for a verb.
+    """Add ``--settings``, ``--set`` and the options that `tactophone.core.settings`
+    declares for a verb.
 
     ``usual`` are the verb's own defaults, as in `settings_of`.
     """
@@ -298,7 +306,8 @@ def add_settings(
 def add_actions(
     parser: argparse.ArgumentParser,
 ) -> Callable[..., argparse.ArgumentParser]:
-    """Let a verb have actions; returns what adds one, by its name, its words and the function that runs it."""
+    """Let a verb have actions; returns what adds one, by its name, its words and the
+    function that runs it."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
 
     def add(
@@ -341,9 +350,11 @@ def add_json(
 
 
 def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings:
-    """Return the settings in force: defaults < ``--settings`` < options < ``--set``; ``--fingers`` adds to each finger.
+    """Return the settings in force: defaults < ``--settings`` < options < ``--set``;
+    ``--fingers`` adds to each finger.
 
-    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come before the options.
+    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come
+    before the options.
     """
     settings = Settings()
     for path in getattr(args, "settings", ()):
@@ -368,7 +379,8 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
 
 
 def assigned(texts: Iterable[str], option: str = "--set") -> dict[str, str]:
-    """Return the values of ``NAME=VALUE`` by name, with underscores; raises `ConfigError` without ``=``."""
+    """Return the values of ``NAME=VALUE`` by name, with underscores; raises
+    `ConfigError` without ``=``."""
     values = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -379,7 +391,8 @@ def assigned(texts: Iterable[str], option: str = "--set") -> dict[str, str]:
 
 
 def _assignments(name: str, value: Any) -> Iterable[str]:
-    """Return the assignments of an option: two for ``--source file:take.wav``, one for ``--peer a --peer b``."""
+    """Return the assignments of an option: two for ``--source file:take.wav``, one for
+    ``--peer a --peer b``."""
     text = value if isinstance(value, str) else ",".join(value)
     setting = SETTINGS[name]
     if not setting.device:

@@ -1,4 +1,5 @@
-"""Output of every verb: results on stdout, as tables or as JSON; everything else on stderr."""
+"""Output of every verb: results on stdout, as tables or as JSON; everything else on
+stderr."""
 
 import dataclasses
 import functools
@@ -31,13 +32,16 @@ RULED: dict[str, Any] = {
 """Style of a table with lines."""
 
 Part = str | RenderableType | Sequence[Mapping[str, Any]]
-"""What a result prints: lines, anything that rich prints, or rows of a table by heading."""
+"""What a result prints: lines, anything that rich prints, or rows of a table by
+heading."""
 
 
 class _Console(Console):
-    """Prints text as it is: what comes from files, devices and the other end is neither markup nor escape sequences.
+    """Prints text as it is: what comes from files, devices and the other end is neither
+    markup nor escape sequences.
 
-    On a terminal, a line that ends in a carriage return is replaced by whatever is printed next.
+    On a terminal, a line that ends in a carriage return is replaced by whatever is
+    printed next.
     """
 
     _replaced = False
@@ -67,7 +71,8 @@ def log() -> Console:
 
 
 def finite(value: Any) -> Any:
-    """Replace infinities and NaN by ``None``, in dictionaries and lists too, as JSON has neither.
+    """Replace infinities and NaN by ``None``, in dictionaries and lists too, as JSON
+    has neither.
 
     >>> finite({"level": -math.inf, "shares": (0.5, math.nan)})
     {'level': None, 'shares': [0.5, None]}
@@ -108,9 +113,11 @@ def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> 
 
 
 def as_values(result: Any) -> Any:
-    """Return what JSON can hold: of a dataclass its fields, or its ``as_json()``; of a path its text.
+    """Return what JSON can hold: of a dataclass its fields, or its ``as_json()``; of a
+    path its text.
 
-    A field whose name ends in ``_`` is called by the keyword before it, and one that begins with ``_`` is left out.
+    A field whose name ends in ``_`` is called by the keyword before it, and one that
+    begins with ``_`` is left out.
     """
     if hasattr(result, "as_json"):
         return as_values(result.as_json())
@@ -132,7 +139,8 @@ def _fields(result: Any) -> dict[str, Any]:
 
 
 def table(rows: Sequence[Mapping[str, Any]], **style: Any) -> Table:
-    """Return a table of rows, whose keys are the headings; numbers stand to the right, and NaN is a dash."""
+    """Return a table of rows, whose keys are the headings; numbers stand to the right,
+    and NaN is a dash."""
     made = Table(**({"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)} | style))
     for heading, value in rows[0].items():
         made.add_column(
@@ -176,7 +184,8 @@ def percent(share: float, *, unknown: str = "-") -> str:
 
 
 def live_display() -> AbstractContextManager[Live | None]:
-    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
+    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not
+    a terminal."""
     console = log()
     return (
         Live(console=console, auto_refresh=False, transient=True)
@@ -190,7 +199,8 @@ def print_error(message: str) -> None:
 
 
 def note(line: str) -> None:
-    """Print a line for people on stderr; one that ends in a carriage return stands until the next. From any thread."""
+    """Print a line for people on stderr; one that ends in a carriage return stands
+    until the next. From any thread."""
     text = line.rstrip("\r")
     log().print(
         text, soft_wrap=True, end="\r" if text != line and log().is_terminal else "\n"
@@ -208,7 +218,8 @@ def progress(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress bar on stderr, where that is a terminal.
 
-    Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
+    Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and
+    ``note``.
     """
     columns = (
         BarColumn(),
@@ -230,7 +241,8 @@ def progress(
 def tracked(
     entries: Iterable[Entry], description: str, total: float | None = None
 ) -> Iterator[Iterator[Entry]]:
-    """Yield an iterator over entries that a progress bar counts; ``total`` is by default their length."""
+    """Yield an iterator over entries that a progress bar counts; ``total`` is by
+    default their length."""
 
     def counted() -> Iterator[Entry]:
         for entry in entries:
@@ -244,7 +256,8 @@ def tracked(
 
 
 def make_folder(path: Path, option: str = "--out") -> None:
-    """Make a folder for results, unless it exists; raises `ConfigError` if nothing can be written there."""
+    """Make a folder for results, unless it exists; raises `ConfigError` if nothing can
+    be written there."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,5 @@
-"""``--dashboard``, ``--lan`` and ``--https``: the page of a run, and its record button."""
+"""``--dashboard``, ``--lan`` and ``--https``: the page of a run, and its record
+button."""
 
 import argparse
 import itertools
@@ -25,7 +26,8 @@ if (
 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
-    """Add ``--dashboard``, and for a verb without other settings ``--lan`` and ``--https``."""
+    """Add ``--dashboard``, and for a verb without other settings ``--lan`` and
+    ``--https``."""
     words = "serve a page that shows the run, and print its address"
     parser.add_argument("--dashboard", action="store_true", help=words)
     for name in options.flags_of(verb):
@@ -34,7 +36,8 @@ def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
 
 
 def wanted(args: argparse.Namespace, settings: Settings) -> bool:
-    """Return whether a page is asked for, by ``--dashboard`` or by any setting of a page."""
+    """Return whether a page is asked for, by ``--dashboard`` or by any setting of a
+    page."""
     return bool(args.dashboard or settings.page != Settings().page)
 
 
@@ -89,7 +92,8 @@ def play_on_page(settings: Settings, takes: "Sequence[Take]", *, name: str) -> N
 
 
 def place(settings: Settings) -> dict[str, Any]:
-    """Return where and how the page is served, as arguments of `tactophone.faces.web.server.Page`.
+    """Return where and how the page is served, as arguments of
+    `tactophone.faces.web.server.Page`.
 
     Raises `TactophoneError` if there is no network, or no certificate.
     """
@@ -139,7 +143,8 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
 
 
 def qr_code(text: str) -> str:
-    """Return a QR code in half blocks, two rows a line; a line of words where the library is missing."""
+    """Return a QR code in half blocks, two rows a line; a line of words where the
+    library is missing."""
     try:
         import segno
     except ModuleNotFoundError:
@@ -163,7 +168,8 @@ def qr_code(text: str) -> str:
 
 
 def _certificate(settings: Settings) -> tuple[Path, Path] | None:
-    """Return the files of certificate and key, and print the fingerprint to compare; none without ``--https``."""
+    """Return the files of certificate and key, and print the fingerprint to compare;
+    none without ``--https``."""
     if not settings.page.https:
         return None
     from tactophone.net.link.identity import (

@@ -1,4 +1,5 @@
-"""``tactophone pair``: create this machine's key, show its fingerprint, and trust the other machine's."""
+"""``tactophone pair``: create this machine's key, show its fingerprint, and trust the
+other machine's."""
 
 import argparse
 import socket
@@ -53,7 +54,8 @@ def run(args: argparse.Namespace) -> int:
             identity, peers = Identity.load(folder), Peers.load(folder)
             if not args.json:
                 say("On the other machine, run:")
-            # A fingerprint is no secret, but the channel that it is compared by must be trusted.
+            # A fingerprint is no secret, but the channel that it is compared by must be
+            # trusted.
             shown = {
                 "name": identity.name,
                 "fingerprint": identity.fingerprint,

@@ -1,4 +1,5 @@
-"""``tactophone play`` and ``try``: feel something on a page, with no hardware but this machine or a phone."""
+"""``tactophone play`` and ``try``: feel something on a page, with no hardware but this
+machine or a phone."""
 
 import argparse
 import secrets
@@ -30,12 +31,14 @@ ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
 
 NEAR = ["link.codec=pcm16", "link.packet_duration=0.0025"]
-"""Unless options say otherwise: both sides run on this machine, where a codec and long packets only delay the sound."""
+"""Unless options say otherwise: both sides run on this machine, where a codec and long
+packets only delay the sound."""
 
 SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=false"]
 """Settings of both ends of `play`, without devices: the browser plays the vibration.
 
-The watchdog protects from an actuator that a stalled process would keep driving; here there is none."""
+The watchdog protects from an actuator that a stalled process would keep driving; here
+there is none."""
 
 TRY_SOURCES = {
     "browser": "the microphone of a page, on this machine or on a phone",
@@ -94,7 +97,8 @@ def _play(args: argparse.Namespace) -> int:
     game = GameSettings(
         name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results
     )
-    # The page comes first: both sides take seconds to start, and it shows their progress.
+    # The page comes first: both sides take seconds to start, and it shows their
+    # progress.
     with serve_game(game, **page.place(settings)) as served:
         page.announce(served, browser=settings.page.open)
 

@@ -1,4 +1,5 @@
-"""``tactophone record``: record the paper's seven takes with guidance, a check of each, and no loss by a kill."""
+"""``tactophone record``: record the paper's seven takes with guidance, a check of each,
+and no loss by a kill."""
 
 import argparse
 import datetime
@@ -168,7 +169,8 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
 
 
 class _Screen:
-    """Shows the recorder and the microphones' levels in the terminal, and prints each take's quality."""
+    """Shows the recorder and the microphones' levels in the terminal, and prints each
+    take's quality."""
 
     def __init__(self, plan: SessionPlan, live: Live | None, *, attended: bool) -> None:
         self._plan, self._live, self._attended = plan, live, attended

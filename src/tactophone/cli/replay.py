@@ -1,4 +1,5 @@
-"""``tactophone replay``: a recorded run, computed again from its packets in virtual time."""
+"""``tactophone replay``: a recorded run, computed again from its packets in virtual
+time."""
 
 import argparse
 from collections.abc import Iterator
@@ -54,7 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute the run again; exit 1 if nothing was changed and a prediction or command differs from the log."""
+    """Compute the run again; exit 1 if nothing was changed and a prediction or command
+    differs from the log."""
     from tactophone.app.replay import replay_log, takes_of
 
     if args.to_rosbag:

@@ -1,4 +1,5 @@
-"""``tactophone roughness``: Ra, Rq, Rz, RSm and Rdq of a measured profile or height map."""
+"""``tactophone roughness``: Ra, Rq, Rz, RSm and Rdq of a measured profile or height
+map."""
 
 import argparse
 import math

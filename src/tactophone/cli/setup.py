@@ -1,4 +1,5 @@
-"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes; or check its microphones."""
+"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes; or
+check its microphones."""
 
 import argparse
 import math
@@ -41,7 +42,8 @@ QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will sl
 ROBOT_QUESTION = "Does a robot move this finger?"
 
 USUAL = ("simulation.gain_db=-20",)
-"""At 0 dB the simulated finger clips on rough objects, which is refused; a settings file has its own."""
+"""At 0 dB the simulated finger clips on rough objects, which is refused; a settings
+file has its own."""
 
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
@@ -179,7 +181,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class Steps:
-    """Shows each step on the terminal and the page; a person starts it, unless ``unattended``."""
+    """Shows each step on the terminal and the page; a person starts it, unless
+    ``unattended``."""
 
     def __init__(self, screen: GuideScreen, *, unattended: bool) -> None:
         self._screen, self._unattended = screen, unattended
@@ -323,7 +326,8 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
 def _ask(
     screen: GuideScreen, question: str, buttons: dict[str, str], words: str
 ) -> str:
-    """Ask on the page and, in these words, on the terminal; return the button or the key that was pressed."""
+    """Ask on the page and, in these words, on the terminal; return the button or the
+    key that was pressed."""
     output.log().print(words, highlight=False, markup=False)
     if screen.page is not None:
         screen.begin(0)

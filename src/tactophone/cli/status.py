@@ -1,4 +1,5 @@
-"""``tactophone status``, ``stop``, ``mute`` and ``arm``: the runs of this machine, from any of its terminals."""
+"""``tactophone status``, ``stop``, ``mute`` and ``arm``: the runs of this machine, from
+any of its terminals."""
 
 import argparse
 import contextlib
@@ -20,7 +21,8 @@ EXAMPLES = {
 }
 
 STATUS_TIMEOUT = 1.0
-"""Seconds for a process to carry out a request; it looks for requests fifty times as often."""
+"""Seconds for a process to carry out a request; it looks for requests fifty times as
+often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the runs; or send the request, wait until it is carried out, and return 1 if a process did not obey."""
+    """List the runs; or send the request, wait until it is carried out, and return 1 if
+    a process did not obey."""
     if args.verb == "status":
         runs = [_run(watcher) for name in running() if (watcher := Watcher.find(name))]
         if not runs:

@@ -1,4 +1,5 @@
-"""``tactophone train``: from labelled recordings to a model file; and the recipes that `evaluate` scores too."""
+"""``tactophone train``: from labelled recordings to a model file; and the recipes that
+`evaluate` scores too."""
 
 import argparse
 from pathlib import Path
@@ -68,7 +69,8 @@ def recipe_of(args: argparse.Namespace) -> RecipeFile:
 
 
 def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
-    """Return the recipe that the options describe, for one microphone where the recordings have one and no option says.
+    """Return the recipe that the options describe, for one microphone where the
+    recordings have one and no option says.
 
     Raises `DatasetError` as `open_dataset` does.
     """

@@ -9,9 +9,10 @@
     ├── ModelError     a model file that cannot be read or does not fit the sound
     └── DatasetError   a recording, label or manifest that cannot be used
 
-A mistake in the code or by the user raises; a disturbance from outside (loss, delay, bad bytes, underflow) is counted
-and shown. An invalid argument, such as a negative size, stays :class:`ValueError`. Every message says what was found,
-what was expected, where, and the next step.
+A mistake in the code or by the user raises; a disturbance from outside (loss, delay,
+bad bytes, underflow) is counted and shown. An invalid argument, such as a negative
+size, stays :class:`ValueError`. Every message says what was found, what was expected,
+where, and the next step.
 """
 
 import difflib
@@ -19,7 +20,8 @@ from collections.abc import Iterable
 
 
 class TactophoneError(Exception):
-    """Base of all errors raised on purpose; the command line prints it in one line and exits with 1."""
+    """Base of all errors raised on purpose; the command line prints it in one line and
+    exits with 1."""
 
 
 class ConfigError(TactophoneError):
@@ -27,7 +29,8 @@ class ConfigError(TactophoneError):
 
 
 class DeviceError(TactophoneError):
-    """A sound device is missing, has the wrong rate or too few channels, or was lost."""
+    """A sound device is missing, has the wrong rate or too few channels, or was
+    lost."""
 
 
 class PacketError(TactophoneError):
@@ -35,7 +38,8 @@ class PacketError(TactophoneError):
 
 
 class ModelError(TactophoneError):
-    """A model file cannot be read, is not a Tactophone model, or does not fit the sound."""
+    """A model file cannot be read, is not a Tactophone model, or does not fit the
+    sound."""
 
 
 class DatasetError(TactophoneError):
@@ -43,7 +47,8 @@ class DatasetError(TactophoneError):
 
 
 def plain(text: str) -> str:
-    r"""Return text with what a terminal may interpret, such as escape sequences, replaced.
+    r"""Return text with what a terminal may interpret, such as escape sequences,
+    replaced.
 
     >>> plain("a\x1b[2Jb")
     'a�[2Jb'
@@ -57,7 +62,8 @@ def plain(text: str) -> str:
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str:
-    """Return the end of a message about an unknown name: the nearest choice, or nothing if none is near.
+    """Return the end of a message about an unknown name: the nearest choice, or nothing
+    if none is near.
 
     >>> did_you_mean("textur", ["paper", "texture"])
     '; did you mean texture?'
@@ -67,7 +73,8 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, by_lower, n=1)
     if near:
         return f"; did you mean {by_lower[near[0]]}?"
-    # Half of a long name is a good hint too, well written or nearly so: "marble" or "marbel" for "polished marble".
+    # Half of a long name is a good hint too, well written or nearly so: "marble" or
+    # "marbel" for "polished marble".
     words = {word for lower in by_lower for word in lower.split()}
     (part,) = difflib.get_close_matches(name, words, n=1, cutoff=0.75) or (name,)
     found = [

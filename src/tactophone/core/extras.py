@@ -1,4 +1,5 @@
-"""Which optional dependency a missing module belongs to, and the command that installs it."""
+"""Which optional dependency a missing module belongs to, and the command that installs
+it."""
 
 import importlib.util
 import sys
@@ -26,7 +27,8 @@ _MODULES = {
 EXTRA_OF_MODULE = {
     module: extra for extra, modules in _MODULES.items() for module in modules
 }
-"""Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
+"""Import name of each optional dependency -> the extra of ``pyproject.toml`` that
+installs it."""
 
 WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
 """Modules with no wheel from that Python on: their extra leaves them out there."""

@@ -1,4 +1,5 @@
-"""The fingers of a hand, from a TOML file with one table each: ``--fingers hand.toml``, or ``--fingers 5``.
+"""The fingers of a hand, from a TOML file with one table each: ``--fingers hand.toml``,
+or ``--fingers 5``.
 
 ::
 
@@ -9,8 +10,8 @@
     [index]
     threshold_dbfs = -34
 
-The order of the tables is the order of the fingers on the link. Everything else in `core.settings` is common to
-all fingers.
+The order of the tables is the order of the fingers on the link. Everything else in
+`core.settings` is common to all fingers.
 """
 
 import re
@@ -41,10 +42,11 @@ _UNSHARED = ("contact", "air", "port", "channel")
 
 
 def with_fingers(settings: Settings, text: str) -> Settings:
-    """Return settings with the fingers that ``--fingers`` names: a number of them, or a file.
+    """Return settings with the fingers that ``--fingers`` names: a number of them, or a
+    file.
 
-    Raises `ConfigError` if the file cannot be read, an entry is wrong, or the settings name a port or channel that
-    fingers cannot share.
+    Raises `ConfigError` if the file cannot be read, an entry is wrong, or the settings
+    name a port or channel that fingers cannot share.
     """
     for key in _UNSHARED:
         name = OWN_SETTINGS[key]
@@ -68,7 +70,8 @@ def with_fingers(settings: Settings, text: str) -> Settings:
 
 
 def default_names(count: int) -> dict[str, dict[str, Any]]:
-    """Return so many fingers with names and nothing of their own; beyond five, those of two hands.
+    """Return so many fingers with names and nothing of their own; beyond five, those of
+    two hands.
 
     >>> list(default_names(3))
     ['thumb', 'index', 'middle']
@@ -102,12 +105,14 @@ def each_finger(settings: Settings) -> list[Settings]:
 
 
 def names_of(settings: Settings) -> list[str]:
-    """Return the name of every finger, in order; one empty name without ``--fingers``."""
+    """Return the name of every finger, in order; one empty name without
+    ``--fingers``."""
     return [finger.name for finger in settings.fingers]
 
 
 def channels_of(settings: Settings, *, alone: int) -> list[int]:
-    """Return the channels of every finger's sound: 2, or 1 without an air microphone; ``alone`` if there is no hand."""
+    """Return the channels of every finger's sound: 2, or 1 without an air microphone;
+    ``alone`` if there is no hand."""
     return (
         [2 if own.capture.air else 1 for own in each_finger(settings)]
         if settings.is_hand
@@ -116,7 +121,8 @@ def channels_of(settings: Settings, *, alone: int) -> list[int]:
 
 
 def finger_named(settings: Settings, name: str | None) -> Settings:
-    """Return the settings of the finger of that name (`of_finger`), or of the only one where none is named.
+    """Return the settings of the finger of that name (`of_finger`), or of the only one
+    where none is named.
 
     Raises `ConfigError` if there is no such finger, or several and none is named.
     """
@@ -172,7 +178,8 @@ def _own(
             raise ConfigError(
                 f"{where}: [{name}] has {key}, which is no setting of a finger{near}"
             )
-    # Two inputs and one output for each finger, in order, where the table does not say otherwise.
+    # Two inputs and one output for each finger, in order, where the table does not say
+    # otherwise.
     placed = {
         "contact": f"system:capture_{2 * place + 1}",
         "air": f"system:capture_{2 * place + 2}",
@@ -198,7 +205,8 @@ def _check_shared(fingers: Sequence[Finger], *, where: str) -> None:
         own = dict(finger.settings)
         for key in _UNSHARED:
             value = own[OWN_SETTINGS[key]]
-            # Contact and air are inputs of one device; an empty port and "-" stand for none.
+            # Contact and air are inputs of one device; an empty port and "-" stand for
+            # none.
             use = ("input" if key in ("contact", "air") else key, value)
             if value in ("", "-"):
                 continue

@@ -9,11 +9,13 @@ AIR = 1
 """Channel of the air microphone, the MEMS beside the finger."""
 
 MICROPHONES = ("contact", "air")
-"""The microphones of a finger, in the order of its channels. A further one begins here."""
+"""The microphones of a finger, in the order of its channels. A further one begins
+here."""
 
 
 def fingers_of(channels: int) -> int:
-    """Return how many fingers this many channels hold; mono counts as one finger without an air microphone."""
+    """Return how many fingers this many channels hold; mono counts as one finger
+    without an air microphone."""
     return max(1, channels // len(MICROPHONES))
 
 

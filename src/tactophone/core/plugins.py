@@ -1,17 +1,20 @@
-"""Detectors, actuators and ROS devices of other packages, as entry points in their ``pyproject.toml``."""
+"""Detectors, actuators and ROS devices of other packages, as entry points in their
+``pyproject.toml``."""
 
 import importlib.metadata
 from typing import Any
 
 DETECTORS = "tactophone.detectors"
-"""Entry points called with ``sample_rate`` and ``channels``; each returns a `tactophone.core.types.Detector`."""
+"""Entry points called with ``sample_rate`` and ``channels``; each returns a
+`tactophone.core.types.Detector`."""
 
 ACTUATORS = "tactophone.actuators"
-"""Entry points called with ``render``, ``fingers`` and ``device``; each returns an actuator
-(`tactophone.live.audio.actuator`)."""
+"""Entry points called with ``render``, ``fingers`` and ``device``; each returns an
+actuator (`tactophone.live.audio.actuator`)."""
 
 ROS_SINKS = "tactophone.ros_sinks"
-"""Entry points called with the names of the fingers; each returns a `tactophone.faces.bridges.ros_topics.Sink`."""
+"""Entry points called with the names of the fingers; each returns a
+`tactophone.faces.bridges.ros_topics.Sink`."""
 
 
 def registered(group: str) -> list[str]:

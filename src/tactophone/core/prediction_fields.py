@@ -1,6 +1,8 @@
-"""The fields of a prediction: CSV, JSON, shared memory, log and pages derive their columns from this one table.
+"""The fields of a prediction: CSV, JSON, shared memory, log and pages derive their
+columns from this one table.
 
-ROS has a message of its own, `faces.bridges.ros_topics.StampedPrediction`, whose fields are not derived.
+ROS has a message of its own, `faces.bridges.ros_topics.StampedPrediction`, whose fields
+are not derived.
 """
 
 import math
@@ -28,7 +30,8 @@ class PredictionField:
     meaning: str
     of: Callable[[Prediction, HapticCommand], float]
     step: bool = True
-    """Whether each `PipelineStep` repeats the newest, so that a page can draw it from the steps alone."""
+    """Whether each `PipelineStep` repeats the newest, so that a page can draw it from
+    the steps alone."""
 
 
 PREDICTION_FIELDS = (
@@ -143,8 +146,9 @@ PREDICTION_FIELDS = (
         step=False,
     ),
 )
-"""Every field of a prediction and its command, in order; shared memory, CSV, JSON and pages derive their layout from
-this table. Times are in s since the stream began. Without a command, frequency and amplitude are NaN."""
+"""Every field of a prediction and its command, in order; shared memory, CSV, JSON and
+pages derive their layout from this table. Times are in s since the stream began.
+Without a command, frequency and amplitude are NaN."""
 
 _PLAIN_FIELDS = tuple(
     {field.name for field in PREDICTION_FIELDS}
@@ -153,7 +157,8 @@ _PLAIN_FIELDS = tuple(
 
 
 def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Return all that a row of a file holds, by name: the numbers, and the touch and the newest event in words."""
+    """Return all that a row of a file holds, by name: the numbers, and the touch and
+    the newest event in words."""
     entries: dict[str, Any] = {
         field.name: field.of(prediction, command) for field in PREDICTION_FIELDS
     }
@@ -166,7 +171,8 @@ def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]
 
 
 def prediction_of(row: Any) -> tuple[Prediction, HapticCommand]:
-    """Return a prediction and its command from a row that holds every number of `PREDICTION_FIELDS` by name.
+    """Return a prediction and its command from a row that holds every number of
+    `PREDICTION_FIELDS` by name.
 
     Of its touch events it has the newest.
     """

@@ -20,10 +20,12 @@ from typing import Any, Literal, TypeAlias
 from tactophone.core.errors import TactophoneError
 
 Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
-"""What a child tells its parent: what it does next, that it has begun, or the error or the bug that ended it."""
+"""What a child tells its parent: what it does next, that it has begun, or the error or
+the bug that ended it."""
 
 ORPHAN_TIMEOUT = 2.5
-"""Seconds after the end of its parent in which a child may end in order; a log is complete by then."""
+"""Seconds after the end of its parent in which a child may end in order; a log is
+complete by then."""
 
 
 _starting = threading.RLock()
@@ -31,9 +33,11 @@ _starting = threading.RLock()
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python without the current folder on its path: a folder of data must not be a folder of code.
+    """Start Python without the current folder on its path: a folder of data must not be
+    a folder of code.
 
-    Multiprocessing starts ``python -c``, which would look for modules in the current folder first.
+    Multiprocessing starts ``python -c``, which would look for modules in the current
+    folder first.
     """
     with _starting:  # what this process starts otherwise keeps its environment
         before = os.environ.get("PYTHONSAFEPATH")
@@ -60,14 +64,17 @@ class _SafeProcess(SpawnProcess):
 
 
 class _ChildProcess(_SafeProcess):
-    """A process that never sees Ctrl-C, not even while it imports its modules; its parent ends it.
+    """A process that never sees Ctrl-C, not even while it imports its modules; its
+    parent ends it.
 
-    A terminal sends Ctrl-C to every process in it. Here the new process inherits that it is blocked, so that it shows
-    no traceback; one that comes at this moment reaches the parent afterwards.
+    A terminal sends Ctrl-C to every process in it. Here the new process inherits that
+    it is blocked, so that it shows no traceback; one that comes at this moment reaches
+    the parent afterwards.
     """
 
     pipe: Connection | None = None
-    """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
+    """The parent's end, kept while the process lives: it would close with the last
+    `Child`, and end the process."""
 
     def start(self) -> None:
         with (
@@ -81,7 +88,8 @@ class _ChildProcess(_SafeProcess):
 
 
 class _ChildContext(SpawnContext):
-    """Spawns processes rather than forking: a fork would carry audio threads' locks and files along."""
+    """Spawns processes rather than forking: a fork would carry audio threads' locks and
+    files along."""
 
     Process = _ChildProcess
 
@@ -91,7 +99,8 @@ class _PoolContext(SpawnContext):
 
 
 class _Later:
-    """What a child unpickles only when asked to: that may import for seconds, which would delay all it does before."""
+    """What a child unpickles only when asked to: that may import for seconds, which
+    would delay all it does before."""
 
     def __init__(self, value: Any) -> None:
         self._value = value
@@ -118,7 +127,8 @@ class Parent:
             self._pipe.send(message)
 
     def wants_end(self, timeout: float = 0.0) -> bool:
-        """Wait up to ``timeout`` s for the end: the parent asks for it, or is gone itself, which wakes up alike."""
+        """Wait up to ``timeout`` s for the end: the parent asks for it, or is gone
+        itself, which wakes up alike."""
         return self._pipe.poll(timeout)
 
     def fileno(self) -> int:
@@ -160,7 +170,8 @@ class Child:
         return self._process.is_alive()
 
     def messages(self, timeout: float | None = 0.0) -> Iterator[Message]:
-        """Yield messages while one comes within ``timeout`` s of the last, ``None`` for any time, and it is not ended.
+        """Yield messages while one comes within ``timeout`` s of the last, ``None`` for
+        any time, and it is not ended.
 
         What it told before its end comes first.
         """
@@ -169,7 +180,8 @@ class Child:
                 yield self._pipe.recv()
 
     def how_ended(self) -> str:
-        """Wait for the end and return how it came, as ``exit code 1`` or ``signal SIGKILL``; empty for one in order."""
+        """Wait for the end and return how it came, as ``exit code 1`` or ``signal
+        SIGKILL``; empty for one in order."""
         self._process.join()
         code = self._process.exitcode or 0
         with suppress(ValueError):
@@ -188,7 +200,8 @@ class Child:
             self._pipe.send(None)
 
     def end(self, timeout: float) -> None:
-        """Wait up to ``timeout`` s for the end that was asked for, then kill the process."""
+        """Wait up to ``timeout`` s for the end that was asked for, then kill the
+        process."""
         self._process.join(timeout)
         self.kill()
 
@@ -210,7 +223,8 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     os.nice(niceness)
     if orphaned():
         return
-    # A side that still starts looks at nothing else, and without its parent nobody would end it.
+    # A side that still starts looks at nothing else, and without its parent nobody
+    # would end it.
     threading.Thread(
         target=_end_with_parent, args=(ORPHAN_TIMEOUT,), daemon=True
     ).start()
@@ -227,7 +241,8 @@ def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
 
 
 def orphaned() -> bool:
-    """Return whether the process that started this one is gone, so that this one should end too."""
+    """Return whether the process that started this one is gone, so that this one should
+    end too."""
     parent = multiprocessing.parent_process()
     return parent is not None and not parent.is_alive()
 
@@ -237,8 +252,8 @@ def open_pool(
 ) -> ProcessPoolExecutor:
     """Return a pool of ``workers`` processes, each of which calls ``prepare`` first.
 
-    They are spawned, not forked: torch and BLAS do not survive a fork once their threads run. They end with the process
-    that started them, however that ends.
+    They are spawned, not forked: torch and BLAS do not survive a fork once their
+    threads run. They end with the process that started them, however that ends.
     """
     with _safe_path():  # its locks start the resource tracker
         return ProcessPoolExecutor(
@@ -250,7 +265,8 @@ def open_pool(
 
 
 def _begin_worker(prepare: Callable[[], None] | None) -> None:
-    # The pool alone does not: where its process is killed, its workers finish what they were at and wait for more.
+    # The pool alone does not: where its process is killed, its workers finish what they
+    # were at and wait for more.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if prepare is not None:
         prepare()
@@ -265,10 +281,12 @@ def _end_with_parent(grace: float = 0.0) -> None:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Yield the path of a file to write; it replaces ``path`` when all went well, and is on the disk by then.
+    """Yield the path of a file to write; it replaces ``path`` when all went well, and
+    is on the disk by then.
 
-    After a kill or on a full disk (an `OSError` that names it), ``path`` is the old file or the new one, never half.
-    The next write overwrites what a kill left, as its name is the same; two processes must not write one path at once.
+    After a kill or on a full disk (an `OSError` that names it), ``path`` is the old
+    file or the new one, never half. The next write overwrites what a kill left, as its
+    name is the same; two processes must not write one path at once.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.part")
@@ -278,7 +296,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
         flush_to_disk(unfinished)
         os.replace(unfinished, path)
     except (OSError, RuntimeError) as error:
-        # The libraries of sound files and torch do not say why. Asked now: what is unfinished will be removed.
+        # The libraries of sound files and torch do not say why. Asked now: what is
+        # unfinished will be removed.
         if shutil.disk_usage(path.parent).free < 1 << 16:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
@@ -287,7 +306,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def make_room(path: Path) -> None:
-    """Remove the file or link at a path, so that what is written there reaches no other file by a shared name."""
+    """Remove the file or link at a path, so that what is written there reaches no other
+    file by a shared name."""
     if path.is_symlink() or path.is_file():
         path.unlink()
 

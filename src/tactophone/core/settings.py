@@ -1,7 +1,9 @@
-"""All settings: frozen dataclasses whose fields carry unit, range, words and flag, read from TOML and checked.
+"""All settings: frozen dataclasses whose fields carry unit, range, words and flag, read
+from TOML and checked.
 
-A TOML file overrides the defaults, an option of the command line the file, and ``--set section.name=value`` both. What
-``--help`` and ``tactophone settings`` show, and which verb offers which option, stands here beside each setting.
+A TOML file overrides the defaults, an option of the command line the file, and ``--set
+section.name=value`` both. What ``--help`` and ``tactophone settings`` show, and which
+verb offers which option, stands here beside each setting.
 """
 
 import dataclasses
@@ -19,15 +21,17 @@ from tactophone.core.plugins import ACTUATORS, registered
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 
 DEFAULT_CEILING = 0.5
-"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
+"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this
+machine allows another."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
     """One setting: its dotted name, default, words, and what may be written.
 
-    A number lies within ``span``, both ends included. The verbs in ``verbs`` have the option ``flag`` for it. Where
-    ``device`` names another setting, the option takes both, as in ``--source portaudio:3``.
+    A number lies within ``span``, both ends included. The verbs in ``verbs`` have the
+    option ``flag`` for it. Where ``device`` names another setting, the option takes
+    both, as in ``--source portaudio:3``.
     """
 
     name: str
@@ -44,7 +48,8 @@ class Setting:
 
     @property
     def range(self) -> str:
-        """Return the range and the unit, or the choices; empty for a text or a switch."""
+        """Return the range and the unit, or the choices; empty for a text or a
+        switch."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
         if math.isinf(self.span[0]):
@@ -58,9 +63,11 @@ class Setting:
         return ", ".join(filter(None, (self.words, self.range)))
 
     def check(self, value: Any, *, where: str) -> Any:
-        """Return a value as this setting holds it; raises `ConfigError`, which says what was wanted."""
+        """Return a value as this setting holds it; raises `ConfigError`, which says
+        what was wanted."""
         kind = type(self.default)
-        # NaN lies in no range; as a default it means "from the model", and may then be written too.
+        # NaN lies in no range; as a default it means "from the model", and may then be
+        # written too.
         if (
             kind is float
             and isinstance(value, float)
@@ -102,7 +109,8 @@ _KINDS = {
 
 
 def _setting(default: Any, words: str, *, verbs: str = "", **rest: Any) -> Any:
-    """Declare a setting, and the ``verbs``, with spaces between them, whose option changes it; else as `Setting`."""
+    """Declare a setting, and the ``verbs``, with spaces between them, whose option
+    changes it; else as `Setting`."""
     setting = Setting("", default, words, verbs=tuple(verbs.split()), **rest)
     return field(default=default, metadata={"setting": setting})
 
@@ -327,7 +335,8 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """What the actuator can play, for the profiles perceptual, erm, lra, piezo and dualsense: `devices measure`."""
+    """What the actuator can play, for the profiles perceptual, erm, lra, piezo and
+    dualsense: `devices measure`."""
 
     resonance: float = _setting(
         math.nan, "resonance; nan: typical of the profile", unit="Hz", span=(10, 2000)
@@ -475,7 +484,8 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """One finger: its name, and the settings that are its own, by dotted name (`tactophone.core.hand`)."""
+    """One finger: its name, and the settings that are its own, by dotted name
+    (`tactophone.core.hand`)."""
 
     name: str = ""
     """Empty for the only finger of a run without ``--fingers``."""
@@ -498,11 +508,13 @@ class Settings:
     bridges: Bridges = Bridges()
     simulation: Simulation = Simulation()
     fingers: tuple[Finger, ...] = (Finger(),)
-    """At least one, in the order of the link's channels; by default the one that the tables above describe."""
+    """At least one, in the order of the link's channels; by default the one that the
+    tables above describe."""
 
     @property
     def is_hand(self) -> bool:
-        """Whether ``--fingers`` named the fingers: each then has two channels of sound, and ports of its own."""
+        """Whether ``--fingers`` named the fingers: each then has two channels of sound,
+        and ports of its own."""
         return bool(self.fingers[0].name)
 
 
@@ -525,7 +537,8 @@ SETTINGS: Mapping[str, Setting] = {
 def read_settings(path: Path, settings: Settings | None = None) -> Settings:
     """Read a TOML file over the defaults, or over other settings.
 
-    Raises `ConfigError` when the file cannot be read, or holds an unknown setting or a value out of range.
+    Raises `ConfigError` when the file cannot be read, or holds an unknown setting or a
+    value out of range.
     """
     settings = settings or Settings()
     tables = read_tables(
@@ -544,8 +557,9 @@ def read_tables(
 ) -> dict[str, Mapping[str, Any]]:
     """Read a TOML file that holds tables alone.
 
-    ``missing`` and ``outside`` end the error messages about a file that cannot be read, and an entry outside a table.
-    Raises `ConfigError` in either case, or if the file is no TOML.
+    ``missing`` and ``outside`` end the error messages about a file that cannot be read,
+    and an entry outside a table. Raises `ConfigError` in either case, or if the file is
+    no TOML.
     """
     try:
         tables = msgspec.toml.decode(path.read_bytes(), type=dict[str, Any])
@@ -562,7 +576,8 @@ def read_tables(
 def change(
     settings: Settings, assignments: Iterable[str], *, where: str = "--set"
 ) -> Settings:
-    """Apply ``section.name=value`` assignments; a value that is not TOML is taken as plain text.
+    """Apply ``section.name=value`` assignments; a value that is not TOML is taken as
+    plain text.
 
     >>> change(Settings(), ["link.packet_duration=0.0025", "capture.source=finger"]).link.packet_duration
     0.0025
@@ -588,7 +603,8 @@ def change(
 
 
 def set_value(settings: Settings, name: str, value: Any, *, where: str) -> Settings:
-    """Change the setting of a dotted name, checked; ``where`` is its origin, for the error message."""
+    """Change the setting of a dotted name, checked; ``where`` is its origin, for the
+    error message."""
     if name not in SETTINGS:
         hint = did_you_mean(name, SETTINGS) or f"; sections are {', '.join(SECTIONS)}"
         raise ConfigError(f"{where}: there is no setting {name}{hint}")

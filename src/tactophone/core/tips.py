@@ -1,7 +1,9 @@
-"""The tips that may touch, a row each: model, class, hum, events, words and picture of a tip derive from its row.
+"""The tips that may touch, a row each: model, class, hum, events, words and picture of
+a tip derive from its row.
 
-A further tip is a row here and a model file. The simulator renders a tip once `lab/simulation/finger.py` has its
-mechanics, and a wrong tip is noticed once `benchmarks/tip_sounds.py` has fitted its sound.
+A further tip is a row here and a model file. The simulator renders a tip once
+`lab/simulation/finger.py` has its mechanics, and a wrong tip is noticed once
+`benchmarks/tip_sounds.py` has fitted its sound.
 """
 
 from collections.abc import Mapping
@@ -17,20 +19,24 @@ class Tip:
     words: str
     """What it is made of."""
     model: str
-    """The shipped model for it: whoever states the tip gets the right one and names no model."""
+    """The shipped model for it: whoever states the tip gets the right one and names no
+    model."""
     hard: bool
-    """Whether impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a small
-    hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away. The model of a hard tip
-    was trained on an air microphone, without hum."""
+    """Whether impulses grow with roughness by geometry, whatever the gain and the room:
+    a rough surface strikes a small hard tip in single clicks
+    (docs/reference/simulator.md). A pad averages most of them away. The model of a hard
+    tip was trained on an air microphone, without hum."""
     impulses: bool
-    """Whether impulses are a sign of roughness at all: under soft rubber rough surfaces average, and smooth ones stick
-    and slip."""
+    """Whether impulses are a sign of roughness at all: under soft rubber rough surfaces
+    average, and smooth ones stick and slip."""
     air_led_db: float
-    """A knock in the air exceeds the floor in the air microphone by so much more than in the contact microphone.
-    Simulated knocks exceed it by 33 to 36 dB, with a stylus by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a
-    plastic rod by 15 to 24, of a steel stylus, which shakes the air microphone, by up to 35."""
+    """A knock in the air exceeds the floor in the air microphone by so much more than
+    in the contact microphone. Simulated knocks exceed it by 33 to 36 dB, with a stylus
+    by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24, of
+    a steel stylus, which shakes the air microphone, by up to 35."""
     picture: tuple[str, ...]
-    """What `setup` shows: two lines of words, four of drawing, two of the mark that it leaves."""
+    """What `setup` shows: two lines of words, four of drawing, two of the mark that it
+    leaves."""
 
 
 _ROWS = (

@@ -1,7 +1,9 @@
-"""The values that cross the doors between rooms (sound, prediction, command), and the contracts of the stages.
+"""The values that cross the doors between rooms (sound, prediction, command), and the
+contracts of the stages.
 
-Values are frozen structs, whose creation costs a quarter of a frozen dataclass's: each packet makes a dozen. Arrays
-inside them are shared, never copied: a receiver does not write to them.
+Values are frozen structs, whose creation costs a quarter of a frozen dataclass's: each
+packet makes a dozen. Arrays inside them are shared, never copied: a receiver does not
+write to them.
 """
 
 import enum
@@ -19,7 +21,8 @@ from numpy.typing import NDArray
 FloatArray: TypeAlias = NDArray[np.float32]
 
 LIVE_SAMPLE_RATE = 48_000
-"""Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
+"""Hz of the whole live system: devices, codec and vibration. A source of another rate
+is converted where it enters."""
 
 
 def ignore(*_: object) -> None:
@@ -38,7 +41,8 @@ class Touch(enum.IntEnum):
 
 
 SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
-"""Touches that a surface can be labelled as, smoothest first. A further class begins here."""
+"""Touches that a surface can be labelled as, smoothest first. A further class begins
+here."""
 
 
 class AudioBlock(msgspec.Struct, frozen=True, eq=False):
@@ -47,8 +51,9 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
     Attributes
     ----------
     samples
-        float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is *contact*, channel 1 is *air*.
-        They stay unchanged: a detector keeps the array until a window falls due.
+        float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is
+        *contact*, channel 1 is *air*. They stay unchanged: a detector keeps the array
+        until a window falls due.
     sample_rate
         In Hz.
     start
@@ -130,7 +135,8 @@ FINGER_PATTERN = "[a-z][a-z0-9_-]{0,15}"
 """Pattern of a finger's name, which becomes part of file names and topics."""
 
 MOST_FINGERS = 10
-"""Fingers of one hand, or of a pair of them: the link has a payload type for each number."""
+"""Fingers of one hand, or of a pair of them: the link has a payload type for each
+number."""
 
 EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 """Kinds of touch events; telemetry counts them from 1."""
@@ -142,9 +148,10 @@ class TouchEvent(msgspec.Struct, frozen=True):
     Attributes
     ----------
     kind
-        One of `EVENT_KINDS`: ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down),
-        ``knock`` (it was in the air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without),
-        ``lift-off`` (sliding ended).
+        One of `EVENT_KINDS`: ``contact`` (something began to sound, reported at once),
+        ``tap`` (it was a touch-down), ``knock`` (it was in the air), ``stroke`` or
+        ``slip`` (sliding began, after a touch-down or without), ``lift-off`` (sliding
+        ended).
     time
         Seconds since the stream began.
     """
@@ -154,7 +161,8 @@ class TouchEvent(msgspec.Struct, frozen=True):
 
 
 def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
-    """Return whether roughness is a guess: no class is twice as likely as the other, or *none* is likelier than both.
+    """Return whether roughness is a guess: no class is twice as likely as the other, or
+    *none* is likelier than both.
 
     Numbers or arrays. Figures: docs/research/detector.md.
 
@@ -172,7 +180,8 @@ class Prediction(msgspec.Struct, frozen=True):
     probabilities
         Of ``Touch.NONE, Touch.SMOOTH, Touch.ROUGH``; they sum to 1.
     touch
-        The decision, after the contact gate and the hysteresis of the model, if it has any.
+        The decision, after the contact gate and the hysteresis of the model, if it has
+        any.
     roughness
         From 0 (smooth) to 1 (rough); meaningless while ``touch`` is ``NONE``.
     level_dbfs
@@ -182,9 +191,11 @@ class Prediction(msgspec.Struct, frozen=True):
     end
         Where it ends.
     faulty
-        True when the sound or the model's output held invalid numbers; the command is then silence.
+        True when the sound or the model's output held invalid numbers; the command is
+        then silence.
     events
-        Touch events that became known since the last prediction; always empty where they are not detected.
+        Touch events that became known since the last prediction; always empty where
+        they are not detected.
     """
 
     probabilities: tuple[float, float, float]
@@ -198,7 +209,8 @@ class Prediction(msgspec.Struct, frozen=True):
 
     @property
     def unknown(self) -> bool:
-        """Whether it touches, but its roughness is a guess: a word for people, which changes nothing that is felt."""
+        """Whether it touches, but its roughness is a guess: a word for people, which
+        changes nothing that is felt."""
         return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
 
 
@@ -212,7 +224,8 @@ class HapticCommand(msgspec.Struct, frozen=True):
     frequency
         In Hz.
     time
-        Seconds from the beginning of the stream to the moment at which the command was made.
+        Seconds from the beginning of the stream to the moment at which the command was
+        made.
     """
 
     amplitude: float
@@ -223,8 +236,8 @@ class HapticCommand(msgspec.Struct, frozen=True):
 class PipelineStep(msgspec.Struct, frozen=True, eq=False):
     """What a block of sound led to: its predictions, and the commands made from them.
 
-    There is one command for each prediction, or none at all when they came too late to be rendered. Of a hand, each
-    finger has a step of its own, with its own sound.
+    There is one command for each prediction, or none at all when they came too late to
+    be rendered. Of a hand, each finger has a step of its own, with its own sound.
     """
 
     block: AudioBlock
@@ -241,8 +254,9 @@ class PipelineStep(msgspec.Struct, frozen=True, eq=False):
 class Source(AbstractContextManager[Any, None], Protocol):
     """Where sound comes from: a device, a file or the simulated finger.
 
-    Used as a context manager and iterated: ``with source: for block in source: ...``. Blocks are contiguous unless
-    the device lost sound; then ``start`` jumps by as many samples. Iteration ends with the sound.
+    Used as a context manager and iterated: ``with source: for block in source: ...``.
+    Blocks are contiguous unless the device lost sound; then ``start`` jumps by as many
+    samples. Iteration ends with the sound.
     """
 
     @property
@@ -251,7 +265,8 @@ class Source(AbstractContextManager[Any, None], Protocol):
 
     @property
     def channels(self) -> int:
-        """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in turn."""
+        """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in
+        turn."""
 
     def __iter__(self) -> Iterator[AudioBlock]: ...
 
@@ -261,7 +276,8 @@ class LabelledSource(Source, Protocol):
     """A source whose true touch is known, because it is simulated or labelled."""
 
     def truth_of(self, finger: int = 0) -> int:
-        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is
+        not known."""
 
 
 class AlwaysOpen:
@@ -275,7 +291,8 @@ class AlwaysOpen:
 
 
 class ChangedSource:
-    """Base of sources that change the sound of another one, and open and close with it."""
+    """Base of sources that change the sound of another one, and open and close with
+    it."""
 
     def __init__(self, source: Source) -> None:
         self._source, self.sample_rate, self.channels = (
@@ -293,18 +310,22 @@ class ChangedSource:
 
 
 ContactRule: TypeAlias = Literal["bands", "level", "window"]
-"""What decides on contact: the bands of the contact gate, its level alone, or the level of a whole window."""
+"""What decides on contact: the bands of the contact gate, its level alone, or the level
+of a whole window."""
 
 
 class ContactThreshold:
-    """Level of the contact microphone from which there is contact: fixed, or following the noise floor.
+    """Level of the contact microphone from which there is contact: fixed, or following
+    the noise floor.
 
-    One object is shared by the contact gate, the windows, and whoever shows or changes it.
+    One object is shared by the contact gate, the windows, and whoever shows or changes
+    it.
 
     Parameters
     ----------
     dbfs
-        In dB of full scale; another may be assigned at any time, and then follows the noise floor no longer.
+        In dB of full scale; another may be assigned at any time, and then follows the
+        noise floor no longer.
     follows_floor
         Whether the contact gate moves it with the noise.
     """
@@ -322,13 +343,15 @@ class ContactThreshold:
         self._dbfs, self.follows_floor = dbfs, False
 
     def follow(self, dbfs: float) -> None:
-        """Move to what the noise floor asks for; without effect once a level was assigned."""
+        """Move to what the noise floor asks for; without effect once a level was
+        assigned."""
         if self.follows_floor:
             self._dbfs = dbfs
 
 
 class Detector(Protocol):
-    """Sound to predictions: a streaming stage with its own rate, window, hop, gate and hysteresis.
+    """Sound to predictions: a streaming stage with its own rate, window, hop, gate and
+    hysteresis.
 
     Pushing the same sound in blocks of any size gives bit-equal predictions.
     """
@@ -347,7 +370,8 @@ class Detector(Protocol):
 
     @property
     def faults(self) -> Counter[str]:
-        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
+        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid
+        numbers."""
 
     @property
     def threshold(self) -> ContactThreshold:
@@ -371,4 +395,5 @@ class Profile(Protocol):
         """As ``feel --profile`` takes it."""
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction, in amplitude 0 to 1 of full drive; limits are applied later."""
+        """Return the vibration for a prediction, in amplitude 0 to 1 of full drive;
+        limits are applied later."""

@@ -1,1 +1,2 @@
-"""The only floor with clocks and threads: devices, processes, telemetry and the log of a run."""
+"""The only floor with clocks and threads: devices, processes, telemetry and the log of
+a run."""

@@ -1,1 +1,2 @@
-"""Sound across a network: the encrypted link, calls through routers, and the order of both ends."""
+"""Sound across a network: the encrypted link, calls through routers, and the order of
+both ends."""

@@ -1,12 +1,13 @@
-"""The two ends of the live system in the order of their stages, with no thread, clock or device.
+"""The two ends of the live system in the order of their stages, with no thread, clock
+or device.
 
 ::
 
     robot     sound ─▶ RobotEndpoint ─▶ datagrams       (with a detector: sound ─▶ predictions ─▶ datagrams)
     operator  datagrams ─▶ OperatorEndpoint: sound in order ─▶ Pipeline ─▶ PipelineStep
 
-The live system, the simulations, the tests and the benchmarks all run these two classes; there is no second path
-(`tests/net/test_endpoints.py` checks it).
+The live system, the simulations, the tests and the benchmarks all run these two
+classes; there is no second path (`tests/net/test_endpoints.py` checks it).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,8 +32,9 @@ from tactophone.signal.perception.detector import push_together
 from tactophone.signal.pipeline import Hand, Pipeline, split_fingers
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
-"""What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost, and
-for sound that waits for the next packet, as nothing comes of it."""
+"""What the session received, and a step that it led to, of each finger in turn; none
+for a connection made or lost, and for sound that waits for the next packet, as nothing
+comes of it."""
 
 
 class RobotEndpoint:
@@ -62,7 +64,8 @@ class RobotEndpoint:
         )
 
     def push(self, block: AudioBlock) -> list[PipelineStep]:
-        """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
+        """Send a block, or the predictions that it completes; returns each finger's
+        step with those predictions."""
         self.group.encoder.moving = block.moving
         if not self.detectors:
             self.group.push(block)
@@ -95,17 +98,19 @@ class RobotEndpoint:
 
 
 class OperatorEndpoint:
-    """The operator's side: takes datagrams and returns pipeline steps, computed on arrival.
+    """The operator's side: takes datagrams and returns pipeline steps, computed on
+    arrival.
 
-    Sound too old to be rendered still goes through the detector, whose next window needs it, but its step holds no
-    predictions and no commands.
+    Sound too old to be rendered still goes through the detector, whose next window
+    needs it, but its step holds no predictions and no commands.
 
     - ``session``: opens the datagrams and puts the sound in order.
     - ``pipeline``: for sound of two channels; or the pipelines of a hand, whose robot must have as many fingers.
     - ``reopen``: returns the pipeline for another number of channels, when a robot with other microphones connects;
       raises `ModelError` where the model cannot do with so many. Not for a hand.
 
-    ``refusal``: why the sound of the connected robot cannot be used; empty while it can.
+    ``refusal``: why the sound of the connected robot cannot be used; empty while it
+    can.
     """
 
     def __init__(
@@ -127,15 +132,18 @@ class OperatorEndpoint:
         return self.hand.pipelines[0]
 
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterator[EventStep]:
-        """Take everything that arrived by ``now`` (s); returns events with their steps, oldest first.
+        """Take everything that arrived by ``now`` (s); returns events with their steps,
+        oldest first.
 
-        The datagrams are opened and decoded at once. Each step is computed when the iterator comes to it, so that the
-        command of one block need not wait for the next block; iterate to the end.
+        The datagrams are opened and decoded at once. Each step is computed when the
+        iterator comes to it, so that the command of one block need not wait for the
+        next block; iterate to the end.
         """
         return self._steps(self.session.receive(datagrams, now=now))
 
     def poll(self, now: float) -> Iterator[EventStep]:
-        """Let time pass; call it when nothing arrived for a packet's length, and at least twenty times a second."""
+        """Let time pass; call it when nothing arrived for a packet's length, and at
+        least twenty times a second."""
         return self._steps(self.session.poll(now))
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
@@ -145,7 +153,8 @@ class OperatorEndpoint:
                 case DecodedAudio(block=block, stale=stale) if self._accepts(
                     block.channels
                 ):  # nearly always
-                    # Late sound still goes through the detector, but what it leads to is no longer rendered.
+                    # Late sound still goes through the detector, but what it leads to
+                    # is no longer rendered.
                     found = self.hand.push(block)
                     steps = (
                         (
@@ -163,7 +172,8 @@ class OperatorEndpoint:
                         if stale
                         else (self.hand.pipelines[finger].command_for(prediction),)
                     )
-                    # The sound stayed on the robot: an empty block at the end of the window stands for it.
+                    # The sound stayed on the robot: an empty block at the end of the
+                    # window stands for it.
                     end = round(prediction.end * LIVE_SAMPLE_RATE)
                     block = AudioBlock(
                         np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end
@@ -179,7 +189,8 @@ class OperatorEndpoint:
                 yield event, None
 
     def _accepts(self, channels: int) -> bool:
-        """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""
+        """Whether there is a pipeline for sound of so many channels; if not, `refusal`
+        says so."""
         if channels != self._accepted or self.refusal:
             accepted = self._has_fingers(fingers_of(channels)) and self._match_channels(
                 channels
@@ -188,7 +199,8 @@ class OperatorEndpoint:
         return self._accepted > 0
 
     def _has_fingers(self, fingers: int) -> bool:
-        """Whether this end has as many fingers as the robot; if not, `refusal` says so."""
+        """Whether this end has as many fingers as the robot; if not, `refusal` says
+        so."""
         if fingers == self.hand.fingers:
             return True
         own = self.hand.fingers
@@ -209,7 +221,8 @@ class OperatorEndpoint:
             self.refusal = str(error)
             return False
         before, self._channels = self.pipeline, channels
-        # A ceiling lowered or a profile chosen during the run holds for the next robot too.
+        # A ceiling lowered or a profile chosen during the run holds for the next robot
+        # too.
         following.limits, following.profile = before.limits, before.profile
         self.hand = Hand([following])
         self.refusal = ""

@@ -4,8 +4,9 @@
 
     sound ─▶ TouchDetector ─▶ prediction ─▶ profile ─▶ limits ─▶ command
 
-`tactophone feel`, the live system, the simulations and the benchmarks all run this class. It stands apart from
-`tactophone.net.endpoints` so that processing a recording needs none of the network's libraries.
+`tactophone feel`, the live system, the simulations and the benchmarks all run this
+class. It stands apart from `tactophone.net.endpoints` so that processing a recording
+needs none of the network's libraries.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,13 +47,15 @@ class Pipeline:
     Parameters
     ----------
     detector
-        Makes predictions from sound. It holds what a page shows and changes: name, faults and contact threshold.
+        Makes predictions from sound. It holds what a page shows and changes: name,
+        faults and contact threshold.
     profile
         Maps a prediction to a vibration; another may be assigned at any time.
     limits
-        Bounds of every command; others may be assigned at any time, also from another thread. Where the ceiling is
-        below the profile's greatest amplitude, the whole profile is scaled down to it, so that the contrast between
-        smooth and rough stays the same in dB.
+        Bounds of every command; others may be assigned at any time, also from another
+        thread. Where the ceiling is below the profile's greatest amplitude, the whole
+        profile is scaled down to it, so that the contrast between smooth and rough
+        stays the same in dB.
     events
         Adds a prediction for each touch event; without it, none are detected.
 
@@ -92,7 +95,8 @@ class Pipeline:
 
     @profile.setter
     def profile(self, profile: Profile) -> None:
-        # One assignment, so that a network thread never combines a new profile with the peak of the old one.
+        # One assignment, so that a network thread never combines a new profile with the
+        # peak of the old one.
         self._profile_and_peak = profile, peak_amplitude(profile)
 
     def push(self, block: AudioBlock) -> PipelineStep:
@@ -102,7 +106,8 @@ class Pipeline:
     def complete(
         self, block: AudioBlock, predictions: list[Prediction]
     ) -> PipelineStep:
-        """Return the step of a block from the predictions that the detector made of it."""
+        """Return the step of a block from the predictions that the detector made of
+        it."""
         if self._events:
             predictions = list(
                 self._events.merge(block, predictions, latency=self.detector.latency)
@@ -110,7 +115,8 @@ class Pipeline:
         return self._step(block, predictions)
 
     def flush(self, block: AudioBlock) -> PipelineStep:
-        """Return what the end of the stream still completes; ``block`` is the last one pushed."""
+        """Return what the end of the stream still completes; ``block`` is the last one
+        pushed."""
         return self._step(
             replace(block, samples=block.samples[:0], start=block.end),
             self.detector.flush(),
@@ -123,7 +129,8 @@ class Pipeline:
             self._events.reset()
 
     def command_for(self, prediction: Prediction) -> HapticCommand:
-        """Return the command for a prediction, as limited; its time is when the prediction was made."""
+        """Return the command for a prediction, as limited; its time is when the
+        prediction was made."""
         (profile, peak), limits = self._profile_and_peak, self.limits
         command = profile.command(prediction)
         amplitude = command.amplitude * limits.scale_for(peak)
@@ -140,14 +147,17 @@ class Pipeline:
 
 
 class Hand:
-    """The pipelines of all fingers of a robot: the sound of all goes in, and a step of each comes out.
+    """The pipelines of all fingers of a robot: the sound of all goes in, and a step of
+    each comes out.
 
-    Every finger has its own detector, profile and limits, and classifies as it would alone: in a batch, P(rough) may
-    differ by 1e-5. One finger is a hand too: its sound passes as it is.
+    Every finger has its own detector, profile and limits, and classifies as it would
+    alone: in a batch, P(rough) may differ by 1e-5. One finger is a hand too: its sound
+    passes as it is.
 
     - ``pipelines``: one for each finger, in the order of the channels.
     - ``channels``: of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has
-      as silence. By default 2 each; the sound of a single finger has whatever its pipeline takes.
+      as silence. By default 2 each; the sound of a single finger has whatever its
+      pipeline takes.
     - ``fingers``: number of fingers.
 
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
@@ -164,7 +174,8 @@ class Hand:
         self._channels = list(channels) or [2] * self.fingers
         self._held: list[AudioBlock] = []
         self._due = self._next = 0
-        # A detector without such a gate has nothing to share, and sound waits for none with events.
+        # A detector without such a gate has nothing to share, and sound waits for none
+        # with events.
         gates = [
             getattr(pipeline.detector, "gate", None) for pipeline in self.pipelines
         ]
@@ -192,9 +203,11 @@ class Hand:
             self._ear, self._patient = None, self._patient and self.fingers == 1
 
     def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
-        """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it.
+        """Process a block of sound of all fingers: their windows together, the rest
+        when the iterator comes to it.
 
-        A short block that leads to nothing waits for the next, with which it is processed: then there is no step.
+        A short block that leads to nothing waits for the next, with which it is
+        processed: then there is no step.
         """
         self._held.append(block)
         if (
@@ -256,10 +269,11 @@ class Hand:
 
 
 def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:
-    """Return the sound of each finger, of which each has the given number of channels, 1 or 2.
+    """Return the sound of each finger, of which each has the given number of channels,
+    1 or 2.
 
-    The block has two channels for each; the sound of a single finger passes if it has that finger's channels already.
-    Raises `ValueError` for any other number.
+    The block has two channels for each; the sound of a single finger passes if it has
+    that finger's channels already. Raises `ValueError` for any other number.
     """
     if [block.channels] == list(channels):
         return [block]
@@ -267,7 +281,8 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
         raise ValueError(
             f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}"
         )
-    # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
+    # Copied to memory of its own: the result of a sum may depend on how its numbers lie
+    # there.
     parts = (
         np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count])
         for at, count in enumerate(channels)
@@ -292,8 +307,9 @@ def open_pipeline(
     Parameters
     ----------
     model
-        Name of a shipped model, path of a model file, or name of a detector that another package registers as an entry
-        point ``tactophone.detectors``; empty: the shipped model for the tip. Or a model that was read.
+        Name of a shipped model, path of a model file, or name of a detector that
+        another package registers as an entry point ``tactophone.detectors``; empty: the
+        shipped model for the tip. Or a model that was read.
     sample_rate
         Of the sound to come, in Hz; 2000 or more.
     channels
@@ -303,11 +319,11 @@ def open_pipeline(
     limits
         Bounds of the commands; by default a ceiling of half of full drive.
     contact
-        What decides on contact: ``bands`` or ``level``, within milliseconds (`signal.perception.contact`), or
-        ``window``, as in the paper.
+        What decides on contact: ``bands`` or ``level``, within milliseconds
+        (`signal.perception.contact`), or ``window``, as in the paper.
     follow_floor
-        Let the contact threshold follow the noise floor, until another is assigned (`ContactThreshold`); if false, it
-        is the model's own.
+        Let the contact threshold follow the noise floor, until another is assigned
+        (`ContactThreshold`); if false, it is the model's own.
     events
         Detect touch events (taps, strokes, slips); the profile ``events`` always does.
     tip

@@ -10,7 +10,8 @@ from tactophone.core.settings import Settings
 
 @pytest.fixture
 def recorder(monkeypatch: pytest.MonkeyPatch) -> PeakRecorder:
-    """A recorder of half a second of vibration and then silence, one period every 10 ms."""
+    """A recorder of half a second of vibration and then silence, one period every 10
+    ms."""
     clock = itertools.count(1)
     monkeypatch.setattr(
         "benchmarks.failsafe.time.monotonic", lambda: 0.01 * next(clock)

@@ -19,7 +19,8 @@ LAGS = {
 
 @pytest.fixture
 def player(monkeypatch: pytest.MonkeyPatch) -> ImpulsePlayer:
-    """A run of ten impulses, each with vibration three periods after its own, on an exact clock."""
+    """A run of ten impulses, each with vibration three periods after its own, on an
+    exact clock."""
     player = ImpulsePlayer(10, seed=3)
     monkeypatch.setattr(
         "tactophone.app.measurement.impulses.time.monotonic",

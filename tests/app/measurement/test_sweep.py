@@ -95,7 +95,8 @@ def test_an_amplitude_over_the_default_ceiling_is_refused(
 
 @pytest.mark.realtime
 def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
-    """JACK's dummy server, with a resonator between the actuator's port and the microphone's."""
+    """JACK's dummy server, with a resonator between the actuator's port and the
+    microphone's."""
     omega, quality = 2 * math.pi * 150.0 / RATE, 4.0
     alpha = math.sin(omega) / (2 * quality)
     state = np.zeros(2)

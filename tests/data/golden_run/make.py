@@ -1,9 +1,11 @@
-"""Writes the golden run beside this file: five seconds of a simulated finger over a busy Wi-Fi, in virtual time.
+"""Writes the golden run beside this file: five seconds of a simulated finger over a
+busy Wi-Fi, in virtual time.
 
-``datagrams.jsonl`` holds what the operator's session reported (RTP and RTCP packets, decrypted), each with its time in
-s; ``controls.json`` what somebody changed meanwhile; ``predictions.csv`` what came of it. The test needs nothing but
-these files. Run this by hand only when the behaviour is meant to change:
-``PYTHONPATH=. python tests/data/golden_run/make.py``.
+``datagrams.jsonl`` holds what the operator's session reported (RTP and RTCP packets,
+decrypted), each with its time in s; ``controls.json`` what somebody changed meanwhile;
+``predictions.csv`` what came of it. The test needs nothing but these files. Run this by
+hand only when the behaviour is meant to change: ``PYTHONPATH=. python
+tests/data/golden_run/make.py``.
 """
 
 import base64
@@ -20,7 +22,8 @@ from tactophone.net.link.codec import Codec
 from tactophone.net.link.events import Connected, PacketReceived
 
 START, END = 3.0, 8.0
-"""The part of the demonstration that is sent, in s: most of its smooth stone, and of its rough one."""
+"""The part of the demonstration that is sent, in s: most of its smooth stone, and of
+its rough one."""
 CONTROLS = [
     {"time": 2.0, "ceiling": 0.2},
     {"time": 3.0, "ceiling": 0.5},

@@ -1,4 +1,5 @@
-"""Writes the data set beside it by LeRobot itself: ``python make.py FOLDER``, with ``pip install lerobot==0.4.4``."""
+"""Writes the data set beside it by LeRobot itself: ``python make.py FOLDER``, with
+``pip install lerobot==0.4.4``."""
 
 import sys
 

@@ -1,7 +1,8 @@
-"""Writes the golden packets beside this file: one good packet of each shape, one broken packet for each fault.
+"""Writes the golden packets beside this file: one good packet of each shape, one broken
+packet for each fault.
 
-Spelled out byte by byte, not with the code under test. Run it by hand when a shape is added:
-``python tests/data/packets/make.py``.
+Spelled out byte by byte, not with the code under test. Run it by hand when a shape is
+added: ``python tests/data/packets/make.py``.
 """
 
 from pathlib import Path

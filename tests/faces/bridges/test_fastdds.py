@@ -1,4 +1,5 @@
-"""The ROS bridge against Fast DDS, which nobody here wrote; skipped without Debian's libfastrtps-dev and fastddsgen."""
+"""The ROS bridge against Fast DDS, which nobody here wrote; skipped without Debian's
+libfastrtps-dev and fastddsgen."""
 
 import shutil
 import subprocess

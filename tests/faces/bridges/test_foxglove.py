@@ -47,7 +47,8 @@ def bridge(telemetry: Telemetry) -> Iterator[FoxgloveBridge]:
 async def watch(
     bridge: FoxgloveBridge, telemetry: Telemetry, protocol: str, *sent: str
 ) -> tuple[list[dict[str, Any]], list[tuple[int, int, bytes]]]:
-    """Connect, send what is given, subscribe to predictions and state; return what came."""
+    """Connect, send what is given, subscribe to predictions and state; return what
+    came."""
     texts: list[dict[str, Any]] = []
     frames: list[tuple[int, int, bytes]] = []
     url = f"ws://127.0.0.1:{bridge.port}/secret/"

@@ -126,7 +126,8 @@ def test_what_a_run_did_before_is_not_passed_on(telemetry: Telemetry) -> None:
 
 
 def predicted(number: int) -> PipelineStep:
-    """Return a step whose prediction has a number as its roughness, made of sound that ends 10 ms after the last."""
+    """Return a step whose prediction has a number as its roughness, made of sound that
+    ends 10 ms after the last."""
     found = replace(STEP.predictions[0], roughness=float(number), end=number / 100)
     return replace(STEP, predictions=(found,))
 
@@ -157,7 +158,8 @@ def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration
         telemetry.publish(predicted(number), now=began + number / 100 + delay)
     found = reader.read()
     epoch = time.time() - time.monotonic()
-    # From the quickest on, the sound's times are as even as its own clock, and late by the least delay.
+    # From the quickest on, the sound's times are as even as its own clock, and late by
+    # the least delay.
     sound = [passed.sound - epoch - began for passed in found]
     assert sound == pytest.approx([0.009, 0.015, 0.025, 0.035], abs=1e-4)
     made = [passed.made - epoch - began for passed in found]

@@ -1,4 +1,5 @@
-"""The topics of ROS 2 over Zenoh: two sessions that talk over the loopback interface, as peers."""
+"""The topics of ROS 2 over Zenoh: two sessions that talk over the loopback interface,
+as peers."""
 
 import json
 import socket

@@ -1,4 +1,5 @@
-"""A run to look at: telemetry written in real time by a thread, with a stroke over something rough in it."""
+"""A run to look at: telemetry written in real time by a thread, with a stroke over
+something rough in it."""
 
 import threading
 import time
@@ -29,7 +30,8 @@ MUTED_BECAUSE = {"arm": "", "mute": "muted on the page", "stop": EMERGENCY_STOP}
 class Run:
     """Writes 100 steps a second; obeys ``mute``, ``arm`` and levels as a runtime does.
 
-    With an ``inbox`` it is led like `simulation.StoneBoxSource`, and knows at once what it touches.
+    With an ``inbox`` it is led like `simulation.StoneBoxSource`, and knows at once what
+    it touches.
     """
 
     def __init__(self, name: str, inbox: Connection | None = None) -> None:

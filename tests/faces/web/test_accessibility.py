@@ -80,7 +80,8 @@ def test_keys_alone_begin_and_end_to_feel(
     for key, pressed in ((Keys.ENTER, "true"), (Keys.SPACE, "false")):
         ActionChains(browser).send_keys(key).perform()
         assert button.get_attribute("aria-pressed") == pressed
-        # What the button starts is loaded then: a page left in the middle of it would complain.
+        # What the button starts is loaded then: a page left in the middle of it would
+        # complain.
         wait(
             browser,
             lambda: (

@@ -1,4 +1,5 @@
-"""The page that listens, in Chromium: its own functions find what the product finds, also by the microphone."""
+"""The page that listens, in Chromium: its own functions find what the product finds,
+also by the microphone."""
 
 import base64
 import functools
@@ -174,7 +175,8 @@ def history(browser: webdriver.Chrome) -> list[dict[str, Any]]:
 
 
 def share_agreed(found: list[dict[str, Any]], sound: FloatArray) -> float:
-    """The share of words that are the product's; the file began before the page listened, and levels show how long."""
+    """The share of words that are the product's; the file began before the page
+    listened, and levels show how long."""
     at_16_khz = Resampler(RATE, 16_000, channels=1).push(sound[: 10 * RATE, None])[:, 0]
     levels = np.array([row["level"] for row in found[:300]])
 

@@ -1,4 +1,5 @@
-"""The page as the fingertip, in a real browser with a recorded motor: what it renders, and that it falls silent."""
+"""The page as the fingertip, in a real browser with a recorded motor: what it renders,
+and that it falls silent."""
 
 import itertools
 import time
@@ -164,7 +165,8 @@ def test_without_a_gamepad_the_page_says_what_to_do(
 def test_a_name_that_is_no_secure_context_vibrates_and_says_why_there_is_no_sound(
     browser: webdriver.Chrome, run: Run, inject: Callable[[str], None]
 ) -> None:
-    """Chromium resolves the name to this machine, but does not trust it as it does 127.0.0.1."""
+    """Chromium resolves the name to this machine, but does not trust it as it does
+    127.0.0.1."""
     inject(PHONE)
     run.state = replace(run.state, source="browser")
     with watch(run.telemetry.name, names=("phone.test",)) as page:
@@ -195,7 +197,8 @@ def test_a_rebound_name_stays_refused(browser: webdriver.Chrome, page: Page) -> 
 def test_silence_that_piled_up_does_not_delay_a_vibration(
     browser: webdriver.Chrome, page: Page
 ) -> None:
-    """A tenth of a second of silence is buffered when a vibration comes: it sounds within a message's length."""
+    """A tenth of a second of silence is buffered when a vibration comes: it sounds
+    within a message's length."""
     browser.get(page.url)
     onset = browser.execute_async_script(
         """
@@ -219,7 +222,8 @@ def test_silence_that_piled_up_does_not_delay_a_vibration(
 def test_the_buffer_of_the_sound_grows_while_a_connection_stalls_and_shrinks_after_that(
     browser: webdriver.Chrome, page: Page
 ) -> None:
-    """In virtual time: 10 s of a message each 5 ms, 10 s in which it stalls for 35 ms twice a second, 60 s without."""
+    """In virtual time: 10 s of a message each 5 ms, 10 s in which it stalls for 35 ms
+    twice a second, 60 s without."""
     browser.get(page.url)
     first, stalled, last = browser.execute_async_script(
         """

@@ -33,7 +33,8 @@ def publish(telemetry: Telemetry, finger: int, amplitude: float) -> None:
 
 
 async def felt(telemetry: Telemetry) -> list[list[float]]:
-    """Return the first command that a page of each finger is sent, once both are connected."""
+    """Return the first command that a page of each finger is sent, once both are
+    connected."""
     app = web.Application()
     app.router.add_get("/feel", Fingertips(WatchedRun(NAME)).connect)
     async with TestClient(TestServer(app)) as client:

@@ -1,4 +1,5 @@
-"""What a page may feel and do, decided without a server: nothing where it is muted, and less from another machine."""
+"""What a page may feel and do, decided without a server: nothing where it is muted, and
+less from another machine."""
 
 from types import SimpleNamespace
 from typing import Any, cast

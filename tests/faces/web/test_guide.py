@@ -1,4 +1,5 @@
-"""`tactophone setup` on a page: a simulated finger, the tip chosen and the end confirmed by buttons."""
+"""`tactophone setup` on a page: a simulated finger, the tip chosen and the end
+confirmed by buttons."""
 
 import re
 import subprocess

@@ -1,4 +1,5 @@
-"""The page by https, with the certificate of `tactophone pair init`, under a name that is secure only because of it."""
+"""The page by https, with the certificate of `tactophone pair init`, under a name that
+is secure only because of it."""
 
 from pathlib import Path
 

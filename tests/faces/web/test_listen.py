@@ -88,7 +88,8 @@ def test_sound_is_passed_on_as_it_is(page: Page, sound: Connection) -> None:
 def test_whatever_is_no_sound_ends_the_connection_and_reaches_nobody(
     page: Page, run: Run, sound: Connection, sent: str | bytes
 ) -> None:
-    """A source can never arm, raise or unmute: its socket has no way to make a request."""
+    """A source can never arm, raise or unmute: its socket has no way to make a
+    request."""
 
     async def speak() -> tuple[int, str]:
         async with aiohttp.ClientSession() as session:

@@ -45,7 +45,8 @@ def test_the_button_begins_and_ends_a_log(
     assert len(entries) > 50
     browser.find_element(By.ID, "record").click()
     wait(browser, lambda: "Recording to" in text(browser, "recording"), 20)
-    # The page's server ends before the log, which takes a while; the page must not ask for it meanwhile.
+    # The page's server ends before the log, which takes a while; the page must not ask
+    # for it meanwhile.
     browser.get("about:blank")
 
 

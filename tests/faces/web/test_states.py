@@ -52,7 +52,8 @@ def shown(
 
 
 def seen(browser: webdriver.Chrome) -> list[str]:
-    """The ids of what of the state bar and its cover a person sees, and nothing hides."""
+    """The ids of what of the state bar and its cover a person sees, and nothing
+    hides."""
     names = ("life", "cause", "mute", "stop", "cover")
     return [
         name

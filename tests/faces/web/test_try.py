@@ -1,4 +1,5 @@
-"""What the page *try* finds: a stroke counts by the word that stood for it, not by how it began."""
+"""What the page *try* finds: a stroke counts by the word that stood for it, not by how
+it began."""
 
 import time
 from dataclasses import replace

@@ -25,7 +25,8 @@ from tests.lab.dataset.folders import audiofolder
 
 @dataclass(frozen=True)
 class Constant:
-    """Predicts the same for everything; where the file ``deadly`` is missing, it creates the file and dies."""
+    """Predicts the same for everything; where the file ``deadly`` is missing, it
+    creates the file and dies."""
 
     deadly: Path | None = None
     name: str = "constant"

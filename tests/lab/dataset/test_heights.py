@@ -1,4 +1,5 @@
-"""Heights of analytic surfaces, where every parameter is known, and of measured ones."""
+"""Heights of analytic surfaces, where every parameter is known, and of measured
+ones."""
 
 import math
 from pathlib import Path

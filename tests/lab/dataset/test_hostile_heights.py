@@ -1,4 +1,5 @@
-"""Height maps from anybody: a few bytes that claim gigabytes are refused in one line before anything is unpacked."""
+"""Height maps from anybody: a few bytes that claim gigabytes are refused in one line
+before anything is unpacked."""
 
 import struct
 import tracemalloc

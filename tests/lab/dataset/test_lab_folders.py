@@ -17,7 +17,8 @@ from tests.lab.dataset.folders import SAMPLE_RATE, write_sound, write_text
 def touches(
     seed: int, *, seconds: float = 3.0, late: float = 0.0, stretch: float = 1.0
 ) -> np.ndarray:
-    """Noise with bursts of touch, ``late`` s late, on a clock that is ``stretch`` times as slow."""
+    """Noise with bursts of touch, ``late`` s late, on a clock that is ``stretch`` times
+    as slow."""
     generator = np.random.default_rng(1)
     sound = np.random.default_rng(seed).normal(0, 1e-3, int(seconds * SAMPLE_RATE))
     for start in generator.uniform(0.1, seconds - 0.4, 8):

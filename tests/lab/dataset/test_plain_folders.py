@@ -1,4 +1,5 @@
-"""A researcher's own folder is read as it is: class folders, Hugging Face's class names, numbered labels."""
+"""A researcher's own folder is read as it is: class folders, Hugging Face's class
+names, numbered labels."""
 
 from pathlib import Path
 

@@ -133,7 +133,8 @@ def test_a_method_does_not_differ_from_itself() -> None:
 
 
 def predicted(correct: float, *, contact: bool = True) -> list[TakePredictions]:
-    """Four surfaces with two takes each, of which a share of windows is classified correctly."""
+    """Four surfaces with two takes each, of which a share of windows is classified
+    correctly."""
     made = []
     for number in range(8):
         label = Touch.ROUGH if number % 4 < 2 else Touch.SMOOTH

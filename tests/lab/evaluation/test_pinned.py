@@ -1,4 +1,5 @@
-"""The benchmark's fast subset: a change that moves these scores must state it, and change them here."""
+"""The benchmark's fast subset: a change that moves these scores must state it, and
+change them here."""
 
 from pathlib import Path
 

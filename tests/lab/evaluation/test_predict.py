@@ -19,7 +19,8 @@ from tests.lab.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 @dataclass
 class LoudIsRough:
-    """A small detector: an update each 100 samples, rough in proportion to its mean level, contact over 0.01."""
+    """A small detector: an update each 100 samples, rough in proportion to its mean
+    level, contact over 0.01."""
 
     name: str = "loud is rough"
     hop: float = 100 / SAMPLE_RATE

@@ -79,7 +79,8 @@ def writer(
 
 
 def recovered(root: Path) -> int:
-    """Recover what there is; give how many samples, after making sure that they are the right ones."""
+    """Recover what there is; give how many samples, after making sure that they are the
+    right ones."""
     list(recover(root))
     (recording,) = open_dataset(root).recordings
     samples, _ = soundfile.read(recording.path)
@@ -223,7 +224,8 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 
 
 def test_two_recorders_never_share_a_folder(tmp_path: Path) -> None:
-    """The second took the running take of the first for one that was cut off, and removed its sound."""
+    """The second took the running take of the first for one that was cut off, and
+    removed its sound."""
     program = (
         "import sys; from pathlib import Path; from tactophone.lab.recording.safe_writer import recording_in\n"
         "with recording_in(Path(sys.argv[1])): print('recording', flush=True); sys.stdin.read()"

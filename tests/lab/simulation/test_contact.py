@@ -66,7 +66,8 @@ def test_rough_is_louder_in_air_for_as_much_in_contact() -> None:
 
 
 def test_friction_reaches_the_piezo_but_not_the_air() -> None:
-    """Without the piezo's sensitivity to shear, the air signal is the same and the contact signal smaller."""
+    """Without the piezo's sensitivity to shear, the air signal is the same and the
+    contact signal smaller."""
     insensitive = slide(find("3"), finger=Finger()._replace(shear_strain=0.0))
     whole = slide(find("3"))
     np.testing.assert_array_equal(insensitive[:, AIR], whole[:, AIR])
@@ -93,7 +94,8 @@ def test_hovering_there_is_no_force() -> None:
 
 @pytest.mark.slow
 def test_a_body_that_was_left_comes_to_rest() -> None:
-    """Else it rings on in numbers below 1e-308, which made a visit to five stones eight times slower to compute."""
+    """Else it rings on in numbers below 1e-308, which made a visit to five stones eight
+    times slower to compute."""
     source = SimulatedFinger(five_stones(shuffled(1)), place=PLACE)
     source.move(*PLACE, 1.0)
     source.move(*PLACE, 1.0, time=0.5)

@@ -1,4 +1,5 @@
-"""Contact mechanics against textbook limits, and the table of tips and surfaces by which shots differ from noise."""
+"""Contact mechanics against textbook limits, and the table of tips and surfaces by
+which shots differ from noise."""
 
 import numpy as np
 import pytest
@@ -48,7 +49,8 @@ def test_rubber_is_not_crushed() -> None:
 
 
 def test_the_impact_lasts_as_long_as_hertz_says() -> None:
-    """Half a period on the loaded spring is near Hertz' 2.87 (m^2 / R E^2 v)^(1/5) for an impact of about that load."""
+    """Half a period on the loaded spring is near Hertz' 2.87 (m^2 / R E^2 v)^(1/5) for
+    an impact of about that load."""
     contact = tip_on_body(1e-3, 220e9, 60e9, rq=0.0)
     mass, speed = 5e-3, 0.02
     free = 2.87 * (mass**2 / (1e-3 * contact.modulus**2 * speed)) ** 0.2
@@ -87,7 +89,8 @@ def test_rough_is_a_few_strong_strikes_and_smooth_many_weak_ones(
     strong: float,
     overlap: float,
 ) -> None:
-    """The overlap number: strikes a second by the duration of one; under 1 they stand alone, over 1 they merge."""
+    """The overlap number: strikes a second by the duration of one; under 1 they stand
+    alone, over 1 they merge."""
     mass = 5e-3 if tip == "stylus" else 6e-3
     obj = find(name)
     height = height_profile(obj.surface)
@@ -105,6 +108,7 @@ def test_rough_is_a_few_strong_strikes_and_smooth_many_weak_ones(
 
 
 def strike_jumps(height: np.ndarray, radius: float) -> np.ndarray:
-    """Jumps of slope at the envelope's cusps, largest first; the grid's own are under two steps of curvature."""
+    """Jumps of slope at the envelope's cusps, largest first; the grid's own are under
+    two steps of curvature."""
     jumps = np.diff(np.diff(envelope(height, radius)) / HEIGHT_SPACING)
     return np.sort(jumps[jumps > 2 * HEIGHT_SPACING / radius])[::-1]

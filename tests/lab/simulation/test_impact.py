@@ -1,4 +1,5 @@
-"""Energy at impact: a tip that bounces on a body keeps it, and loses of it what Hunt and Crossley's damping takes."""
+"""Energy at impact: a tip that bounces on a body keeps it, and loses of it what Hunt
+and Crossley's damping takes."""
 
 import numpy as np
 import pytest
@@ -33,7 +34,8 @@ ELASTIC = Finger(
 
 
 def bounce(finger: Finger) -> tuple[np.ndarray, np.ndarray]:
-    """Drop the finger at `SPEED` on a rigid plate; return the final state and the force over time."""
+    """Drop the finger at `SPEED` on a rigid plate; return the final state and the force
+    over time."""
     state = np.zeros(1, CONTACT_STATE)
     state["arm"] = state["pad"] = 1e-4
     state["arm_speed"] = state["pad_speed"] = -SPEED
@@ -92,7 +94,8 @@ def test_the_momentum_changes_by_the_impulse() -> None:
 
 @pytest.mark.parametrize("damping", [2.0, 8.0, 14.0])
 def test_damping_takes_what_hunt_and_crossley_say(damping: float) -> None:
-    """A lone mass keeps a share ``e`` of its speed, by ``c v (1 + e) = ln((1 + c v) / (1 - e c v))``."""
+    """A lone mass keeps a share ``e`` of its speed, by ``c v (1 + e) = ln((1 + c v) /
+    (1 - e c v))``."""
     state, _ = bounce(ELASTIC._replace(pad_stiffness=0.0, restitution=damping))
     share, number = state["pad_speed"] / SPEED, damping * SPEED
     assert np.log((1 + number) / (1 - share * number)) == pytest.approx(

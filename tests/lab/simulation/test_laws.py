@@ -1,4 +1,5 @@
-"""Laws of friction sound that the rendered sound has to obey: nothing here compares with a recording."""
+"""Laws of friction sound that the rendered sound has to obey: nothing here compares
+with a recording."""
 
 from dataclasses import replace
 
@@ -99,7 +100,8 @@ def rank_correlation(first: list[float], second: list[float]) -> float:
 
 
 def clicks(samples: np.ndarray) -> float:
-    """Mean of the detector's feature: log10 of the slope's kurtosis, 0.48 for Gaussian noise."""
+    """Mean of the detector's feature: log10 of the slope's kurtosis, 0.48 for Gaussian
+    noise."""
     slower = Resampler(48_000, 16_000, channels=1).push(
         samples[:, None].astype(np.float32)
     )
@@ -108,7 +110,8 @@ def clicks(samples: np.ndarray) -> float:
 
 
 def patch_over_spacing(obj: SimulatedObject, session: SessionVariation) -> float:
-    """Patch over the mean distance of the strikes that make half of the impact power: many under it are Gaussian."""
+    """Patch over the mean distance of the strikes that make half of the impact power:
+    many under it are Gaussian."""
     finger = session.finger
     height = height_profile(obj.surface)
     jumps = np.diff(np.diff(envelope(height, finger.tip_radius)) / HEIGHT_SPACING)
@@ -140,7 +143,8 @@ def test_clicks_fall_with_the_patch_over_the_spacing_of_strong_strikes(
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 @pytest.mark.parametrize("name", ["7", "11"])
 def test_the_level_grows_with_the_logarithm_of_speed(tip: str, name: str) -> None:
-    """Linear in log speed (Ben Abdelounis et al. 2010); pressed with 1 N, steeper than theirs: simulator-realism.md."""
+    """Linear in log speed (Ben Abdelounis et al. 2010); pressed with 1 N, steeper than
+    theirs: simulator-realism.md."""
     speeds = [0.03, 0.06, 0.12, 0.24]
     levels = [
         level_db(slide(frictionless(find(name)), nominal(tip), speed=speed))
@@ -155,7 +159,8 @@ def test_the_level_grows_with_the_logarithm_of_speed(tip: str, name: str) -> Non
 def test_under_its_own_weight_a_tip_grows_louder_with_speed_as_measured(
     tip: str,
 ) -> None:
-    """14 to 19 dB per tenfold under light pressure (Ben Abdelounis et al. 2010): it hops."""
+    """14 to 19 dB per tenfold under light pressure (Ben Abdelounis et al. 2010): it
+    hops."""
     session = nominal(tip)
     speeds = [0.12, 0.24, 0.48]
     slopes = []
@@ -176,7 +181,8 @@ def test_under_its_own_weight_a_tip_grows_louder_with_speed_as_measured(
 @pytest.mark.slow
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_the_level_grows_with_the_logarithm_of_roughness(tip: str) -> None:
-    """Linear in log roughness, by 8 to 24 dB per tenfold: to the power 0.4 to 1.2 (Akay 2002; Ben Abdelounis)."""
+    """Linear in log roughness, by 8 to 24 dB per tenfold: to the power 0.4 to 1.2 (Akay
+    2002; Ben Abdelounis)."""
     stone = frictionless(find("7"))
     heights = [1e-6, 3e-6, 9e-6, 27e-6]
     levels = []

@@ -12,7 +12,8 @@ def test_every_body_rings_stably_however_it_is_held(
     modes = body_modes(body, mounting, mass=0.5, rng=np.random.default_rng(0))
     assert modes
     for mode in modes:
-        # Semi-implicit Euler is stable while omega * step < 2; a quarter of that leaves frequencies true.
+        # Semi-implicit Euler is stable while omega * step < 2; a quarter of that leaves
+        # frequencies true.
         assert 0 < 2 * np.pi * mode.frequency / 96_000 < 0.6
         assert 0 < mode.damping < 1
         assert mode.mass > 0

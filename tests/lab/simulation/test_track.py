@@ -50,7 +50,8 @@ def test_a_heavier_load_is_smoother() -> None:
 
 
 def test_the_envelope_is_exact() -> None:
-    """Against the definition, at places all over a rough profile and across its seam."""
+    """Against the definition, at places all over a rough profile and across its
+    seam."""
     rng = np.random.default_rng(0)
     height = np.cumsum(rng.standard_normal(SIZE)) * 1e-8
     height -= np.linspace(0, height[-1], SIZE)
@@ -67,7 +68,8 @@ def test_the_envelope_is_exact() -> None:
 
 
 def test_between_two_summits_the_tip_turns_at_a_cusp() -> None:
-    """Leaving one asperity for another at a distance ``l``, the slope jumps by ``l / R``: geometry, nothing drawn."""
+    """Leaving one asperity for another at a distance ``l``, the slope jumps by ``l /
+    R``: geometry, nothing drawn."""
     height = np.full(SIZE, -1e-3)
     distance = 400
     height[[1000, 1000 + distance]] = 0.0

@@ -78,7 +78,8 @@ def test_treble_is_more_uneven_the_fewer_strikes_there_are_at_any_gain() -> None
     strikes[[100, 300, 420]] = 1
     lone = np.zeros((SIZE, 1))
     lone[300] = 1
-    # The envelope of noise, 16 samples of three quarters of the band a step: 1 / sqrt(2 * 12) of its mean.
+    # The envelope of noise, 16 samples of three quarters of the band a step: 1 / sqrt(2
+    # * 12) of its mean.
     assert unevenness(0.1 * noise) == pytest.approx(np.log10(1 / np.sqrt(24)), abs=0.1)
     assert unevenness(noise) < unevenness(strikes) - 0.5 < unevenness(lone) - 0.5
     assert unevenness(0.01 * strikes) == pytest.approx(unevenness(strikes), abs=1e-3)

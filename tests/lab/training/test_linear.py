@@ -12,7 +12,8 @@ FEATURE_COUNT = 4
 
 
 def clouds(seed: int = 0, *, gap: float = 1.0) -> Examples:
-    """Ten surfaces of two classes: the first and third feature separate them, each surface is a little off."""
+    """Ten surfaces of two classes: the first and third feature separate them, each
+    surface is a little off."""
     rng = np.random.default_rng(seed)
     surface = np.repeat(np.arange(10), 300)
     rough = surface % 2 == 1

@@ -1,4 +1,5 @@
-"""Each shipped model's card says what `models.mk` trains; nothing is rendered here, so sounds are not compared."""
+"""Each shipped model's card says what `models.mk` trains; nothing is rendered here, so
+sounds are not compared."""
 
 import itertools
 import json
@@ -33,7 +34,8 @@ def option(words: list[str], name: str) -> str:
 
 @cache
 def commands(recordings: Path) -> list[list[str]]:
-    """Return the words of every command of `make model`, with `lmt` among the recordings."""
+    """Return the words of every command of `make model`, with `lmt` among the
+    recordings."""
     arguments = ["make", "-n", "model", f"TACTOPHONE_RECORDINGS={recordings}"]
     printed = subprocess.run(
         arguments, cwd=ROOT, check=True, capture_output=True, text=True
@@ -53,7 +55,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[list[str]]:
 
 
 def rendered(made: list[list[str]]) -> Mapping[str, tuple[set[int], str]]:
-    """Return the numbers of the objects and the seed of each simulated set, by its folder's name."""
+    """Return the numbers of the objects and the seed of each simulated set, by its
+    folder's name."""
     sets = {}
     for words in made:
         if "dataset" in words and "&&" not in words:

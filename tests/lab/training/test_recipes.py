@@ -34,7 +34,8 @@ from tactophone.signal.perception.model_file import FEATURES, read_model
 from tests.surfaces import surfaces
 
 SEPARATES = {"texture": 0.9, "logistic": 0.9, "rules": 0.8, "surface": 0.8}
-"""Balanced accuracy that each recipe reaches on surfaces so plainly different; the others use too little."""
+"""Balanced accuracy that each recipe reaches on surfaces so plainly different; the
+others use too little."""
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,8 @@ def test_each_recipe_works_on_one_channel(name: str, dataset: Dataset) -> None:
 def test_the_graph_predicts_what_scikit_learn_does(
     dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Weights are written as they were fitted: checked on the windows that they were fitted to."""
+    """Weights are written as they were fitted: checked on the windows that they were
+    fitted to."""
     fitted: list[tuple[ClassifierMixin, np.ndarray]] = []
     fit = LogisticRegression.fit
 

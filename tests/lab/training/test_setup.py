@@ -47,7 +47,8 @@ def object(
 
 
 def objects(*, shown_by: str) -> list[ObjectSound]:
-    """Two smooth and two rough objects that only one of the two scores separates, at an odd boundary."""
+    """Two smooth and two rough objects that only one of the two scores separates, at an
+    odd boundary."""
     return [
         object(
             f"{'rough' if rough else 'smooth'} {number}",
@@ -126,7 +127,8 @@ def test_another_score_that_is_hardly_better_on_things_left_out_is_not_taken() -
 
 
 def test_the_boundary_lies_between_the_tails_that_face_each_other() -> None:
-    """Rough sound spreads wide: midway between the middles, much of the rough class would be smooth."""
+    """Rough sound spreads wide: midway between the middles, much of the rough class
+    would be smooth."""
     rng = np.random.default_rng(0)
     sounds = [
         ObjectSound(

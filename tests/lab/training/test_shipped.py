@@ -1,4 +1,5 @@
-"""The models inside the package: small, runnable by name, with cards that say what they were trained on."""
+"""The models inside the package: small, runnable by name, with cards that say what they
+were trained on."""
 
 import numpy as np
 import pytest

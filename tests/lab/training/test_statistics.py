@@ -99,7 +99,8 @@ def test_recordings_of_several_lengths_together_are_what_each_is_alone() -> None
 
 
 def features_of(sound: np.ndarray, *, unevenness: bool = False) -> np.ndarray:
-    """Return the features of a first window, ``(channels, 2, values)``, of a whole graph with a prior of noughts."""
+    """Return the features of a first window, ``(channels, 2, values)``, of a whole
+    graph with a prior of noughts."""
     values = BAND_VALUES + unevenness
     prior = np.stack((np.zeros((2, values)), np.ones((2, values))))
     constants = {

@@ -1,4 +1,5 @@
-"""One channel of a device with four, as a DualSense has: bit for bit, and silence on the others."""
+"""One channel of a device with four, as a DualSense has: bit for bit, and silence on
+the others."""
 
 import os
 import subprocess
@@ -51,7 +52,8 @@ np.save({path!r}, np.concatenate(played))
 
 
 def in_alsa(tmp_path: Path, program: str) -> str:
-    """Run a program with a virtual sound card of ALSA's file plug-in as its only device."""
+    """Run a program with a virtual sound card of ALSA's file plug-in as its only
+    device."""
     (tmp_path / "asound.conf").write_text(ALSA.format(path=tmp_path / "played.raw"))
     environment = {
         **os.environ,
@@ -73,7 +75,8 @@ def test_channel_three_alone_sounds_bit_for_bit(tmp_path: Path) -> None:
     in_alsa(tmp_path, PLAY.format(path=str(tmp_path / "rendered.npy")))
     rendered = np.load(tmp_path / "rendered.npy")
     played = np.fromfile(tmp_path / "played.raw", np.float32).reshape(-1, 4)
-    # The device may end in the middle of a period, and is fed silence before the first one.
+    # The device may end in the middle of a period, and is fed silence before the first
+    # one.
     start = int(np.flatnonzero(played[:, 2])[0])
     sound = played[start : start + len(rendered), 2]
     assert len(sound) > 1000
@@ -154,7 +157,8 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
             entry.name
             for entry in listener._client.get_all_connections("operator:vibration")
         ]
-        # A busy machine loses periods: those that were heard are looked for among those that were rendered.
+        # A busy machine loses periods: those that were heard are looked for among those
+        # that were rendered.
         assert eventually(
             lambda: (
                 len(

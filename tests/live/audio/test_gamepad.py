@@ -1,4 +1,5 @@
-"""The motors of a gamepad: a recorded pad everywhere, a virtual one of the kernel where the machine allows it."""
+"""The motors of a gamepad: a recorded pad everywhere, a virtual one of the kernel where
+the machine allows it."""
 
 import errno
 import os

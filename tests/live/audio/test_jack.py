@@ -217,7 +217,8 @@ for _ in range(3):
 
 
 def test_a_client_of_a_starved_interpreter_ends(jack_server: DummyServer) -> None:
-    """libjack cancels the thread of its callback; one that waits for the interpreter would keep its lock for ever."""
+    """libjack cancels the thread of its callback; one that waits for the interpreter
+    would keep its lock for ever."""
     subprocess.run(
         [sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=True
     )
@@ -245,5 +246,6 @@ server.stop()
 
 
 def test_two_clients_of_one_process_outlive_their_server() -> None:
-    """libjack closes all clients of a process when the first of them joins a new server."""
+    """libjack closes all clients of a process when the first of them joins a new
+    server."""
     subprocess.run([sys.executable, "-c", SIBLINGS], timeout=30, check=True)

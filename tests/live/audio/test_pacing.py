@@ -47,7 +47,8 @@ def test_a_short_delay_is_made_up_and_a_long_one_forgiven() -> None:
 
 
 def after_a_stall(*, skip: bool) -> list[tuple[float, AudioBlock]]:
-    """Blocks of 10 ms, each with the time at which it came; the reader stands still for half a second at block 12."""
+    """Blocks of 10 ms, each with the time at which it came; the reader stands still for
+    half a second at block 12."""
     clock, found = Clock(), []
     for index, block in enumerate(
         paced(blocks(100), skip=skip, clock=clock, sleep=clock.sleep)
@@ -97,7 +98,8 @@ def test_a_recording_that_cannot_be_skipped_in_time_goes_on_at_later_times() -> 
 
 
 def test_interruptions_while_missed_sound_is_skipped_do_not_move_the_times() -> None:
-    """A busy machine interrupts the reading itself: what follows must still lie where its labels are."""
+    """A busy machine interrupts the reading itself: what follows must still lie where
+    its labels are."""
     clock = Clock()
 
     def interrupted() -> Iterator[AudioBlock]:

@@ -1,4 +1,5 @@
-"""JACK by PipeWire, as today's desktops have it: a server of the test's own, with a sink that is no sound card."""
+"""JACK by PipeWire, as today's desktops have it: a server of the test's own, with a
+sink that is no sound card."""
 
 import json
 import os
@@ -43,7 +44,8 @@ print(json.dumps(asdict(survey()[0])))
 
 
 def listed(folder: Path, *before: str) -> Any:
-    """Return the first device that a survey finds, with a private folder for the server's sockets and settings."""
+    """Return the first device that a survey finds, with a private folder for the
+    server's sockets and settings."""
     environment = os.environ | {
         "XDG_RUNTIME_DIR": str(folder),
         "XDG_CONFIG_HOME": str(folder),

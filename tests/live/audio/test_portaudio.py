@@ -50,7 +50,8 @@ def test_a_failing_process_is_counted_and_the_stream_goes_on() -> None:
 
 
 def test_what_a_failing_process_wrote_is_not_played() -> None:
-    """PortAudio's own callback, called as PortAudio calls it, as its output cannot be recorded here."""
+    """PortAudio's own callback, called as PortAudio calls it, as its output cannot be
+    recorded here."""
     process = Faulty()
     process.failing = True
     stream = PortAudioStream(process, "output")

@@ -1,6 +1,8 @@
-"""How long a log becomes: a minute of two microphones as Opus, recorded in virtual time.
+"""How long a log becomes: a minute of two microphones as Opus, recorded in virtual
+time.
 
-``python -m tests.live.log.log_size [MODEL] [SECONDS]`` from the root of the repository; about a minute.
+``python -m tests.live.log.log_size [MODEL] [SECONDS]`` from the root of the repository;
+about a minute.
 """
 
 import sys

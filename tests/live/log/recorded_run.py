@@ -1,4 +1,5 @@
-"""A run in virtual time, recorded: the operator's end over an impaired link, with its log."""
+"""A run in virtual time, recorded: the operator's end over an impaired link, with its
+log."""
 
 import itertools
 import uuid
@@ -99,9 +100,11 @@ def record(
     remote: bool = False,
     fingers: str = "",
 ) -> Path:
-    """Record strokes that cross the link; ``meanwhile`` is called before each block, with the time of the sound.
+    """Record strokes that cross the link; ``meanwhile`` is called before each block,
+    with the time of the sound.
 
-    ``fingers`` is that of the command line; the sound then has as many channels as the hand.
+    ``fingers`` is that of the command line; the sound then has as many channels as the
+    hand.
     """
     codec = codec or Codec("pcm16", channels=1, packet_size=120)
     switches = ["detector.check_microphones=false", f"detector.model={model}", *changes]
@@ -154,7 +157,8 @@ def messages(path: Path, topic: str) -> list[bytes]:
 
 
 def decoded(path: Path, topic: str) -> list[Any]:
-    """Messages of a topic, decoded by the library of protobuf with the schema in the file."""
+    """Messages of a topic, decoded by the library of protobuf with the schema in the
+    file."""
     from mcap.reader import make_reader
 
     descriptor_pb2 = pytest.importorskip("google.protobuf.descriptor_pb2")

@@ -1,4 +1,5 @@
-"""Logs from anybody: what is no log is refused in one line, and takes no more memory than a log."""
+"""Logs from anybody: what is no log is refused in one line, and takes no more memory
+than a log."""
 
 import json
 import struct
@@ -276,7 +277,8 @@ def test_only_its_user_reads_a_log(tmp_path: Path) -> None:
 
 
 def _with_gap(path: Path, samples: int) -> Path:
-    """Write a log of two seconds of sound, whose timestamps jump by so many samples after the first."""
+    """Write a log of two seconds of sound, whose timestamps jump by so many samples
+    after the first."""
     connected = write_event(Connected("robot", 1, 2))
     batches, size = [EventBatch(100.0, (connected,))], 240
     for number in range(400):

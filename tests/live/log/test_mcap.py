@@ -203,7 +203,8 @@ def test_a_copy_with_sound_is_the_same_log(tmp_path: Path, log: Path) -> None:
 
 
 def indexed(path: Path) -> dict[str, int]:
-    """Messages of each topic by the library's indexed reader, which must be the one that is chosen."""
+    """Messages of each topic by the library's indexed reader, which must be the one
+    that is chosen."""
     with path.open("rb") as file:
         reader = mcap_reader.make_reader(file)
         assert isinstance(reader, mcap_reader.SeekingReader)
@@ -241,7 +242,8 @@ def test_the_indexed_reader_of_javascript_returns_every_message(log: Path) -> No
     "topic", [topic for topic in TOPICS if topic.schema.encoding == "jsonschema"]
 )
 def test_viewers_can_read_the_schemas(topic: Topic) -> None:
-    """By the rules of Lichtblick, packages/mcap-support/src/parseJsonSchema.ts; it refuses a topic otherwise."""
+    """By the rules of Lichtblick, packages/mcap-support/src/parseJsonSchema.ts; it
+    refuses a topic otherwise."""
 
     def check(part: dict[str, Any]) -> None:
         if part["type"] == "object":
@@ -510,7 +512,8 @@ def test_the_last_bit_of_any_number_makes_a_difference() -> None:
 
 
 def misfits(value: Any, schema: dict[str, Any], place: str = "") -> list[str]:
-    """Return where a value leaves its JSON Schema, of the few keywords that ours use."""
+    """Return where a value leaves its JSON Schema, of the few keywords that ours
+    use."""
     assert set(schema) <= {"title", "type", "properties", "items"}
     kinds = {
         "number": (int, float),

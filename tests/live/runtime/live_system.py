@@ -23,7 +23,8 @@ from tactophone.net.link.identity import Identity, Peers
 
 
 class Strokes:
-    """A source that is rough (a strong tone at 400 Hz) while ``touching`` is set, and silent otherwise."""
+    """A source that is rough (a strong tone at 400 Hz) while ``touching`` is set, and
+    silent otherwise."""
 
     sample_rate, channels = 48_000, 2
 
@@ -153,7 +154,8 @@ def eventually(condition: Callable[[], bool], *, timeout: float = 5.0) -> bool:
 def writer_of(name: str) -> int:
     """Return the process that writes a run's telemetry; 0 while there is none.
 
-    Whoever starts a run removes the memory of dead processes, so that of a process just killed may be gone.
+    Whoever starts a run removes the memory of dead processes, so that of a process just
+    killed may be gone.
     """
     with suppress(TactophoneError):
         return Watcher(name).pid

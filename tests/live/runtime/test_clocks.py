@@ -1,4 +1,5 @@
-"""Clocks that are set and processes that stand still: nothing stale vibrates, the link goes on, the logs replay."""
+"""Clocks that are set and processes that stand still: nothing stale vibrates, the link
+goes on, the logs replay."""
 
 import shutil
 from pathlib import Path

@@ -172,7 +172,8 @@ def test_controls_count_as_changed_after_each_request_stop_and_pipeline_and_not_
 
 
 def test_controls_count_as_changed_while_a_request_is_applied() -> None:
-    # What the network thread computes meanwhile is bounded by old values or new ones, and the log must leave that open.
+    # What the network thread computes meanwhile is bounded by old values or new ones,
+    # and the log must leave that open.
     class Watched(Oscillator):
         meanwhile: tuple[bool, bool] = (False, False)
 

@@ -19,7 +19,8 @@ pytestmark = pytest.mark.realtime
 
 
 class Hand(Strokes):
-    """Strokes on thumb and middle finger; the index finger's contact microphone is dead."""
+    """Strokes on thumb and middle finger; the index finger's contact microphone is
+    dead."""
 
     channels = 6
 

@@ -1,4 +1,5 @@
-"""Whichever process of a run is killed, its log replays to the bit, and nothing of the run is left."""
+"""Whichever process of a run is killed, its log replays to the bit, and nothing of the
+run is left."""
 
 import random
 from pathlib import Path

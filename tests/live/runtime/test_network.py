@@ -1,4 +1,5 @@
-"""Both families of addresses, and two robots at once, over the real loopback network."""
+"""Both families of addresses, and two robots at once, over the real loopback
+network."""
 
 import dataclasses
 import socket
@@ -89,7 +90,8 @@ def test_a_robot_that_is_said_to_move_shows_it_at_both_ends_until_it_stands(
 
 
 class Relay:
-    """Stands between robot and operator as a NAT does, and changes its own port on request."""
+    """Stands between robot and operator as a NAT does, and changes its own port on
+    request."""
 
     def __init__(self, port: int) -> None:
         self._operator = ("127.0.0.1", port)
@@ -140,7 +142,8 @@ def test_a_robot_behind_a_changing_nat_is_felt_throughout(tmp_path: Path) -> Non
             for change in range(1, 4):
                 before = system.snapshot().counters
                 relay.rebind()
-                # The sound comes from the new address at once; a second later the robot, hearing nothing, calls anew.
+                # The sound comes from the new address at once; a second later the
+                # robot, hearing nothing, calls anew.
                 assert eventually(
                     lambda before=before: (
                         _grown(system, before, "packets_received") > 20

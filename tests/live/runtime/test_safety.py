@@ -1,4 +1,5 @@
-"""The promises of docs/reference/safety.md that need real processes and a real sound server."""
+"""The promises of docs/reference/safety.md that need real processes and a real sound
+server."""
 
 import os
 import signal
@@ -43,7 +44,8 @@ def stop_operator(sides: Sides) -> None:
 
 @pytest.fixture
 def graph() -> Iterator[Graph]:
-    """A sound server that goes on without a late client and repeats its last period, as JACK does by default."""
+    """A sound server that goes on without a late client and repeats its last period, as
+    JACK does by default."""
     with DummyServer(128, synchronous=False) as server:
         yield Graph(server.name)
 
@@ -65,7 +67,8 @@ def sides_monitored(
 def test_whatever_ends_the_actuator_is_silent_within_a_tenth_of_a_second(
     end: Callable[[Sides], None], graph: Graph
 ) -> None:
-    # The median of three: the machine itself may stand still for 40 ms now and then, but not twice of three times.
+    # The median of three: the machine itself may stand still for 40 ms now and then,
+    # but not twice of three times.
     times = [measure_time_to_silence(SETTINGS, graph, end) for _ in range(2)]
     if max(times) > 0.1:
         times.append(measure_time_to_silence(SETTINGS, graph, end))
@@ -98,7 +101,8 @@ def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(
 def test_an_operator_that_was_only_late_is_silent_meanwhile_and_goes_on_by_itself(
     graph: Graph,
 ) -> None:
-    """Half a second is far beyond what a busy machine is late by; before, the process was killed and muted."""
+    """Half a second is far beyond what a busy machine is late by; before, the process
+    was killed and muted."""
     recorder = PeakRecorder()
     with sides_monitored(recorder, graph) as (sides, client):
         watcher, first, moment = (

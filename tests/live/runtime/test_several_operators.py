@@ -1,4 +1,5 @@
-"""One robot with several operators: its settings, and two at once over the real loopback network."""
+"""One robot with several operators: its settings, and two at once over the real
+loopback network."""
 
 import argparse
 import threading

@@ -1,5 +1,5 @@
-"""After any stall, on either side or on the link, sound is fresh again within 0.3 s: in virtual time, and with
-processes that are stopped."""
+"""After any stall, on either side or on the link, sound is fresh again within 0.3 s: in
+virtual time, and with processes that are stopped."""
 
 import os
 import random
@@ -39,10 +39,12 @@ TICK = 0.0025
 
 
 class World:
-    """A robot that plays a source, a link and an operator; each of them stands still during its own stalls.
+    """A robot that plays a source, a link and an operator; each of them stands still
+    during its own stalls.
 
-    Datagrams wait where a real system keeps them: on the link, or in the receiver's socket. A machine ``asleep`` during
-    its stalls receives nothing, and its monotonic clock stands still too.
+    Datagrams wait where a real system keeps them: on the link, or in the receiver's
+    socket. A machine ``asleep`` during its stalls receives nothing, and its monotonic
+    clock stands still too.
     """
 
     def __init__(
@@ -72,7 +74,8 @@ class World:
         )
 
     def sleep(self, duration: float) -> None:
-        """Let the world go on while the robot's sound thread sleeps; it wakes no earlier than its own stall ends."""
+        """Let the world go on while the robot's sound thread sleeps; it wakes no
+        earlier than its own stall ends."""
         until = self.now + duration
         while self.now < until or self.stalled("robot"):
             self.now += (
@@ -113,7 +116,8 @@ class World:
             self.to_operator, self.to_robot = [], []
 
     def pull(self) -> None:
-        """Render a block, and note the seconds of sound that then wait; a device that was late leaves blocks out."""
+        """Render a block, and note the seconds of sound that then wait; a device that
+        was late leaves blocks out."""
         self.next_pull = max(self.next_pull + BLOCK / LIVE_SAMPLE_RATE, self.now)
         self.operator.pull(BLOCK, now=self.clock("operator"))
         playout = self.operator.playout
@@ -175,7 +179,8 @@ def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -
 def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(
     part: str, duration: float
 ) -> None:
-    """A stream that began anew would count its times from 0, and every log of the run would be off."""
+    """A stream that began anew would count its times from 0, and every log of the run
+    would be off."""
     world = World({part: ((1.5, 1.5 + duration),)})
     world.run(3.0 + duration)
     assert world.connections == 1
@@ -193,7 +198,8 @@ def test_sound_is_fresh_again_soon_after_a_machine_slept(
     end = 1.5 + duration
     world = World({part: ((1.5, end),)}, asleep=part)
     world.run(end + 4.0)
-    # The other end may have hung up, which this one finds out when nobody answers for a second.
+    # The other end may have hung up, which this one finds out when nobody answers for a
+    # second.
     recovered = end + RECALL_AFTER + RECOVERY
     fresh = [now for now, audio in world.decoded if not audio.stale and now > recovered]
     assert stale_after(world, recovered) == []
@@ -202,7 +208,8 @@ def test_sound_is_fresh_again_soon_after_a_machine_slept(
 
 
 def test_times_go_on_after_a_stall_that_ended_the_session() -> None:
-    """After more than five seconds the stream is a new one; in a log, its times are still those of one run."""
+    """After more than five seconds the stream is a new one; in a log, its times are
+    still those of one run."""
     world = World({"robot": ((1.5, 8.5),)})
     world.run(10.5)
     assert world.connections == 2
@@ -287,7 +294,8 @@ def test_the_session_of_a_world_without_stalls_has_no_stale_sound() -> None:
 
 
 def last_stale(watcher: Watcher, *, seconds: float) -> float:
-    """Seconds from now to the last packet that counted as stale within so many seconds; 0 if there was none."""
+    """Seconds from now to the last packet that counted as stale within so many seconds;
+    0 if there was none."""
     begun, last = time.monotonic(), 0.0
     before = watcher.snapshot().counters["packets_skipped"]
     while (passed := time.monotonic() - begun) < seconds:
@@ -332,14 +340,16 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(
         assert watcher.snapshot().counters["packets_received"] > 100
         pid = {"robot": sending, "operator": receiving}[side].pid
         if is_permitted():
-            # On a busy machine the threads of the sound would wait for a main thread that holds the interpreter.
+            # On a busy machine the threads of the sound would wait for a main thread
+            # that holds the interpreter.
             assert os.sched_getscheduler(pid) == os.SCHED_FIFO
             assert os.sched_getparam(pid).sched_priority == MAIN_PRIORITY
         for duration in (0.08, 0.3, 0.9):
             os.kill(pid, signal.SIGSTOP)
             time.sleep(duration)
             os.kill(pid, signal.SIGCONT)
-            # The machine may be late for reasons of its own: what counts is that no second passes in staleness.
+            # The machine may be late for reasons of its own: what counts is that no
+            # second passes in staleness.
             assert last_stale(watcher, seconds=1.2) < RECOVERY + 0.1, duration
 
 
@@ -349,7 +359,8 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(
 def test_the_clocked_playout_holds_no_old_sound_after_a_stall(
     part: str, duration: float
 ) -> None:
-    """The sound that a profile renders itself is queued; what has waited in it for longer than 60 ms is old."""
+    """The sound that a profile renders itself is queued; what has waited in it for
+    longer than 60 ms is old."""
     end = 1.5 + duration
     world = World({part: ((1.5, end),)})
     world.pulling = True

@@ -207,7 +207,8 @@ def test_a_slow_start_says_what_it_does_ever_more_rarely(
 
 
 def start_deaf(settings: Settings, info: ProcessInfo) -> None:
-    """Run at first; a successor heeds SIGTERM only once it has started, which takes it a minute."""
+    """Run at first; a successor heeds SIGTERM only once it has started, which takes it
+    a minute."""
     if info.restarts == 0:
         live(settings, info, stall_after=30)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)

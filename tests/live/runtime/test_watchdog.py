@@ -113,7 +113,8 @@ def test_a_process_that_could_not_be_silenced_has_stalled() -> None:
 def test_a_process_that_was_only_late_by_some_periods_is_left_alone(
     samples: int,
 ) -> None:
-    """At 512 samples, 50 ms are under five periods: a busy machine is later than that now and then."""
+    """At 512 samples, 50 ms are under five periods: a busy machine is later than that
+    now and then."""
     period = samples / 48_000
     for late in (3, 5, 7):
         steps = np.arange(0.0, 2.0, CHECK_INTERVAL)

@@ -111,7 +111,8 @@ Telemetry(sys.argv[1])
 def test_a_full_memory_file_system_is_one_clear_line_and_leaves_nothing(
     name: str,
 ) -> None:
-    """Without pages of its own, the first write into a full file system would end the process by SIGBUS."""
+    """Without pages of its own, the first write into a full file system would end the
+    process by SIGBUS."""
     result = subprocess.run(
         [sys.executable, "-c", OUT_OF_SPACE, name], capture_output=True, text=True
     )

@@ -39,7 +39,8 @@ def telemetry() -> Iterator[Telemetry]:
 
 @pytest.mark.parametrize("count", [5, 1_000, 1_003, 48_000 * 604_800, (1 << 62) - 1])
 def test_a_ring_is_read_at_once_however_long_the_run(count: int) -> None:
-    """After a week of samples, each read took a third of a second; with a count from overwritten memory, for ever."""
+    """After a week of samples, each read took a third of a second; with a count from
+    overwritten memory, for ever."""
     rows = np.arange(1_000)
     newest, end = _newest(rows, np.array([count], np.uint64), slack=10, since=count - 7)
     assert end == count

@@ -1,7 +1,8 @@
-"""One end of a call without sound: finds the way, sends 100 datagrams a second over it and counts the other end's.
+"""One end of a call without sound: finds the way, sends 100 datagrams a second over it
+and counts the other end's.
 
-Importing what a call needs takes a second of processor time, so one process does that once, and forks each end into its
-network (`Ends`).
+Importing what a call needs takes a second of processor time, so one process does that
+once, and forks each end into its network (`Ends`).
 """
 
 import argparse
@@ -75,7 +76,8 @@ class End:
         return bool(select.select([self._lines], [], [], 0.0)[0])
 
     def next(self, kind: str, timeout: float = TIMEOUT) -> Any:
-        """Return the content of the next line, which is of that kind; gaps before it are kept in ``gaps``."""
+        """Return the content of the next line, which is of that kind; gaps before it
+        are kept in ``gaps``."""
         while True:
             ready = select.select([self._lines], [], [], timeout)[0]
             line = self._lines.readline() if ready else b""
@@ -225,7 +227,8 @@ def run(words: list[str]) -> None:
 def exchange(
     process: CallProcess, ends_at: Callable[[], float], failed: threading.Event
 ) -> None:
-    """Exchange datagrams, and tell each gap in those of the other end when it is over."""
+    """Exchange datagrams, and tell each gap in those of the other end when it is
+    over."""
     way = WaySocket(process.keeper)
     own, received, last = 0, set[bytes](), time.monotonic()
     with way:

@@ -1,6 +1,8 @@
-"""Two homes behind routers, in network namespaces of this machine, with a mailbox and a coturn between them.
+"""Two homes behind routers, in network namespaces of this machine, with a mailbox and a
+coturn between them.
 
-robot 10.1.0.2 - its router - 10.9.0.0/24, where the servers are at 10.9.0.10 - the other router - operator 10.2.0.2.
+robot 10.1.0.2 - its router - 10.9.0.0/24, where the servers are at 10.9.0.10 - the
+other router - operator 10.2.0.2.
 """
 
 import contextlib
@@ -112,7 +114,8 @@ class Networks:
         return process
 
     def start_relay(self, *options: str) -> "subprocess.Popen[str]":
-        # One thread: with several at one address, datagrams of one client reach different ones.
+        # One thread: with several at one address, datagrams of one client reach
+        # different ones.
         return self.start(
             "net",
             "turnserver",
@@ -281,7 +284,8 @@ class Networks:
             batch(f"{p}net", route)
             self._routes.append((f"nat{'ope' if place == 'rob' else 'rob'}", route))
             return
-        # A router that takes unasked packets for its own learns them, and maps the next one to another port: dropped.
+        # A router that takes unasked packets for its own learns them, and maps the next
+        # one to another port: dropped.
         ports = "fully-random" if self._nats[place] == "changes" else ""
         self.nft(
             router,

@@ -1,4 +1,5 @@
-"""A mailbox that lies in its own words, says none or says too much: an error in words, in bounded time and memory."""
+"""A mailbox that lies in its own words, says none or says too much: an error in words,
+in bounded time and memory."""
 
 import asyncio
 import json
@@ -95,7 +96,8 @@ async def lie(socket: Any, mode: str) -> None:
 
 
 def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
-    """Open a call at a mailbox of each kind; in a process of its own, as Twisted starts once."""
+    """Open a call at a mailbox of each kind; in a process of its own, as Twisted starts
+    once."""
     from aiohttp import web
 
     from tactophone.net.call import exchange
@@ -129,7 +131,8 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
         site = web.TCPSite(runner, "127.0.0.1", 0)
         await site.start()
         port = runner.addresses[0][1]
-        # Those that answer one by one, so that none waits for another's bytes; the silent ones at once.
+        # Those that answer one by one, so that none waits for another's bytes; the
+        # silent ones at once.
         answering = [mode for mode, wanted in MODES.items() if wanted != NOTHING]
         exchange.WELCOME_TIMEOUT = (
             20 * TIMEOUT

@@ -1,4 +1,5 @@
-"""Ways that die during a call, and strangers and relays that do harm (`tests.net.call.networks`)."""
+"""Ways that die during a call, and strangers and relays that do harm
+(`tests.net.call.networks`)."""
 
 import json
 import os
@@ -33,7 +34,8 @@ SOON = (
 """Consent is lost after about 2 s, not after half a minute."""
 
 LONGEST_GAP = 10.0
-"""Seconds within which a new way is found, on a machine that other tests keep busy; 5 are wanted of an idle one."""
+"""Seconds within which a new way is found, on a machine that other tests keep busy; 5
+are wanted of an idle one."""
 
 
 @pytest.fixture
@@ -181,7 +183,8 @@ def test_a_stranger_who_floods_the_punched_port_ends_nothing_and_delays_nothing(
 
 
 def udp(source: str, port: int, target: str, to: int, content: bytes) -> bytes:
-    """Return an IPv4 packet from any source; its checksums are the kernel's, or left out."""
+    """Return an IPv4 packet from any source; its checksums are the kernel's, or left
+    out."""
     length = 8 + len(content)
     addresses = socket.inet_aton(source) + socket.inet_aton(target)
     header = (
@@ -192,7 +195,8 @@ def udp(source: str, port: int, target: str, to: int, content: bytes) -> bytes:
 
 
 class LyingRelay:
-    """Stands between the ends and the relay: from `begin` on it does to datagrams what it likes."""
+    """Stands between the ends and the relay: from `begin` on it does to datagrams what
+    it likes."""
 
     PORT = 3500
 

@@ -17,7 +17,8 @@ PHASES = ("", "pake", "version", "0")
 
 
 def lying_calls(results: "multiprocessing.Queue[dict[str, list[str]]]") -> None:
-    """Run two ends and a mailbox that swaps the messages of one of `PHASES` in each call; in a process of its own."""
+    """Run two ends and a mailbox that swaps the messages of one of `PHASES` in each
+    call; in a process of its own."""
     from tactophone.net.call import exchange
     from tactophone.net.call.messages import Refused
 

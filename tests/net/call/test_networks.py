@@ -1,4 +1,5 @@
-"""Calls between two networks, each with a router of its own (`tests.net.call.networks`)."""
+"""Calls between two networks, each with a router of its own
+(`tests.net.call.networks`)."""
 
 import subprocess
 import sys
@@ -39,7 +40,8 @@ def begin(networks: Networks, *options: str) -> tuple[End, End]:
 
 
 def connect(ends: tuple[End, End], *, relayed: bool) -> list[str]:
-    """Check what each end finds, and that each receives what the other one sends; return the secrets of both."""
+    """Check what each end finds, and that each receives what the other one sends;
+    return the secrets of both."""
     found = [end.next("found") for end in ends]
     for own, name, role in zip(
         found, ("answer", "call"), ("operator", "robot"), strict=True
@@ -85,7 +87,8 @@ def test_two_homes_find_a_direct_way_which_holds_longer_than_their_routers_remem
     # The same two, with what they remember instead of a code.
     renewed = call_again(homes, secrets, secrets)
     assert renewed[1:] == secrets
-    # One end missed what the other one remembers, the answering one and then the caller.
+    # One end missed what the other one remembers, the answering one and then the
+    # caller.
     third = call_again(homes, renewed, secrets)
     call_again(homes, renewed, third)
 

@@ -1,4 +1,5 @@
-"""The socket of a call: what reaches the session, what the keeper of the way, and what nobody."""
+"""The socket of a call: what reaches the session, what the keeper of the way, and what
+nobody."""
 
 import socket
 from collections.abc import Iterator
@@ -120,7 +121,8 @@ def test_stun_without_its_cookie_or_with_a_length_of_its_own_stays_in_the_kernel
 def test_a_flood_of_stun_from_the_peers_address_closes_it_for_a_second_and_leaves_the_sound_alone(
     ends: Ends,
 ) -> None:
-    """A keeper gets eight messages of a read, then none for a while, and then again some."""
+    """A keeper gets eight messages of a read, then none for a while, and then again
+    some."""
     ends.own.follow((PEER, frozenset({STREAM})))
     found = ends.arrives(*[wrap(ends, STUN)] * 100, *[wrap(ends, SRTP)] * 20)
     found += ends.own.receive(0)

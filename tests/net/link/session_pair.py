@@ -1,4 +1,5 @@
-"""Two sessions joined in virtual time, without socket or clock; losses are a list of booleans."""
+"""Two sessions joined in virtual time, without socket or clock; losses are a list of
+booleans."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -24,7 +25,8 @@ def answering(identity: Identity = OPERATOR, trusts: Identity = ROBOT) -> Sessio
 
 @dataclass
 class SessionPair:
-    """Carries datagrams in both directions without delay; ``lost`` says for each in turn whether it is lost."""
+    """Carries datagrams in both directions without delay; ``lost`` says for each in
+    turn whether it is lost."""
 
     robot: Session = field(default_factory=calling)
     operator: Session = field(default_factory=answering)

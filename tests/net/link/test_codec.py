@@ -69,7 +69,8 @@ def test_the_channels_stay_separate() -> None:
 
 
 def test_opus_keeps_touch_below_one_kilohertz() -> None:
-    # 20 noise-like partials a channel: 25 dB is what the study measured at 5 ms and 96 kbit/s, minus a margin.
+    # 20 noise-like partials a channel: 25 dB is what the study measured at 5 ms and 96
+    # kbit/s, minus a margin.
     random, time = np.random.default_rng(2), np.arange(48_000)[:, np.newaxis] / 48_000
     partials = 0.02 * np.sin(
         2 * np.pi * random.uniform(30, 900, (2, 1, 20)) * time

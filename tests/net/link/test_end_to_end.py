@@ -1,4 +1,5 @@
-"""Sound and predictions from end to end over a link that loses, delays and stalls, in virtual time."""
+"""Sound and predictions from end to end over a link that loses, delays and stalls, in
+virtual time."""
 
 import numpy as np
 import pytest
@@ -137,7 +138,8 @@ def test_every_new_session_begins_a_new_stream() -> None:
     starts = [event.block.start for event in call.decoded()]
     assert starts == sorted(starts)
     assert starts.count(0) == 1
-    # The times go on by the operator's clock; what was before the new stream is no loss.
+    # The times go on by the operator's clock; what was before the new stream is no
+    # loss.
     assert starts[-1] == pytest.approx(1.0 * RATE, abs=0.05 * RATE)
     assert not any(event.block.concealed for event in call.decoded())
     assert call.operator.stats.samples_skipped == 0

@@ -92,7 +92,8 @@ def test_a_hello_is_recognised_and_keeps_its_random() -> None:
 
 
 def steps_of_a_call(sent: list[bytes]) -> Iterator[tuple[Handshake, Handshake | None]]:
-    """Carry one flight at a time, and note each datagram; time stands still for the handshakes, not for OpenSSL."""
+    """Carry one flight at a time, and note each datagram; time stands still for the
+    handshakes, not for OpenSSL."""
     calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
     answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
     robot, operator = calling.call(now=0.0), None
@@ -117,7 +118,8 @@ def steps_of_a_call(sent: list[bytes]) -> Iterator[tuple[Handshake, Handshake | 
 def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_a_flight() -> (
     None
 ):
-    """OpenSSL's own timer reads the wall clock; what it repeated made an answerer take the caller for a new one."""
+    """OpenSSL's own timer reads the wall clock; what it repeated made an answerer take
+    the caller for a new one."""
     calls = []
     for stalled_at in range(8):
         sent: list[bytes] = []
@@ -140,7 +142,8 @@ def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_
 
 
 def test_a_finished_handshake_ends_even_where_each_flight_is_repeated() -> None:
-    """Over a long path both ends retransmit their last flights; they must not answer each other for ever."""
+    """Over a long path both ends retransmit their last flights; they must not answer
+    each other for ever."""
     robot, operator = run_handshake(set())
     assert operator is not None
     last = robot._newest_flight

@@ -1,4 +1,5 @@
-"""Strangers, second robots and faulty peers harm nothing but their own calls; each case once ended the process."""
+"""Strangers, second robots and faulty peers harm nothing but their own calls; each case
+once ended the process."""
 
 import itertools
 import time
@@ -102,7 +103,8 @@ def test_an_exception_in_a_library_ends_one_handshake_and_is_counted(
 
 
 OPENSSL_TIMER = 0.9
-"""Seconds of the wall clock after which OpenSSL repeats a flight by itself; its timer does not follow virtual time."""
+"""Seconds of the wall clock after which OpenSSL repeats a flight by itself; its timer
+does not follow virtual time."""
 
 
 @pytest.mark.slow
@@ -113,7 +115,8 @@ def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(
     for _ in range(5):
         begun = time.monotonic()
         connected_after, line = _connect_among_strangers(round_trip)
-        # On a machine that is too slow for the case, OpenSSL's own timer has disturbed it: it says nothing.
+        # On a machine that is too slow for the case, OpenSSL's own timer has disturbed
+        # it: it says nothing.
         if connected_after is not None or time.monotonic() - begun < OPENSSL_TIMER:
             break
     else:

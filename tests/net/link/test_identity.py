@@ -113,7 +113,8 @@ def test_a_list_of_peers_that_is_not_text_is_refused_in_words(
 def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(
     tmp_path: Path,
 ) -> None:
-    """The library raises many types of its own: for a version, an algorithm or a name that it does not know."""
+    """The library raises many types of its own: for a version, an algorithm or a name
+    that it does not know."""
     Identity.create("robot").save(tmp_path)
     original = {path: path.read_bytes() for path in tmp_path.iterdir()}
     random = np.random.default_rng(0)

@@ -1,4 +1,5 @@
-"""Wireshark parses the packets and GStreamer decodes them. Skipped where they are not installed."""
+"""Wireshark parses the packets and GStreamer decodes them. Skipped where they are not
+installed."""
 
 import json
 import shutil
@@ -50,7 +51,8 @@ def packets(codec: Codec, *, depth: int = 0) -> list[Packet]:
 
 
 def write_capture(path: Path, datagrams: list[bytes]) -> None:
-    """Write UDP datagrams as Wireshark reads them: a pcap file of bare IPv4 packets (link type 101)."""
+    """Write UDP datagrams as Wireshark reads them: a pcap file of bare IPv4 packets
+    (link type 101)."""
     with path.open("wb") as file:
         file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65_535, 101))
         for number, datagram in enumerate(datagrams):

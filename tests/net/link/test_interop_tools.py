@@ -1,4 +1,5 @@
-"""Our dissector in tshark, and our encryption read by GStreamer's SRTP. Skipped where they are not installed."""
+"""Our dissector in tshark, and our encryption read by GStreamer's SRTP. Skipped where
+they are not installed."""
 
 import json
 import math
@@ -72,7 +73,8 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
 
 
 def dissected(path: Path, datagrams: list[bytes]) -> list[dict[str, Any]]:
-    """Write packets to a capture, and return what Wireshark with our dissector finds in each, by layer."""
+    """Write packets to a capture, and return what Wireshark with our dissector finds in
+    each, by layer."""
     write_capture(path, datagrams)
     done = subprocess.run(
         [
@@ -99,7 +101,8 @@ def decrypted_by_gstreamer(
 ) -> FloatArray:
     """Send datagrams to GStreamer over UDP; return the samples that it decrypts.
 
-    From a file it would crash: srtpdec of 1.22 decrypts in place, which pcapparse's buffers do not allow.
+    From a file it would crash: srtpdec of 1.22 decrypts in place, which pcapparse's
+    buffers do not allow.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

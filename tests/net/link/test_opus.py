@@ -1,4 +1,5 @@
-"""Calls of single streams against libopus's multistream API, which is the reference: equal to the bit."""
+"""Calls of single streams against libopus's multistream API, which is the reference:
+equal to the bit."""
 
 import numpy as np
 import pytest
@@ -27,7 +28,8 @@ def decode_by_reference(decoder: OpusDecoder, content: bytes, size: int) -> Floa
 
 
 def sounds(channels: int, sizes: list[int]) -> list[FloatArray]:
-    """Noise of all levels, with silence and a full-scale stretch in it, different in each channel."""
+    """Noise of all levels, with silence and a full-scale stretch in it, different in
+    each channel."""
     random = np.random.default_rng(0)
     found = []
     for number, size in enumerate(sizes):

@@ -1,4 +1,5 @@
-"""Golden packets, one for each shape and each fault, and round trips that hypothesis searches."""
+"""Golden packets, one for each shape and each fault, and round trips that hypothesis
+searches."""
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""Blocks of any length become packets of one length, with the redundancy that the loss requires."""
+"""Blocks of any length become packets of one length, with the redundancy that the loss
+requires."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""The clocked buffer with real sound: no click, no drift, and what was lost is counted."""
+"""The clocked buffer with real sound: no click, no drift, and what was lost is
+counted."""
 
 from collections.abc import Iterator
 

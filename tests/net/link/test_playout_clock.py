@@ -14,7 +14,8 @@ RATE, PACKET, BLOCK = 48_000, 240, 128
 
 @dataclass
 class Simulation:
-    """Simulates minutes in a second: delays (s) against the sender's true time, number of late packets and of jumps."""
+    """Simulates minutes in a second: delays (s) against the sender's true time, number
+    of late packets and of jumps."""
 
     skew_ppm: float = 0.0
     jitter: float = 0.002

@@ -1,4 +1,5 @@
-"""Keys are renewed beside the running session, without a gap in the stream; in virtual time."""
+"""Keys are renewed beside the running session, without a gap in the stream; in virtual
+time."""
 
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ PACKET = 240
 
 
 class Stream:
-    """A robot that sends a ramp of samples, and an operator that decodes it, with a delay of one packet each way."""
+    """A robot that sends a ramp of samples, and an operator that decodes it, with a
+    delay of one packet each way."""
 
     def __init__(self, *, renew_after: float) -> None:
         peers = (
@@ -142,7 +144,8 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
     pair.exchange()
     ages, keys = [], set()
     while pair.now < 23 * 3600:
-        # Reports alone keep the session alive; a step just below the time after which the robot would call again.
+        # Reports alone keep the session alive; a step just below the time after which
+        # the robot would call again.
         for side in (pair.robot, pair.operator):
             assert side._keys.current is not None
             side.send(report(side))

@@ -1,4 +1,5 @@
-"""One robot and several operators, in virtual time: each gets what it would get alone, whatever the others do."""
+"""One robot and several operators, in virtual time: each gets what it would get alone,
+whatever the others do."""
 
 import random
 from collections.abc import Callable

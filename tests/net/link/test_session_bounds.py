@@ -1,4 +1,5 @@
-"""The bounds of a session: ages of keys, pauses, and what each refused datagram counts as."""
+"""The bounds of a session: ages of keys, pauses, and what each refused datagram counts
+as."""
 
 import pytest
 
@@ -214,7 +215,8 @@ def test_a_hello_beyond_the_places_is_counted(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_cookie_for_a_call_that_was_given_up_serves_the_next_one() -> None:
-    """An operator that slept answers the calls that waited in its socket, the oldest first."""
+    """An operator that slept answers the calls that waited in its socket, the oldest
+    first."""
     pair = SessionPair(calling(), answering())
     late: list[bytes] = []
     for now in (0.0, HANDSHAKE_TIMEOUT + 0.1):

@@ -1,4 +1,5 @@
-"""Sessions move as the table at the head of `net/link/session.py` says, and every row of it is walked."""
+"""Sessions move as the table at the head of `net/link/session.py` says, and every row
+of it is walked."""
 
 import random
 from itertools import chain, repeat

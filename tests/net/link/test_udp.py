@@ -97,7 +97,8 @@ FOREIGN = [
 
 
 def has_ipv6() -> bool:
-    """Whether the machine has it; asked without the socket that is tested, which may be what lacks it."""
+    """Whether the machine has it; asked without the socket that is tested, which may be
+    what lacks it."""
     with (
         contextlib.suppress(OSError),
         socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe,
@@ -177,7 +178,8 @@ def test_the_kernel_drops_what_belongs_to_no_stream_of_the_peer_whoever_sent_it(
 def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(
     pair: tuple[UdpSocket, UdpSocket],
 ) -> None:
-    """Anybody can forge the address: a few handshakes are taken, then none for a while, and then again some."""
+    """Anybody can forge the address: a few handshakes are taken, then none for a while,
+    and then again some."""
     operator, peer = pair
     operator.follow((peer.address, frozenset({SSRC})))
     peer.send([(HANDSHAKE, operator.address)] * 200 + [(SOUND, operator.address)] * 20)
@@ -196,7 +198,8 @@ def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(
 def test_a_robot_takes_handshakes_again_a_second_after_a_flood_of_them(
     pair: tuple[UdpSocket, UdpSocket],
 ) -> None:
-    """Its reads wait 50 ms, ten times as long as an operator's: 20 of them are a second, 200 would be ten."""
+    """Its reads wait 50 ms, ten times as long as an operator's: 20 of them are a
+    second, 200 would be ten."""
     robot, peer = pair
     robot.follow((peer.address, frozenset({SSRC})))
     peer.send([(HANDSHAKE, robot.address)] * 200)

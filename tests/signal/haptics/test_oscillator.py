@@ -36,7 +36,8 @@ def held(
 
 
 def peak(wave: FloatArray) -> tuple[float, float]:
-    """Frequency and level (dBFS) of the strongest line; its bins are 0.02 Hz apart, and a Hann window's scallop nil."""
+    """Frequency and level (dBFS) of the strongest line; its bins are 0.02 Hz apart, and
+    a Hann window's scallop nil."""
     shape = np.hanning(len(wave))
     spectrum = np.abs(np.fft.rfft(wave * shape, 50 * RATE)) / shape.sum() * 2
     best = int(spectrum.argmax())

@@ -51,7 +51,8 @@ def rendered(
     *,
     period: int = 128,
 ) -> FloatArray:
-    """Render period by period, submitting the command each time; ``None``: no command."""
+    """Render period by period, submitting the command each time; ``None``: no
+    command."""
     out = np.full(round(duration * RATE), np.nan, np.float32)
     for start in range(0, len(out), period):
         if command:
@@ -89,7 +90,8 @@ def test_periods_that_vary_lose_no_sound(periods: tuple[int, int]) -> None:
         np.fft.rfft(np.concatenate(wave)[4800 : 4800 + 9600] * np.hanning(9600))
     )
     assert spectrum.argmax() * RATE / 9600 == pytest.approx(200)
-    # Between the tone and its third harmonic, which the limiter makes: a gap in the sound would lie there.
+    # Between the tone and its third harmonic, which the limiter makes: a gap in the
+    # sound would lie there.
     assert spectrum[50:110].max() < 0.01 * spectrum.max()
 
 

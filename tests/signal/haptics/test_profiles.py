@@ -60,7 +60,8 @@ def test_perceptual_steps_are_even_in_frequency_and_level() -> None:
 
 def test_the_steps_of_each_profile_that_a_finger_discriminates() -> None:
     steps = {name: discriminable_steps(open_profile(name)) for name in PROFILES}
-    # Just-noticeable steps of 18 %: 60 to 120 Hz span about 4 steps of frequency, 40 to 250 Hz about 11.
+    # Just-noticeable steps of 18 %: 60 to 120 Hz span about 4 steps of frequency, 40 to
+    # 250 Hz about 11.
     assert steps["paper"][0] == pytest.approx(4.2, abs=0.1)
     assert steps["perceptual"][0] == pytest.approx(11.1, abs=0.1)
     assert steps["lra"][0] == 0

@@ -1,4 +1,5 @@
-"""What the finger gets, whatever the controls, the sound and the settings, from every profile."""
+"""What the finger gets, whatever the controls, the sound and the settings, from every
+profile."""
 
 import math
 from collections.abc import Iterator
@@ -201,15 +202,17 @@ def test_a_sound_of_one_sign_is_no_constant_force(name: str, kind: str) -> None:
         bounds = Limits(ceiling=0.5)
         renderer, profile = opened(name, bounds, sound(kind, frequency, 1.0))
         wave = np.concatenate(list(periods(renderer, profile, 80, Touch.ROUGH, 0.7)))
-        # Weighted by a Hann window whose middle half is 100 ms: whole periods of 35 Hz do not fit into 100 ms.
+        # Weighted by a Hann window whose middle half is 100 ms: whole periods of 35 Hz
+        # do not fit into 100 ms.
         window = np.hanning(LIVE_SAMPLE_RATE // 5)
         for begin in range(LIVE_SAMPLE_RATE * 2 // 5, len(wave) - len(window), 2400):
             assert (
                 abs(np.average(wave[begin : begin + len(window)], weights=window))
                 <= 0.01
             )
-        # Without a window the sine of a profile keeps to 0.01 too, from its beginning; the sound itself has no more
-        # than half a period of a sine at the lower end of the band: cut to 0.01, it would lose all under 159 Hz.
+        # Without a window the sine of a profile keeps to 0.01 too, from its beginning;
+        # the sound itself has no more than half a period of a sine at the lower end of
+        # the band: cut to 0.01, it would lose all under 159 Hz.
         bound = (
             0.01
             if name in PROFILES

@@ -1,4 +1,5 @@
-"""Windows computed together are what each is alone, but for the last bits of what is computed in one batch."""
+"""Windows computed together are what each is alone, but for the last bits of what is
+computed in one batch."""
 
 from typing import Any
 
@@ -19,7 +20,8 @@ def open_model(name: str) -> WindowDetector:
 
 
 def sounds(count: int) -> list[FloatArray]:
-    """Strokes that begin at another time for each detector, the fifth and later without air."""
+    """Strokes that begin at another time for each detector, the fifth and later without
+    air."""
     contact = strokes()[:, 0]
     rolled = [np.roll(contact, 4800 * n)[: RATE // 2] for n in range(count)]
     return [

@@ -36,7 +36,8 @@ def record(
 def performed(
     name: str, gain_db: float
 ) -> tuple[SimulatedParticipant, list[AudioBlock]]:
-    """A participant, and its settling, silence, strokes and taps, as microphones without a fault record them."""
+    """A participant, and its settling, silence, strokes and taps, as microphones
+    without a fault record them."""
     participant = SimulatedParticipant(find(name), gain_db=gain_db)
     acts = (
         (0.5, participant.rest),
@@ -127,7 +128,8 @@ def test_the_threshold_gives_about_the_chosen_number_of_false_alarms(
             .mean(axis=1)
         )
         alarms.append(int((levels > threshold_dbfs).sum()) / 2)
-    # A minute of independent looks; half a decibel is kept for drift, so there are fewer.
+    # A minute of independent looks; half a decibel is kept for drift, so there are
+    # fewer.
     assert np.median(alarms) <= 6.0
 
 
@@ -145,7 +147,8 @@ def test_silence_hardly_ever_opens_the_contact_gate_at_the_threshold_found() -> 
         later.touching and not earlier.touching
         for earlier, later in itertools.pairwise(changes)
     )
-    # A few of either kind of look; five seconds do not determine a rate of 6 to better than a factor of three.
+    # A few of either kind of look; five seconds do not determine a rate of 6 to better
+    # than a factor of three.
     assert openings <= 18
 
 
@@ -167,7 +170,8 @@ def test_sounds_too_short_raise() -> None:
 def moving(
     motion_db: float, *, jerks: int = 6, seconds: float = 6.0
 ) -> CalibrationSounds:
-    """A robot whose motion raises noise of -60 dBFS by so many dB in every second 0.1 s, with bangs of 0.2 s."""
+    """A robot whose motion raises noise of -60 dBFS by so many dB in every second 0.1
+    s, with bangs of 0.2 s."""
     _, (_, _, stroke, tap) = performed("whiteboard", -9.0)
     rest, motion = (
         noise(level_dbfs=-60, duration=duration, seed=seed)

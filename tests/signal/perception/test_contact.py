@@ -48,7 +48,8 @@ def test_any_block_size_gives_the_same_changes(size: int) -> None:
 
 
 def restless(rate: int) -> np.ndarray:
-    """Noise with twenty bursts of any level and length, and samples that are invalid."""
+    """Noise with twenty bursts of any level and length, and samples that are
+    invalid."""
     samples = noise(
         level_dbfs=THRESHOLD_DBFS - 8, duration=4 * rate / 48_000, channels=1
     )
@@ -268,7 +269,8 @@ def test_the_level_is_of_the_rule_at_hand(
     rule: LoudnessRule, level_dbfs: float, touching: bool
 ) -> None:
     gate = ContactGate(THRESHOLD_DBFS, sample_rate=48_000, rule=rule)
-    # A square wave is as loud by either rule; of other sound they differ by some decibels.
+    # A square wave is as loud by either rule; of other sound they differ by some
+    # decibels.
     square = np.full((4800, 1), 10 ** (level_dbfs / 20), np.float32)
     assert gate.push(AudioBlock(square, 48_000))[-1].touching == touching
 

@@ -102,7 +102,8 @@ def impacts(moments: list[float], sizes: list[float]) -> np.ndarray:
 
 
 def test_a_tap_may_swell_for_10_ms() -> None:
-    """So does a soft fingertip's on a laptop; it rises by 10 dB at once nevertheless."""
+    """So does a soft fingertip's on a laptop; it rises by 10 dB at once
+    nevertheless."""
     sound = impacts([], [])
     swell = np.concatenate(
         (np.geomspace(0.02, 0.2, 432), 0.2 * np.exp(-np.arange(960) / 144))
@@ -121,7 +122,8 @@ def test_impacts_in_a_train_are_sliding_over_a_mesh_not_taps() -> None:
 def test_an_impact_out_of_sound_that_is_not_steady_is_no_tap() -> None:
     sound = impacts([1.0], [0.2])
     assert times(events_of(sound), "tap") == pytest.approx([1.0])
-    # The swells of a finger that turns: at most 8 dB over the noise, from 0.2 s to 30 ms before.
+    # The swells of a finger that turns: at most 8 dB over the noise, from 0.2 s to 30
+    # ms before.
     swells = np.random.default_rng(1).normal(0, 1, round(0.17 * RATE)) * np.sin(
         np.arange(round(0.17 * RATE)) / 600
     )

@@ -92,7 +92,8 @@ def test_without_the_air_microphone_the_one_channel_model_goes_on() -> None:
     alone = open_detector("paper-mono", sample_rate=RATE).push(
         AudioBlock(block.samples, RATE)
     )
-    # The spare one began in the middle, so its windows lie elsewhere; the nearest ones are compared.
+    # The spare one began in the middle, so its windows lie elsewhere; the nearest ones
+    # are compared.
     fallen_back = [p for p in predictions("air-dead") if BEGIN + 1.3 < p.end < END]
     nearest = [
         min(alone, key=lambda other, end=p.end: abs(other.end - end))

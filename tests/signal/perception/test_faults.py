@@ -61,7 +61,8 @@ def test_each_fault_alone_is_named_within_a_second_and_heals(
     assert during == [code]
     assert 3.0 < begun <= 4.0
     assert after == []
-    # Without a calibration, only a strong touch shows that the air microphone works again.
+    # Without a calibration, only a strong touch shows that the air microphone works
+    # again.
     assert 5.0 < ended <= (8.0 if code == "air-covered" else 7.0)
 
 
@@ -82,7 +83,8 @@ def test_a_hidden_sign_neither_raises_nor_heals() -> None:
     quiet = np.random.default_rng(0).normal(0, 0.01, (RATE, 2))
     detector.push(block(quiet + hum[:, None] * [1, 0]))
     assert [fault.code for fault in detector.faults] == ["contact-hum"]
-    # Noise about the mains' harmonics, three times as strong as what would be called hum.
+    # Noise about the mains' harmonics, three times as strong as what would be called
+    # hum.
     steps = np.random.default_rng(1).normal(0, 1, (2, 1440))
     loud = np.stack(
         [

@@ -19,7 +19,8 @@ REFERENCE = Reference(
 
 
 def sound(gain_db: float = 0.0, seconds: float = 3.0) -> FloatArray:
-    """Noise at -50 dBFS, and from 1.5 s on a stroke 24 dB over it that swells and fades."""
+    """Noise at -50 dBFS, and from 1.5 s on a stroke 24 dB over it that swells and
+    fades."""
     samples = noise(level_dbfs=-50, duration=seconds)
     samples[:, 1] *= 0.3
     time = np.arange(len(samples) - RATE * 3 // 2) / RATE

@@ -1,4 +1,5 @@
-"""Hostile model files: each is refused in words, or runs; none hangs, and none raises anything but `ModelError`."""
+"""Hostile model files: each is refused in words, or runs; none hangs, and none raises
+anything but `ModelError`."""
 
 import json
 from pathlib import Path
@@ -192,7 +193,8 @@ def test_control_flow_is_refused_before_it_runs(tmp_path: Path) -> None:
 def test_an_operator_of_any_name_with_a_graph_of_its_own_is_refused(
     tmp_path: Path,
 ) -> None:
-    """As the runtime's searches for sequences, which run a graph as often as their inputs say."""
+    """As the runtime's searches for sequences, which run a graph as often as their
+    inputs say."""
     value = helper.make_tensor_value_info
     body = helper.make_graph(
         [helper.make_node("Identity", ["v"], ["w"])],
@@ -342,7 +344,8 @@ def test_a_state_of_a_billion_numbers_is_refused_before_it_is_made(
 def test_an_inference_that_takes_too_long_is_ended(
     optimised: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All of it is constant, so that the runtime would compute it while it loads, where nothing ends it."""
+    """All of it is constant, so that the runtime would compute it while it loads, where
+    nothing ends it."""
     monkeypatch.setattr(checks, "MODEL_PROBE_TIMEOUT", 0.05)
     size = 1_500
     nodes = [helper.make_node("Expand", ["one", "shape"], ["x0"])]

@@ -26,7 +26,8 @@ def sound(*loud: tuple[float, float], seconds: float = 4.0) -> FloatArray:
 def contacts(
     samples: FloatArray, turns: Sequence[float] = (), *, bands: bool = True
 ) -> list[Contact]:
-    """Return what the gate reports of a robot that starts at the first of these times, stops at the next, and so on."""
+    """Return what the gate reports of a robot that starts at the first of these times,
+    stops at the next, and so on."""
     gate = ContactGate(
         -38,
         sample_rate=RATE,

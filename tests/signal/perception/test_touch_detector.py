@@ -1,4 +1,5 @@
-"""Contact gate and window detector together, with a detector whose predictions are given."""
+"""Contact gate and window detector together, with a detector whose predictions are
+given."""
 
 from collections import Counter
 from collections.abc import Generator

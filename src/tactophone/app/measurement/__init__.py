@@ -1,1 +1,2 @@
-"""Measurements of the running system: impulse latency, decision delay, what an actuator plays."""
+"""Measurements of the running system: impulse latency, decision delay, what an actuator
+plays."""

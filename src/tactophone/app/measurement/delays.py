@@ -1,8 +1,10 @@
-"""Decision delay: from contact to the first vibration, and from an edge between surfaces to the changed vibration.
+"""Decision delay: from contact to the first vibration, and from an edge between
+surfaces to the changed vibration.
 
-The simulated finger strokes to and fro over a smooth and a rough stone side by side, and taps them now and then. Its
-sound goes through the same pipeline as live sound, in virtual time, and the oscillator renders the result. Network and
-devices are measured separately (`tactophone.app.measurement.impulses`) and add to these delays.
+The simulated finger strokes to and fro over a smooth and a rough stone side by side,
+and taps them now and then. Its sound goes through the same pipeline as live sound, in
+virtual time, and the oscillator renders the result. Network and devices are measured
+separately (`tactophone.app.measurement.impulses`) and add to these delays.
 """
 
 from collections.abc import Iterator
@@ -32,7 +34,8 @@ FIRST_VIBRATION = 1e-4
 """Amplitude above which a sample vibrates, as in `impulses`."""
 
 CHANGED_FOR = 0.03
-"""Seconds that a changed vibration must last to count: the shortest burst that is felt (Sci. Rep. 2025, 15:5057)."""
+"""Seconds that a changed vibration must last to count: the shortest burst that is felt
+(Sci. Rep. 2025, 15:5057)."""
 
 MAX_DECISION_DELAY = 0.6
 """Seconds after which a change counts as missed."""
@@ -41,12 +44,14 @@ HOP = 0.06
 """Seconds without contact that are not a lift."""
 
 STONE_PITCH = 0.085
-"""Metres between the centres of the stones: their width, so that the finger slides from one to the next."""
+"""Metres between the centres of the stones: their width, so that the finger slides from
+one to the next."""
 
 
 @dataclass(slots=True)
 class DecisionDelays:
-    """Seconds from each event to the vibration that it caused, and the number of events that caused none."""
+    """Seconds from each event to the vibration that it caused, and the number of events
+    that caused none."""
 
     touch: list[float] = field(default_factory=list)
     """From contact to the first sample that vibrates."""
@@ -61,7 +66,8 @@ def measure_decisions(
 ) -> DecisionDelays:
     """Stroke, detect and render, and measure the delays.
 
-    The pipeline is for two channels at 48 kHz. Of ``passes`` over the edge, a lift and a new touch follow every fourth.
+    The pipeline is for two channels at 48 kHz. Of ``passes`` over the edge, a lift and
+    a new touch follow every fourth.
     """
     touch, waveform, frequency = _render(pipeline, passes, seed)
     touch = _without_hops(touch)
@@ -82,7 +88,8 @@ def measure_decisions(
     for edge in (
         np.flatnonzero((touch[1:] != touch[:-1]) & touching[1:] & touching[:-1]) + 1
     ):
-        # The vibration has changed once its frequency is on the new surface's side of `MIDDLE` and stays there.
+        # The vibration has changed once its frequency is on the new surface's side of
+        # `MIDDLE` and stays there.
         after = frequency[edge : edge + longest]
         changed = after < MIDDLE if touch[edge] == Touch.ROUGH else after > MIDDLE
         # The convolution counts the changed samples in each stretch of `lasting`.
@@ -97,7 +104,8 @@ def measure_decisions(
 
 
 def _without_hops(touch: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Fill moments without contact that are too short to be a lift: over an edge, the finger hops."""
+    """Fill moments without contact that are too short to be a lift: over an edge, the
+    finger hops."""
     filled = touch.copy()
     starts = np.flatnonzero(np.diff(touch, prepend=np.int8(-1)))
     ends = np.append(starts[1:], len(touch))
@@ -114,13 +122,16 @@ def _without_hops(touch: NDArray[np.int8]) -> NDArray[np.int8]:
 def _render(
     pipeline: Pipeline, passes: int, seed: int
 ) -> tuple[NDArray[np.int8], FloatArray, NDArray[np.float64]]:
-    """Return, sample by sample, the true touch, the waveform, and the frequency of the newest command in Hz.
+    """Return, sample by sample, the true touch, the waveform, and the frequency of the
+    newest command in Hz.
 
-    The frequency is that after each sample's block, and NaN while the command's amplitude is 0.
+    The frequency is that after each sample's block, and NaN while the command's
+    amplitude is 0.
     """
     finger, duration = _finger(passes, seed)
     oscillator = Oscillator(Limits())
-    # The vibration caused by a block starts at the block's end at the earliest: hence a silent block before the first.
+    # The vibration caused by a block starts at the block's end at the earliest: hence a
+    # silent block before the first.
     touch, waveform = [], [np.zeros(BLOCK, np.float32)]
     frequency = [np.nan]
     for _ in range(int(duration * LIVE_SAMPLE_RATE / BLOCK)):
@@ -166,7 +177,8 @@ def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
 
 
 def _onsets(touching: NDArray[np.bool_]) -> Iterator[int]:
-    """Yield the first sample of each touch that follows 0.2 s without contact and lasts most of 0.1 s."""
+    """Yield the first sample of each touch that follows 0.2 s without contact and lasts
+    most of 0.1 s."""
     for onset in np.flatnonzero(touching[1:] & ~touching[:-1]) + 1:
         before = touching[max(0, onset - LIVE_SAMPLE_RATE // 5) : onset]
         after = touching[onset : onset + LIVE_SAMPLE_RATE // 10]

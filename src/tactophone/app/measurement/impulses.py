@@ -1,9 +1,11 @@
-"""Latency of the running system from an impulse at the microphones to the first vibration, stage by stage.
+"""Latency of the running system from an impulse at the microphones to the first
+vibration, stage by stage.
 
-A client of the same JACK graph plays impulses into the robot's ports (or into a loudspeaker in front of its
-microphones) and records the operator's port (or a sensor on the actuator). Two independent measurements with different
-clocks must agree: *end to end*, by counting samples of one sound clock, and *the budget*, by the marks that both sides
-record on the system clock for the packet that caused the vibration.
+A client of the same JACK graph plays impulses into the robot's ports (or into a
+loudspeaker in front of its microphones) and records the operator's port (or a sensor on
+the actuator). Two independent measurements with different clocks must agree: *end to
+end*, by counting samples of one sound clock, and *the budget*, by the marks that both
+sides record on the system clock for the packet that caused the vibration.
 """
 
 import secrets
@@ -28,20 +30,24 @@ from tactophone.live.telemetry.layout import MARKS, STAGES
 from tactophone.live.telemetry.watcher import Watcher
 
 PROBE_BURST = 0.03
-"""Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
+"""Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025,
+15:5057)."""
 
 TONE = 300.0
-"""Hz of an impulse: near the best sensitivity of the skin, and within every codec's band."""
+"""Hz of an impulse: near the best sensitivity of the skin, and within every codec's
+band."""
 
 PEAK = 0.8
 """Amplitude of an impulse; its first sample is the highest."""
 
 INTERVALS = (0.22, 0.27)
-"""Range of seconds between impulses, uniform: the vibration has faded 10 ms before, as it ends 197 ms after an impulse
-at the latest (512 samples, Opus 10 ms), and every phase of the period occurs."""
+"""Range of seconds between impulses, uniform: the vibration has faded 10 ms before, as
+it ends 197 ms after an impulse at the latest (512 samples, Opus 10 ms), and every phase
+of the period occurs."""
 
 FIRST_ARRIVAL = 1e-4
-"""Amplitude above which a sample vibrates, 80 dB below full drive; at rest, every sample is exactly zero."""
+"""Amplitude above which a sample vibrates, 80 dB below full drive; at rest, every
+sample is exactly zero."""
 
 LONGEST = 0.15
 """Seconds after which an impulse counts as missed."""
@@ -62,13 +68,16 @@ class ImpulseLatency:
     end_to_end: NDArray[np.float64]
     """By counted samples."""
     stages: dict[str, NDArray[np.float64]]
-    """By marks, for each stage of `tactophone.live.telemetry.layout.STAGES`; only impulses with all marks."""
+    """By marks, for each stage of `tactophone.live.telemetry.layout.STAGES`; only
+    impulses with all marks."""
     disagreement: float
-    """Difference between the mean end-to-end latency of those impulses and the mean sum of their stages."""
+    """Difference between the mean end-to-end latency of those impulses and the mean sum
+    of their stages."""
     period: int
     """Samples of a period of the JACK server."""
     restarts: int = 0
-    """Number of times that a side was restarted; later impulses are missed, as it stays muted."""
+    """Number of times that a side was restarted; later impulses are missed, as it stays
+    muted."""
 
     @property
     def missed(self) -> int:
@@ -76,7 +85,8 @@ class ImpulseLatency:
 
 
 class ImpulsePlayer:
-    """Plays impulses and records the vibration; ``process`` is for a JACK client and allocates nothing."""
+    """Plays impulses and records the vibration; ``process`` is for a JACK client and
+    allocates nothing."""
 
     def __init__(self, impulses: int, *, seed: int = 0) -> None:
         gaps = (
@@ -106,12 +116,14 @@ class ImpulsePlayer:
 
     @property
     def done(self) -> bool:
-        """Whether all impulses were played and the time for their vibration has passed."""
+        """Whether all impulses were played and the time for their vibration has
+        passed."""
         return self.position >= len(self.played)
 
     @property
     def cycles(self) -> NDArray[np.float64]:
-        """The start of each period: its first sample, and the system clock in s; shape ``(periods, 2)``."""
+        """The start of each period: its first sample, and the system clock in s; shape
+        ``(periods, 2)``."""
         return self._cycles[: self._count]
 
     def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
@@ -129,7 +141,8 @@ class ImpulsePlayer:
         self.position = position + size
 
     def onsets(self) -> Iterator[tuple[int, int]]:
-        """Yield each impulse that caused vibration, and the first sample that vibrates after it."""
+        """Yield each impulse that caused vibration, and the first sample that vibrates
+        after it."""
         for impulse in self.impulses:
             after = self.vibration[impulse : impulse + int(LONGEST * LIVE_SAMPLE_RATE)]
             found = np.flatnonzero(np.abs(after) > FIRST_ARRIVAL)
@@ -141,7 +154,8 @@ class ImpulsePlayer:
                 yield int(impulse), int(impulse + found[0])
 
     def clock(self, sample: int) -> float:
-        """Return the system clock (s) at a sample, counted from the start of its period."""
+        """Return the system clock (s) at a sample, counted from the start of its
+        period."""
         start, begun = self.cycles[
             np.searchsorted(self.cycles[:, 0], sample, side="right") - 1
         ]
@@ -158,7 +172,8 @@ def analyse(
     followed = np.array(
         [(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in complete]
     )
-    # Rows are impulses; the differences of nine successive moments are the durations of the eight stages.
+    # Rows are impulses; the differences of nine successive moments are the durations of
+    # the eight stages.
     table = np.diff(
         np.array([moments for moments in found if moments]).reshape(
             -1, len(STAGES) + 1
@@ -181,12 +196,14 @@ def analyse(
 def _moments(
     player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], impulse: int, onset: int
 ) -> list[float] | None:
-    """Return the nine moments that bound the eight stages; ``None`` when a mark is missing."""
+    """Return the nine moments that bound the eight stages; ``None`` when a mark is
+    missing."""
     period_start = player.cycles[
         np.searchsorted(player.cycles[:, 0], impulse, side="right") - 1, 1
     ]
     captured = int(np.searchsorted(marks["captured"]["time"], period_start))
-    # The operator's callback of the same period ran before the player's, so its mark is the last one before it.
+    # The operator's callback of the same period ran before the player's, so its mark is
+    # the last one before it.
     played = player.cycles[
         np.searchsorted(player.cycles[:, 0], onset, side="right") - 1, 1
     ]
@@ -209,7 +226,8 @@ def _moments(
 
 
 def _time_at(marks: NDArray[np.void], end: int) -> float | None:
-    """Return the time of the first mark at an RTP timestamp or less than half a second after it."""
+    """Return the time of the first mark at an RTP timestamp or less than half a second
+    after it."""
     beyond = (marks["position"] - end) % (1 << 32)
     found = np.flatnonzero(beyond < LIVE_SAMPLE_RATE // 2)
     return float(marks["time"][found[0]]) if len(found) else None
@@ -217,7 +235,8 @@ def _time_at(marks: NDArray[np.void], end: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """The JACK ports of impulses and vibration; empty names mean the sides' own ports."""
+    """The JACK ports of impulses and vibration; empty names mean the sides' own
+    ports."""
 
     server: str = ""
     impulse_port: str = ""
@@ -269,7 +288,8 @@ def _collect(
     operator: Watcher,
     progress: Callable[[float], None],
 ) -> dict[str, NDArray[np.void]]:
-    """Wait until the player is done, and collect the marks before they are overwritten."""
+    """Wait until the player is done, and collect the marks before they are
+    overwritten."""
     kept: dict[str, list[NDArray[np.void]]] = {name: [] for name in MARKS}
     while not player.done:
         time.sleep(COLLECT_EVERY)
@@ -290,7 +310,8 @@ def _collect(
 def running_sides(
     settings: Settings, graph: Graph, *, open_source: OpenSource = open_device
 ) -> Iterator[Sides]:
-    """Run operator and robot, and yield both once they are connected; the robot captures ``open_source``."""
+    """Run operator and robot, and yield both once they are connected; the robot
+    captures ``open_source``."""
     changes = [
         "detector.check_microphones=false",
         "capture.source=jack",

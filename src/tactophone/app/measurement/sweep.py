@@ -1,4 +1,5 @@
-"""What an actuator plays, measured: a sweep goes out, an input records it, and resonance and band are fitted."""
+"""What an actuator plays, measured: a sweep goes out, an input records it, and
+resonance and band are fitted."""
 
 import math
 import threading
@@ -14,27 +15,32 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.audio.device import Device, Process
 
 LOWEST, HIGHEST = 35.0, 800.0
-"""Hz: the lower limit of the vibration (`haptics.Limits`); and a finger feels little above 800 Hz (Verrillo 1963)."""
+"""Hz: the lower limit of the vibration (`haptics.Limits`); and a finger feels little
+above 800 Hz (Verrillo 1963)."""
 
 SWEEP_DURATION = 8.0
-"""Seconds of a sweep: 1.7 s an octave, slow enough for an actuator of Q 20 at 30 Hz to follow."""
+"""Seconds of a sweep: 1.7 s an octave, slow enough for an actuator of Q 20 at 30 Hz to
+follow."""
 
 BAND_DB = 10.0
 """The band ends where the level is that much below the resonance's."""
 
 LEAST_SNR_DB = 12.0
-"""The resonance must stand that far over the noise that is recorded before the sweep."""
+"""The resonance must stand that far over the noise that is recorded before the
+sweep."""
 
 POINTS = 48
 """Levels per sweep: ten an octave."""
 
 _PAUSE = 0.5
-"""Seconds of silence before the sweep, to measure the noise, and after it, as the way back takes time."""
+"""Seconds of silence before the sweep, to measure the noise, and after it, as the way
+back takes time."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredResponse:
-    """Levels in dB relative to the strongest, at rising frequencies in Hz, and what was fitted to them."""
+    """Levels in dB relative to the strongest, at rising frequencies in Hz, and what was
+    fitted to them."""
 
     frequencies: tuple[float, ...]
     levels_db: tuple[float, ...]
@@ -45,9 +51,11 @@ class MeasuredResponse:
 
 
 def sweep(amplitude: float, *, duration: float = SWEEP_DURATION) -> FloatArray:
-    """Return an exponential sine sweep from `LOWEST` to `HIGHEST`, faded over 50 ms, with silence before and after.
+    """Return an exponential sine sweep from `LOWEST` to `HIGHEST`, faded over 50 ms,
+    with silence before and after.
 
-    After Farina, "Simultaneous measurement of impulse response and distortion with a swept-sine technique" (AES 2000).
+    After Farina, "Simultaneous measurement of impulse response and distortion with a
+    swept-sine technique" (AES 2000).
     """
     time_axis = np.arange(round(duration * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE
     rate = math.log(HIGHEST / LOWEST)
@@ -62,8 +70,9 @@ def sweep(amplitude: float, *, duration: float = SWEEP_DURATION) -> FloatArray:
 def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredResponse:
     """Fit resonance and band to the recording of a `sweep`, shape ``(samples,)``.
 
-    At each frequency the recording is correlated with a sine of it while the sweep passes, so neither noise of other
-    frequencies nor the delay of the way back matters. Raises `DeviceError` if nothing stands out of the noise.
+    At each frequency the recording is correlated with a sine of it while the sweep
+    passes, so neither noise of other frequencies nor the delay of the way back matters.
+    Raises `DeviceError` if nothing stands out of the noise.
     """
     noise = recorded[: round(0.8 * _PAUSE * LIVE_SAMPLE_RATE)]
     frequencies = np.geomspace(LOWEST * 1.1, HIGHEST / 1.1, POINTS)
@@ -88,12 +97,14 @@ def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredRe
 
 
 def _amplitude(recorded: FloatArray, frequency: float, duration: float) -> float:
-    """Return the greatest amplitude of a frequency around the moment at which the sweep passes it."""
+    """Return the greatest amplitude of a frequency around the moment at which the sweep
+    passes it."""
     passes = _PAUSE + duration * math.log(frequency / LOWEST) / math.log(
         HIGHEST / LOWEST
     )
     width = round(min(0.5, max(0.1, 12 / frequency)) * LIVE_SAMPLE_RATE)
-    # Sound cards delay by up to 0.3 s: the loudest of several windows is that at which the sweep passes.
+    # Sound cards delay by up to 0.3 s: the loudest of several windows is that at which
+    # the sweep passes.
     starts = (
         round(passes * LIVE_SAMPLE_RATE)
         - width // 2
@@ -128,7 +139,8 @@ def _vertex(x: NDArray[np.float64], y: NDArray[np.float64], peak: int) -> float:
 
 
 class SweepRecorder:
-    """Plays a waveform once on one device while it records another; both run in the devices' threads.
+    """Plays a waveform once on one device while it records another; both run in the
+    devices' threads.
 
     The waveform, shape ``(samples,)``, is played as it is, so the caller bounds it.
     """
@@ -149,7 +161,8 @@ class SweepRecorder:
             self._ended.set()
 
     def record(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
-        """Keep the first input's samples from the moment at which the waveform starts."""
+        """Keep the first input's samples from the moment at which the waveform
+        starts."""
         if self._played and not self._ended.is_set():
             self._recorded.append(inputs[0].copy())
 

@@ -1,1 +1,2 @@
-"""Bridges from a run to other systems: logs, live viewers, robot middleware, haptic formats."""
+"""Bridges from a run to other systems: logs, live viewers, robot middleware, haptic
+formats."""

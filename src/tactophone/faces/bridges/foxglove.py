@@ -1,7 +1,9 @@
-"""The Foxglove WebSocket protocol: a run live in Foxglove or Lichtblick, over our own server.
+"""The Foxglove WebSocket protocol: a run live in Foxglove or Lichtblick, over our own
+server.
 
-The protocol (github.com/foxglove/ws-protocol, docs/spec.md) is JSON for advertising and subscribing and a binary frame
-for each message. Its two names, ``foxglove.websocket.v1`` and ``foxglove.sdk.v1``, mean the same here; old viewers know
+The protocol (github.com/foxglove/ws-protocol, docs/spec.md) is JSON for advertising and
+subscribing and a binary frame for each message. Its two names,
+``foxglove.websocket.v1`` and ``foxglove.sdk.v1``, mean the same here; old viewers know
 only the first, new ones only the second. A viewer can subscribe, and nothing else.
 """
 
@@ -30,7 +32,8 @@ FOXGLOVE_ADDRESS = "127.0.0.1:8765"
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 
 ORIGINS = ("https://app.foxglove.dev", "null", "file://")
-"""Origins of Foxglove's page and of the desktop programs; others only from this machine."""
+"""Origins of Foxglove's page and of the desktop programs; others only from this
+machine."""
 
 FOXGLOVE_INTERVAL = 0.02
 """Seconds between two reads of the run."""
@@ -225,7 +228,8 @@ class _Viewer:
         self._wake = asyncio.Event()
 
     def offer(self, message: Message) -> bool:
-        """Queue a message that it subscribed to; returns whether an older one was dropped for it."""
+        """Queue a message that it subscribed to; returns whether an older one was
+        dropped for it."""
         if self._shown[message.topic.name] not in self._subscribed:
             return False
         full = len(self._waiting) == CLIENT_BACKLOG

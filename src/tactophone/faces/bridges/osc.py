@@ -1,6 +1,7 @@
 """Open Sound Control: predictions and vibration out, the emergency stop in.
 
-OSC has no authentication. So the only address that is listened to is ``/tactophone/stop``, and only where asked for.
+OSC has no authentication. So the only address that is listened to is
+``/tactophone/stop``, and only where asked for.
 """
 
 import socket
@@ -11,7 +12,8 @@ from tactophone.core.errors import ConfigError
 from tactophone.live.log.reader import Passed, PredictionReader
 
 OSC_INTERVAL = 0.004
-"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
+"""Seconds between two reads: well under the interval of the predictions, as each drives
+a device."""
 
 DATAGRAMS = 32
 """Datagrams read at a time; a flood fills the socket's buffer and is lost there."""
@@ -27,10 +29,11 @@ VRCHAT = {
 
 
 class OscBridge:
-    """Sends each prediction as OSC messages; a context manager whose `read` is called every `OSC_INTERVAL`.
+    """Sends each prediction as OSC messages; a context manager whose `read` is called
+    every `OSC_INTERVAL`.
 
-    Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
-    keeps the value that it has.
+    Where predictions end, and when the bridge does, a last message has no contact and
+    amplitude 0, as what OSC drives keeps the value that it has.
 
     - ``name``: of a run that exists already.
     - ``target``: host and port to send to, such as ``127.0.0.1:9000``.
@@ -115,7 +118,8 @@ class OscBridge:
                 "contact": float(passed.contact),
                 "amplitude": command.amplitude,
             }
-            # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.
+            # An avatar has one parameter for each name: those of a hand's fingers end
+            # with the finger's.
             ending = (
                 passed.finger.title().replace("-", "")
                 if len(self._reader.fingers) > 1
@@ -141,7 +145,8 @@ class OscBridge:
 
 
 def _address(datagram: bytes) -> str:
-    """Return the address pattern of a message; empty for a bundle and for anything else.
+    """Return the address pattern of a message; empty for a bundle and for anything
+    else.
 
     >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3)), _address(bytes([255] * 9))
     ('/tactophone/stop', '')

@@ -28,17 +28,20 @@ class Bridge(AbstractContextManager[Any, None], Protocol):
 
     @property
     def missed(self) -> int:
-        """Messages that were lost, the oldest first, as this process or its receiver was too late."""
+        """Messages that were lost, the oldest first, as this process or its receiver
+        was too late."""
 
     def read(self) -> None:
-        """Pass on what is new; an expected error ends the bridge, and the run goes on."""
+        """Pass on what is new; an expected error ends the bridge, and the run goes
+        on."""
 
 
 class BridgeProcess:
     """Runs a bridge while the context lasts.
 
-    ``build`` must be picklable. ``report`` is called with a line when the bridge ends by itself, from another thread.
-    Raises `TactophoneError` when the bridge cannot begin: its file cannot be written, its library is missing.
+    ``build`` must be picklable. ``report`` is called with a line when the bridge ends
+    by itself, from another thread. Raises `TactophoneError` when the bridge cannot
+    begin: its file cannot be written, its library is missing.
     """
 
     def __init__(

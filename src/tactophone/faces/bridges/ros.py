@@ -1,7 +1,8 @@
-"""ROS 2 over DDS or Zenoh, without a ROS installation: a run's messages out, stop, mute and joints in; a source; a bag.
+"""ROS 2 over DDS or Zenoh, without a ROS installation: a run's messages out, stop, mute
+and joints in; a source; a bag.
 
-Neither has authentication by default. So inbound topics can end a vibration, or delay it by 150 ms (a robot's joints,
-which say when it moves), and no topic can begin one.
+Neither has authentication by default. So inbound topics can end a vibration, or delay
+it by 150 ms (a robot's joints, which say when it moves), and no topic can begin one.
 """
 
 import math
@@ -35,7 +36,8 @@ from tactophone.live.telemetry.layout import Action
 from tactophone.live.telemetry.watcher import Snapshot
 
 ROS_INTERVAL = 0.004
-"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
+"""Seconds between two reads: well under the interval of the predictions, as each drives
+a device."""
 
 SOUND_INTERVAL = 0.01
 """Seconds of sound in a message, at least."""
@@ -44,13 +46,16 @@ DIAGNOSTICS_INTERVAL = 1.0
 """Seconds between two diagnostics, as ROS's aggregator expects them."""
 
 INFO_TIMEOUT = 10.0
-"""Seconds to wait for the topic's AudioInfo: DDS finds its participants within a few."""
+"""Seconds to wait for the topic's AudioInfo: DDS finds its participants within a
+few."""
 
 WAIT = 0.02
-"""Seconds without sound after which an empty block is returned, so that the reader of the source can end."""
+"""Seconds without sound after which an empty block is returned, so that the reader of
+the source can end."""
 
 MOVES, STILL = 0.02, 0.01
-"""Speed of a joint, in rad/s or m/s, from which the robot moves, and under which it stands."""
+"""Speed of a joint, in rad/s or m/s, from which the robot moves, and under which it
+stands."""
 
 MOST_JOINTS = 256
 """Joints whose speeds are kept: whoever sends others sends new ones without end."""
@@ -73,10 +78,12 @@ LATCHED = Qos(
 
 
 class Transport(Protocol):
-    """How messages of `tactophone.faces.bridges.ros_topics` reach ROS 2; topics are without their first slash."""
+    """How messages of `tactophone.faces.bridges.ros_topics` reach ROS 2; topics are
+    without their first slash."""
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return what has ``write(message)``; a ``latched`` message reaches late subscribers too."""
+        """Return what has ``write(message)``; a ``latched`` message reaches late
+        subscribers too."""
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return what has ``take(N=...)``, a list of what came since the last call."""
@@ -102,7 +109,8 @@ class DdsTransport:
         self._types = messages.open_type_store()
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        # By this hash ROS 2 of Iron and later tells that both ends have the same definition.
+        # By this hash ROS 2 of Iron and later tells that both ends have the same
+        # definition.
         hashed = (
             f"typehash={self._types.hash_rihs01(messages.type_name(kind))};".encode()
         )
@@ -134,7 +142,8 @@ def default_domain() -> int:
 
 
 class JointMotion:
-    """Tells from joint states whether a robot moves; each may be of some joints, with speeds or only places."""
+    """Tells from joint states whether a robot moves; each may be of some joints, with
+    speeds or only places."""
 
     def __init__(self) -> None:
         self.moving = False
@@ -153,7 +162,8 @@ class JointMotion:
         self._speeds |= speeds
         if len(self._speeds) > MOST_JOINTS or len(self._places) > MOST_JOINTS:
             self._speeds, self._places = {}, {}
-        # A comparison with NaN is false: a joint whose speed is not known does not move.
+        # A comparison with NaN is false: a joint whose speed is not known does not
+        # move.
         self.moving = any(
             abs(speed) >= (STILL if self.moving else MOVES)
             for speed in self._speeds.values()
@@ -161,7 +171,8 @@ class JointMotion:
 
 
 class RosBridge:
-    """Passes a run on to ROS 2; a context manager whose `read` is called every `ROS_INTERVAL`.
+    """Passes a run on to ROS 2; a context manager whose `read` is called every
+    `ROS_INTERVAL`.
 
     - ``name``: of a run that exists already.
     - ``finger``: part of the topics; those of a hand have names.
@@ -244,8 +255,8 @@ class RosBridge:
 
     def read(self) -> None:
         for action, reader in self._requests.items():
-            # Whatever a stranger sends in numbers, one read takes some of it and asks once. A writer that leaves sends
-            # an invalid sample, which is no message.
+            # Whatever a stranger sends in numbers, one read takes some of it and asks
+            # once. A writer that leaves sends an invalid sample, which is no message.
             if any(
                 getattr(message, "sample_info", _VALID).valid_data
                 for message in reader.take(N=10)
@@ -269,7 +280,8 @@ class RosBridge:
             ):
                 self._writers[passed.finger, suffix].write(message)
             waiting[passed.finger].append(passed)
-        # A device gets the fingers of a hand in one message, one prediction of each at a time.
+        # A device gets the fingers of a hand in one message, one prediction of each at
+        # a time.
         while together := [queue.popleft() for queue in waiting.values() if queue]:
             self._command(
                 {passed.finger: passed.command.amplitude for passed in together}
@@ -327,7 +339,8 @@ class RosBridge:
 
 
 class RosSource(AlwaysOpen):
-    """A `core.types.Source` of 16-bit samples on a topic such as ``/audio``, with its format on ``/audio_info``.
+    """A `core.types.Source` of 16-bit samples on a topic such as ``/audio``, with its
+    format on ``/audio_info``.
 
     - ``faults``: ``odd size``: messages that hold no whole samples, which are dropped.
 
@@ -396,9 +409,11 @@ class RosSource(AlwaysOpen):
 
 
 class RosBag:
-    """Writes steps as a ROS 2 bag (rosbag2, MCAP storage) with the topics of the bridge; a context manager.
+    """Writes steps as a ROS 2 bag (rosbag2, MCAP storage) with the topics of the
+    bridge; a context manager.
 
-    ``epoch`` is in seconds since 1970, at the beginning of the steps' time. Raises `ConfigError` if the folder exists.
+    ``epoch`` is in seconds since 1970, at the beginning of the steps' time. Raises
+    `ConfigError` if the folder exists.
     """
 
     def __init__(

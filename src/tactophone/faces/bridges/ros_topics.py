@@ -1,7 +1,9 @@
-"""The topics and messages of ROS 2 as DDS types, without a ROS installation; and how predictions become messages.
+"""The topics and messages of ROS 2 as DDS types, without a ROS installation; and how
+predictions become messages.
 
-A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a topic ``/name`` is ``rt/name``
-(ROS 2 design, "Topic and Service name mapping to DDS"). Fields and their order are those of ROS 2 Humble to Kilted.
+A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a
+topic ``/name`` is ``rt/name`` (ROS 2 design, "Topic and Service name mapping to DDS").
+Fields and their order are those of ROS 2 Humble to Kilted.
 """
 
 import math
@@ -26,11 +28,13 @@ _TYPES: dict[str, Any] = {
     for name in ("uint8", "int32", "uint32", "float32", "float64")
 }
 _TYPES["string"] = str
-# Every message's definition by its full name, and every type by its name in definitions; `_message` adds to both.
+# Every message's definition by its full name, and every type by its name in
+# definitions; `_message` adds to both.
 
 
 def message_type(name: str, definition: str) -> Any:
-    """Return the DDS type of a message, whose fields are a line each, as in a file ``.msg``; they default to zero."""
+    """Return the DDS type of a message, whose fields are a line each, as in a file
+    ``.msg``; they default to zero."""
     namespace: dict[str, Any] = {"__annotations__": {}}
     for kind, key in map(str.split, definition.splitlines()):
         base, bracket, length = kind.rstrip("]").partition("[")
@@ -104,7 +108,8 @@ JointState = message_type(
 JoyFeedback = message_type(
     "sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity"
 )  # type 1 is rumble
-# A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
+# A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg
+# explains each field.
 StampedPrediction = message_type(
     "tactophone_msgs/msg/Prediction",
     "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
@@ -120,13 +125,15 @@ PUBLISHED: dict[str, Any] = {
     "contact_dbfs": Float32,
     "audio": AudioDataStamped,
 }
-"""Topics of a finger, under ``/tactophone/<finger>/``, without the latched ``audio_info``."""
+"""Topics of a finger, under ``/tactophone/<finger>/``, without the latched
+``audio_info``."""
 
 INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
 
 
 def predicted(passed: Passed) -> dict[str, Any]:
-    """Return the messages of a prediction and its command, by the topics of `PUBLISHED`."""
+    """Return the messages of a prediction and its command, by the topics of
+    `PUBLISHED`."""
     prediction, command = passed.prediction, passed.command
     roughness, level_dbfs = passed.roughness, max(prediction.level_dbfs, _LOWEST_DBFS)
     return {
@@ -150,7 +157,8 @@ def predicted(passed: Passed) -> dict[str, Any]:
 
 
 def sound(samples: FloatArray, now: float) -> Any:
-    """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
+    """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s
+    since 1970)."""
     every = (
         samples
         if samples.shape[1] > 1
@@ -174,7 +182,8 @@ _LOWEST_DBFS = -200.0
 
 
 def open_type_store() -> Any:
-    """Return the types of all messages here, with their serialization and RIHS01 hashes."""
+    """Return the types of all messages here, with their serialization and RIHS01
+    hashes."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
@@ -196,21 +205,24 @@ def type_name(kind: type) -> str:
 
 
 _SENSEGLOVE_VALUES = 12
-# The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb to little finger, vibration of
-# their tips, then of two places of the palm. A Nova 2 has tips of thumb and index only.
+# The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb
+# to little finger, vibration of their tips, then of two places of the palm. A Nova 2
+# has tips of thumb and index only.
 _SENSEGLOVE_TIPS = 5
 
 _RUMBLE = 1
 
 TOPIC_HEARTBEAT = 0.01
-"""Per cent that the SenseGlove's value alternates by: its driver does not send an equal value again."""
+"""Per cent that the SenseGlove's value alternates by: its driver does not send an equal
+value again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sink:
     """A device of ROS that takes amplitudes *as limited*, 0 to 1 of full drive.
 
-    Its topic, its type, and how the amplitudes of the fingers become its message; ``beat`` counts the messages.
+    Its topic, its type, and how the amplitudes of the fingers become its message;
+    ``beat`` counts the messages.
     """
 
     topic: str
@@ -219,9 +231,11 @@ class Sink:
 
 
 def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
-    """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for each finger.
+    """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for
+    each finger.
 
-    Raises `ConfigError` if there is none of that kind, or a finger has no name that the glove knows.
+    Raises `ConfigError` if there is none of that kind, or a finger has no name that the
+    glove knows.
     """
     kind, _, topic = text.partition(":")
     make = _SINKS.get(kind) or plugins.load(plugins.ROS_SINKS, kind)
@@ -265,7 +279,8 @@ def _senseglove(fingers: Sequence[str]) -> Sink:
     def make(amplitudes: Mapping[str, float], beat: int) -> Any:
         values = [0.0] * _SENSEGLOVE_VALUES
         for finger, amplitude in amplitudes.items():
-            # Below its highest value, so that the heartbeat adds nothing to full drive; silence stays silence.
+            # Below its highest value, so that the heartbeat adds nothing to full drive;
+            # silence stays silence.
             value = (
                 max(0.0, 100 * amplitude - TOPIC_HEARTBEAT * (beat % 2))
                 if amplitude

@@ -1,8 +1,10 @@
-"""Zenoh, the other way of ROS 2 (`rmw_zenoh_cpp`): the same messages under its key expressions.
+"""Zenoh, the other way of ROS 2 (`rmw_zenoh_cpp`): the same messages under its key
+expressions.
 
-A topic is the key ``<domain>/<topic>/<type>/<RIHS01 hash of the type>``, a message is CDR with an attachment of number,
-time and identity of its writer, and a liveliness token says that the writer is there: github.com/ros2/rmw_zenoh,
-docs/design.md and the layouts that its sources give. Needs the extra ``zenoh``.
+A topic is the key ``<domain>/<topic>/<type>/<RIHS01 hash of the type>``, a message is
+CDR with an attachment of number, time and identity of its writer, and a liveliness
+token says that the writer is there: github.com/ros2/rmw_zenoh, docs/design.md and the
+layouts that its sources give. Needs the extra ``zenoh``.
 """
 
 import itertools
@@ -23,13 +25,15 @@ ROUTER = "tcp/localhost:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
 _VOLATILE, _TRANSIENT_LOCAL = "::,10:,:,:,,", ":1:,1:,:,:,,"
-# Quality of service in a token: what differs from the defaults, here durability, and the depth of the history.
+# Quality of service in a token: what differs from the defaults, here durability, and
+# the depth of the history.
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 
 
 class ZenohTransport:
-    """A session of Zenoh: of ZENOH_SESSION_CONFIG_URI, or at the router of this machine.
+    """A session of Zenoh: of ZENOH_SESSION_CONFIG_URI, or at the router of this
+    machine.
 
     Raises `ConfigError` if the session cannot be opened.
     """
@@ -66,7 +70,8 @@ class ZenohTransport:
         return _Writer(publisher)
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a subscriber; the hash of the type may be that of any version of ROS."""
+        """Return a subscriber; the hash of the type may be that of any version of
+        ROS."""
         del latched
         return _Reader(
             kind,
@@ -79,7 +84,8 @@ class ZenohTransport:
         self._session.close()
 
     def _token(self, entity: str, number: int, ending: str = "") -> Any:
-        # Session, node and entity; then enclave and name space, which are empty, and the name of the node.
+        # Session, node and entity; then enclave and name space, which are empty, and
+        # the name of the node.
         place = f"{self._session.zid()}/0/{number}/{entity}/%/%/tactophone"
         return self._session.liveliness().declare_token(
             f"@ros2_lv/{self._domain}/{place}{ending}"
@@ -115,7 +121,8 @@ class _Reader:
         ]
 
     def _read(self, sample: Any) -> Any:
-        """Return the message, or a sample that holds none as it is: whatever comes to the topic of a stop is one."""
+        """Return the message, or a sample that holds none as it is: whatever comes to
+        the topic of a stop is one."""
         try:
             return self._kind.deserialize(bytes(sample.payload))
         except Exception:
@@ -127,7 +134,8 @@ def _wire_name(kind: type) -> str:
 
 
 def _config() -> Any:
-    """Return the session's configuration: by default as `rmw_zenoh_cpp` has it, a peer that asks the router alone."""
+    """Return the session's configuration: by default as `rmw_zenoh_cpp` has it, a peer
+    that asks the router alone."""
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI")
     config = zenoh.Config.from_file(path) if path else zenoh.Config()
     own = {

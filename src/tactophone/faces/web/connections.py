@@ -1,6 +1,8 @@
-"""Connections of a web server from strangers: accepted in bounded number, so that silent ones keep nobody away.
+"""Connections of a web server from strangers: accepted in bounded number, so that
+silent ones keep nobody away.
 
-asyncio's own server accepts until the process has no descriptors left, and logs a traceback for each failure.
+asyncio's own server accepts until the process has no descriptors left, and logs a
+traceback for each failure.
 """
 
 import asyncio
@@ -20,15 +22,17 @@ MOST = 64
 """Open connections; a browser has a handful for each page."""
 
 QUEUE = 1024
-"""Connections that the system holds until they are accepted: a viewer waits behind a crowd rather than 1 s for a
-repeated SYN."""
+"""Connections that the system holds until they are accepted: a viewer waits behind a
+crowd rather than 1 s for a repeated SYN."""
 
 CONNECTION_TIMEOUT = 5.0
-"""Seconds for a TLS handshake, and for the header of a request; a browser sends both at once."""
+"""Seconds for a TLS handshake, and for the header of a request; a browser sends both at
+once."""
 
 
 def listen(address: str, what: str, *, example: str) -> socket.socket:
-    """Listen at ``HOST:PORT``; raises `ConfigError`, which begins with ``what``, where that is not possible."""
+    """Listen at ``HOST:PORT``; raises `ConfigError`, which begins with ``what``, where
+    that is not possible."""
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdecimal():
@@ -47,7 +51,8 @@ def listen(address: str, what: str, *, example: str) -> socket.socket:
 class Acceptor:
     """Accepts the connections of a web server.
 
-    When there are `MOST`, the oldest goes that has shown no token; when all have, the new one.
+    When there are `MOST`, the oldest goes that has shown no token; when all have, the
+    new one.
 
     - ``known``: of the server's connections (``request.protocol``) those that have shown the token; the server adds
       them.
@@ -56,7 +61,8 @@ class Acceptor:
     def __init__(self, tls: ssl.SSLContext | None = None) -> None:
         self.known: set[Any] = set()
         self._tls = tls
-        # In order of age. Each task makes the TLS handshake; its result is the server's end of the connection.
+        # In order of age. Each task makes the TLS handshake; its result is the server's
+        # end of the connection.
         self._open: list[asyncio.Task[Any]] = []
 
     async def serve(self, runner: "web.AppRunner", listener: socket.socket) -> None:
@@ -123,7 +129,8 @@ def _lasts(task: "asyncio.Task[Any]") -> bool:
 
 
 class FloodGate:
-    """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds one second of it.
+    """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds
+    one second of it.
 
     >>> gate = FloodGate(10.0)
     >>> [gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=1.0)]
@@ -142,7 +149,8 @@ class FloodGate:
 
 
 class _Counted(logging.Filter):
-    """Passes the first of equal messages, then the 10th, the 100th and so on; bytes that are no HTTP not at all."""
+    """Passes the first of equal messages, then the 10th, the 100th and so on; bytes
+    that are no HTTP not at all."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -172,4 +180,5 @@ RUNNER: dict[str, Any] = {
     "keepalive_timeout": CONNECTION_TIMEOUT,
     "lingering_time": 0,
 }
-"""Options of the web server. Its keep-alive time begins with the connection, before any request."""
+"""Options of the web server. Its keep-alive time begins with the connection, before any
+request."""

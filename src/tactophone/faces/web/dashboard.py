@@ -1,7 +1,9 @@
-"""The operator's page: a live feed for each viewer, and requests from the viewers; the run alone decides on these.
+"""The operator's page: a live feed for each viewer, and requests from the viewers; the
+run alone decides on these.
 
-A viewer acknowledges each message, and receives none while `CREDIT` of them are unacknowledged. So nothing queues up
-for a stalled browser; when it resumes, it receives what it missed in a single message.
+A viewer acknowledges each message, and receives none while `CREDIT` of them are
+unacknowledged. So nothing queues up for a stalled browser; when it resumes, it receives
+what it missed in a single message.
 """
 
 import asyncio
@@ -41,7 +43,8 @@ def parse_request(
     """Parse a request; returns a text with the reason when it must be refused.
 
     - ``state``: settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier
-      value. The run itself refuses any ceiling above the local machine's; this check is the stricter.
+      value. The run itself refuses any ceiling above the local machine's; this check is
+      the stricter.
     - ``finger``: whose settings the request is for.
     - ``local``: whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken
       the vibration; it never arms, strengthens or changes what is detected.
@@ -91,7 +94,8 @@ def parse_request(
 
 
 def _number(action: Any, value: Any, own: FingerState) -> Request | str:
-    # An integer of hundreds of digits is no float, so it is bounded before anything converts it.
+    # An integer of hundreds of digits is no float, so it is bounded before anything
+    # converts it.
     if (
         isinstance(value, bool)
         or not isinstance(value, int | float)
@@ -111,8 +115,9 @@ def dashboard(
 ) -> web.Application:
     """Build the operator's page for the run of that name.
 
-    ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true begins one, false ends it, and
-    each answer names the file of the log, empty while there is none; this process writes no file.
+    ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true
+    begins one, false ends it, and each answer names the file of the log, empty while
+    there is none; this process writes no file.
     """
     app, run, watching = (
         web.Application(),

@@ -1,11 +1,13 @@
 """A page as the operator's actuator, or as the robot's microphone.
 
-A page that renders the vibration fades to silence by itself 150 ms after its last command (`static/fingertip.js`). So
-this sends a command only when the run has made a new one, and nothing stands in for a run that stalls or ends.
+A page that renders the vibration fades to silence by itself 150 ms after its last
+command (`static/fingertip.js`). So this sends a command only when the run has made a
+new one, and nothing stands in for a run that stalls or ends.
 
-A page that listens sends messages with the position of their first sample since the microphone started, uint32, and
-then samples of 48 kHz, float32, both little-endian. They are passed on to the robot's side as they are (the detector
-zeroes and counts invalid ones), and nothing else that the page sends goes anywhere.
+A page that listens sends messages with the position of their first sample since the
+microphone started, uint32, and then samples of 48 kHz, float32, both little-endian.
+They are passed on to the robot's side as they are (the detector zeroes and counts
+invalid ones), and nothing else that the page sends goes anywhere.
 """
 
 import asyncio
@@ -28,14 +30,16 @@ DEVICE_PERIOD = 0.005
 """Seconds between two looks for a new command: half the interval of predictions."""
 
 FINGERTIP_CREDIT = 6
-"""Unacknowledged messages to a page, 30 ms of them; a stalled page gets none until it answers."""
+"""Unacknowledged messages to a page, 30 ms of them; a stalled page gets none until it
+answers."""
 
 FINGERTIPS = 16
 """Greatest number of pages that render the vibration at once."""
 
 
 def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
-    """Return what a page renders: ``command`` is ``None`` unless the run has made a new one since ``last``.
+    """Return what a page renders: ``command`` is ``None`` unless the run has made a new
+    one since ``last``.
 
     The amplitude is that after every limit and the output gate, 0 to 1 of full drive.
     """
@@ -62,7 +66,8 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
 
 
 class Fingertips:
-    """All pages that render a run's vibration; for each finger one task reads the run while there are pages of it."""
+    """All pages that render a run's vibration; for each finger one task reads the run
+    while there are pages of it."""
 
     def __init__(self, run: WatchedRun) -> None:
         self._run = run
@@ -127,7 +132,8 @@ class _FingerPages:
         if snapshot is None:
             return b""
         restarted = self._last is not None and snapshot.restarts != self._last.restarts
-        # A page plays only what follows its first message; older vibration is out of date.
+        # A page plays only what follows its first message; older vibration is out of
+        # date.
         vibration = (
             np.zeros(0, np.float32)
             if self._last is None or restarted
@@ -185,7 +191,8 @@ class PageMicrophone:
                 )
             elif gate.overflows(len(data) // 4 - 1):
                 await end_flood(view)
-            # Unless the pipe to the robot's side is full: a page must never make the server wait.
+            # Unless the pipe to the robot's side is full: a page must never make the
+            # server wait.
             elif select.select([], [self._sound], [], 0)[1]:
                 self._sound.send_bytes(data)
         return view

@@ -1,4 +1,5 @@
-"""The messages of a viewer: what is new in a run since the last message, as a JSON header and tables of float32.
+"""The messages of a viewer: what is new in a run since the last message, as a JSON
+header and tables of float32.
 
 ::
 
@@ -6,8 +7,9 @@
     header   JSON: "series" names each table with its shape, in the order of the numbers
     numbers  little-endian float32, table after table, row by row
 
-Sound is sent as an envelope, because a screen cannot show 48 000 points a second: the lowest and highest value
-and the level of each bucket of `BUCKET` seconds. Times are in s, relative to ``origin`` in stream time.
+Sound is sent as an envelope, because a screen cannot show 48 000 points a second: the
+lowest and highest value and the level of each bucket of `BUCKET` seconds. Times are in
+s, relative to ``origin`` in stream time.
 """
 
 import time
@@ -27,7 +29,8 @@ BUCKET = 0.01
 """Seconds in a bucket of the envelope: narrower than a pixel of the 5 s shown."""
 
 STEP_INTERVAL = 0.01
-"""Seconds between steps sent, for the same reason; a packet of 2.5 ms brings four times as many."""
+"""Seconds between steps sent, for the same reason; a packet of 2.5 ms brings four times
+as many."""
 
 SCOPE_STEP = 12
 """Every twelfth sample of the vibration is sent, 4 kHz: its band ends at 1 kHz."""
@@ -37,7 +40,8 @@ STEP_COLUMNS = (*(field.name for field in STEP_FIELDS), "truth")
 Tables = Mapping[str, NDArray[Any]]
 
 STATE_INTERVAL = 0.2
-"""Seconds between messages with state, counters and gauges: faster than a person reads numbers."""
+"""Seconds between messages with state, counters and gauges: faster than a person reads
+numbers."""
 
 
 def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
@@ -57,9 +61,11 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
 
 
 def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
-    """Reduce sound to the low, high and level (dBFS) of each channel in each bucket of ``size`` samples.
+    """Reduce sound to the low, high and level (dBFS) of each channel in each bucket of
+    ``size`` samples.
 
-    Shape ``(samples, channels)`` in; out ``(buckets, 3 * channels)``: low, high, level of channel 0, then of channel 1.
+    Shape ``(samples, channels)`` in; out ``(buckets, 3 * channels)``: low, high, level
+    of channel 0, then of channel 1.
 
     >>> envelope(np.full((480, 1), 0.1, np.float32), 480).round(3).tolist()
     [[0.1, 0.1, -20.0]]
@@ -72,7 +78,8 @@ def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
 
 
 def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
-    """Return rows of time and `STEP_COLUMNS`, at most one every `STEP_INTERVAL`; the newest step is always included."""
+    """Return rows of time and `STEP_COLUMNS`, at most one every `STEP_INTERVAL`; the
+    newest step is always included."""
     slots = np.floor(steps["time"] / STEP_INTERVAL)
     chosen = (
         steps[np.append(np.flatnonzero(np.diff(slots)), len(steps) - 1)]
@@ -87,7 +94,8 @@ def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
 
 
 def event_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
-    """Return rows of time and kind, counted from 1 in `EVENT_KINDS`, of the steps with a touch event."""
+    """Return rows of time and kind, counted from 1 in `EVENT_KINDS`, of the steps with
+    a touch event."""
     found = steps[steps["event"] > 0]
     return np.column_stack([found["time"] - origin, found["event"]])
 
@@ -102,7 +110,8 @@ class WatchedRun:
     def snapshot(
         self, since: Snapshot | None = None, *, finger: int = 0
     ) -> Snapshot | None:
-        """Read a finger of the run; ``None`` while there is none. Without such a finger, it is the first."""
+        """Read a finger of the run; ``None`` while there is none. Without such a
+        finger, it is the first."""
         watcher = self._watcher = self._watcher or Watcher.find(self.name)
         if watcher is None:
             return None
@@ -110,7 +119,8 @@ class WatchedRun:
         return watcher.snapshot(since, finger=finger if finger < watcher.fingers else 0)
 
     def hand(self) -> list[tuple[int, float]]:
-        """Return touch and amplitude of each finger now; empty where there is only one."""
+        """Return touch and amplitude of each finger now; empty where there is only
+        one."""
         watcher = self._watcher
         if watcher is None or watcher.fingers == 1:
             return []
@@ -133,7 +143,8 @@ class WatchedRun:
 
 
 class Feed:
-    """Makes a viewer's messages; each continues where the last one ended, however long ago that was."""
+    """Makes a viewer's messages; each continues where the last one ended, however long
+    ago that was."""
 
     def __init__(self, run: WatchedRun, *, finger: int = 0) -> None:
         self._run, self._finger = run, finger
@@ -175,7 +186,8 @@ class Feed:
         return pack(header, tables)
 
     def _envelope(self, snapshot: Snapshot) -> NDArray[np.float64]:
-        """Return the time of each bucket's end and its envelope; an unfinished bucket waits for the next message."""
+        """Return the time of each bucket's end and its envelope; an unfinished bucket
+        waits for the next message."""
         rate = snapshot.state.sample_rate
         size = max(1, round(BUCKET * rate))
         missed = (
@@ -185,7 +197,8 @@ class Feed:
         sound = (
             snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
         )
-        # Buckets start at multiples of their size since the run began, also after sound was missed.
+        # Buckets start at multiples of their size since the run began, also after sound
+        # was missed.
         sound = sound[-(snapshot.sound_end - len(sound)) % size :]
         count = len(sound) // size
         self._rest = sound[count * size :]

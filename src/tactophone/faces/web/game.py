@@ -1,4 +1,5 @@
-"""The two ends of the stone box, each for a process of its own: the page's server, and the finger at the robot."""
+"""The two ends of the stone box, each for a process of its own: the page's server, and
+the finger at the robot."""
 
 from functools import partial
 from multiprocessing.connection import Connection
@@ -14,15 +15,18 @@ if TYPE_CHECKING:
 
 
 def serve_game(game: GameSettings, address: str | None = None, **place: Any) -> Page:
-    """Serve the stone box's page in a process of its own; ``place`` as in `tactophone.faces.web.server.Page`.
+    """Serve the stone box's page in a process of its own; ``place`` as in
+    `tactophone.faces.web.server.Page`.
 
-    Raises `TactophoneError` if the address is not available, or the web server is not installed.
+    Raises `TactophoneError` if the address is not available, or the web server is not
+    installed.
     """
     return Page(partial(_application, game), address, **place)
 
 
 def open_finger(inbox: Connection, settings: Settings) -> Source:
-    """Open the finger that follows the messages of the page; call it in the process that reads its sound."""
+    """Open the finger that follows the messages of the page; call it in the process
+    that reads its sound."""
     from tactophone.faces.web.game_finger import StoneBoxSource
 
     return StoneBoxSource(

@@ -1,4 +1,5 @@
-"""The stone box's finger: another process moves it and replaces the stones, while the sound never stops."""
+"""The stone box's finger: another process moves it and replaces the stones, while the
+sound never stops."""
 
 import dataclasses
 import threading
@@ -17,15 +18,16 @@ GAME_BLOCK = 128
 """Default number of samples per block: messages are read every 2.7 ms."""
 
 FINGER_WARM_UP = 480
-"""Samples rendered before a finger is used; the very first ones also compile the kernels, which takes seconds."""
+"""Samples rendered before a finger is used; the very first ones also compile the
+kernels, which takes seconds."""
 
 
 class StoneBoxSource(AlwaysOpen):
     """A `tactophone.core.types.Source` whose finger follows messages.
 
-    ``("lay", touches, seed)`` replaces the five stones under the curtain, which takes about half a second;
-    ``("move", x, y, force)`` moves the finger (m, N; negative force lifts). The sender never waits for the finger, nor
-    the finger for the sender.
+    ``("lay", touches, seed)`` replaces the five stones under the curtain, which takes
+    about half a second; ``("move", x, y, force)`` moves the finger (m, N; negative
+    force lifts). The sender never waits for the finger, nor the finger for the sender.
 
     >>> from multiprocessing import Pipe
     >>> inbox, outbox = Pipe(duplex=False)
@@ -51,7 +53,8 @@ class StoneBoxSource(AlwaysOpen):
             while self._inbox.poll():
                 action, *arguments = self._inbox.recv()
                 if action == "lay":
-                    # This takes longer than a block, so a thread does it; the old stones stay until it is done.
+                    # This takes longer than a block, so a thread does it; the old
+                    # stones stay until it is done.
                     threading.Thread(
                         target=self._lay, args=arguments, daemon=True
                     ).start()
@@ -67,7 +70,8 @@ class StoneBoxSource(AlwaysOpen):
             self._position += block.size
 
     def rehearse(self) -> None:
-        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        """Compile the simulation, so that it need not be compiled while it runs; takes
+        up to a minute once."""
         _finger_over((Touch.SMOOTH,) * 5, 0, self._tip).render(64)
 
     def truth_of(self, finger: int = 0) -> int:
@@ -79,8 +83,9 @@ class StoneBoxSource(AlwaysOpen):
 
 
 HOVER = 3e-4
-"""Metres between the lifted finger and a stone. The simulated set-up's 3 mm take 80 ms from press to touch, most of
-what a player waits for; with this it is 40 ms, and the lifted finger stays clear of the stones."""
+"""Metres between the lifted finger and a stone. The simulated set-up's 3 mm take 80 ms
+from press to touch, most of what a player waits for; with this it is 40 ms, and the
+lifted finger stays clear of the stones."""
 
 
 def _finger_over(order: tuple[Touch, ...], seed: int, tip: str) -> SimulatedFinger:

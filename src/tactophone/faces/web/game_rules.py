@@ -1,7 +1,7 @@
 """The stone box: find the two rough stones of five by touch alone, in a browser.
 
-Here are the rules as values, without clock or network. The order of the stones stays on the server until the curtain
-is lifted.
+Here are the rules as values, without clock or network. The order of the stones stays on
+the server until the curtain is lifted.
 """
 
 import json
@@ -17,16 +17,19 @@ from numpy.typing import NDArray
 from tactophone.core.types import Touch
 
 PITCH, WIDTH, DEPTH = 0.11, 0.085, 0.07
-"""Metres from stone to stone, and width and depth of a stone, as in `simulation.five_stones`."""
+"""Metres from stone to stone, and width and depth of a stone, as in
+`simulation.five_stones`."""
 
 SLOT_MARGIN = 0.015
 """Metres that the finger can reach beyond the stones."""
 
 LIFTED_PRESSURE = -0.1
-"""Newtons of a lifted finger: negative, so that it rises, but little, so that a press reaches the stone soon."""
+"""Newtons of a lifted finger: negative, so that it rises, but little, so that a press
+reaches the stone soon."""
 
 GREATEST_FORCE = 5.0
-"""Newtons: the strongest press in free exploration of textures (Tanaka et al., PLoS One 9, 2014)."""
+"""Newtons: the strongest press in free exploration of textures (Tanaka et al., PLoS One
+9, 2014)."""
 
 SHORTEST_STROKE = 0.01
 """Metres over a stone, without a reversal, that count as a stroke."""
@@ -43,7 +46,8 @@ class GameSettings:
     seed: int
     """Seed of the first round; each further round adds 1."""
     finger: Connection
-    """Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y, force)``."""
+    """Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y,
+    force)``."""
     results: Path
     """File to which results are appended, one line of JSON per round."""
 
@@ -79,8 +83,8 @@ class RoundResult:
     seed: int
     order: tuple[str, ...]
     choices: tuple[int, ...]
-    """`order` and `choices`: the stones' labels from left to right, and the 0-based indices of those chosen as
-    rough."""
+    """`order` and `choices`: the stones' labels from left to right, and the 0-based
+    indices of those chosen as rough."""
     correct: int
     """How many choices are rough."""
     duration: float
@@ -93,7 +97,8 @@ class RoundResult:
     """Median seconds from press to sound; ``None`` if not measured."""
     false_bumps: int | None = None
     dips: int | None = None
-    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough interrupted within one touch."""
+    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough
+    interrupted within one touch."""
 
     def append(self, path: Path) -> None:
         with path.open("a", encoding="utf-8") as file:
@@ -123,7 +128,8 @@ class Round:
         self._distance, self._counted = 0.0, False
 
     def touch(self, point: Point) -> None:
-        """Add a target; count a stroke when the finger has moved `SHORTEST_STROKE` over one stone."""
+        """Add a target; count a stroke when the finger has moved `SHORTEST_STROKE` over
+        one stone."""
         last = self.path[-1] if self.path else point
         self.path.append(point)
         step = point.x - last.x
@@ -170,7 +176,8 @@ class Round:
         )
 
     def track(self, begin: float) -> NDArray[np.float64]:
-        """Return rows of time since ``begin`` (s), x, y (m), force (N) and truth, shape ``(points, 5)``."""
+        """Return rows of time since ``begin`` (s), x, y (m), force (N) and truth, shape
+        ``(points, 5)``."""
         rows = [
             (point.time - begin, point.x, point.y, point.force, self.truth(point))
             for point in self.path
@@ -179,7 +186,8 @@ class Round:
 
 
 def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
-    """Clip a requested target to the box and to a hand's force; raises `ValueError` for a place that is not finite."""
+    """Clip a requested target to the box and to a hand's force; raises `ValueError` for
+    a place that is not finite."""
     if not (math.isfinite(x) and math.isfinite(y)):
         raise ValueError("x and y must be finite numbers")
     width = 4 * PITCH + WIDTH

@@ -1,7 +1,9 @@
-"""The game's page: pointer in, vibration out, and rounds played over the running system.
+"""The game's page: pointer in, vibration out, and rounds played over the running
+system.
 
-The page receives the vibration sample by sample, as the actuator does. Sound, predictions and the order of the stones
-stay on the server until the curtain is lifted, except with the trainer.
+The page receives the vibration sample by sample, as the actuator does. Sound,
+predictions and the order of the stones stay on the server until the curtain is lifted,
+except with the trainer.
 """
 
 import asyncio
@@ -49,10 +51,12 @@ GAME_PERIOD = 0.004
 """Seconds between messages: they carry sound, and what waits here is felt late."""
 
 EXPECTED_START = 15.0
-"""Seconds that a start takes at most, once the simulation is compiled and kept in the user's cache."""
+"""Seconds that a start takes at most, once the simulation is compiled and kept in the
+user's cache."""
 
 SHORTEST_ROUND = 0.5
-"""Seconds; shorter rounds are a program's, and are not saved: it would fill the disk."""
+"""Seconds; shorter rounds are a program's, and are not saved: it would fill the
+disk."""
 
 LONGEST_ROUND = 600.0
 """Seconds whose signals are kept for the last screen."""
@@ -70,7 +74,8 @@ def game_application(game: GameSettings) -> web.Application:
 
 
 class _PlayerSlot:
-    """The place of the one player: a new window takes it over, a window that reconnects must find it free."""
+    """The place of the one player: a new window takes it over, a window that reconnects
+    must find it free."""
 
     def __init__(self, game: GameSettings) -> None:
         self._game = game
@@ -107,7 +112,8 @@ class _PlayerSlot:
 
 
 class _Player:
-    """A connection: the player's actions go to the finger and the round, the vibration comes back."""
+    """A connection: the player's actions go to the finger and the round, the vibration
+    comes back."""
 
     def __init__(
         self,
@@ -180,7 +186,8 @@ class _Player:
         self._command(("move", last.x, last.y, -1.0))
 
     def _message(self, snapshot: Snapshot) -> bytes:
-        # The operator's side starts before the robot's: a round can begin when sound has arrived.
+        # The operator's side starts before the robot's: a round can begin when sound
+        # has arrived.
         started = snapshot.alive and snapshot.step_end > 0
         header: dict[str, Any] = {
             **command_of(snapshot, self._last),
@@ -198,7 +205,8 @@ class _Player:
                     if self._round.path
                     else "none"
                 )
-        # A page plays only what follows its first message; older vibration is out of date.
+        # A page plays only what follows its first message; older vibration is out of
+        # date.
         vibration = snapshot.vibration if self._last else snapshot.vibration[:0]
         return pack(
             {**header, "vibration_end": snapshot.vibration_end},
@@ -281,7 +289,8 @@ class _Player:
 
 
 def starting(seconds: float) -> str:
-    """Return what the page says while the simulated finger starts: what is done, and for how long already."""
+    """Return what the page says while the simulated finger starts: what is done, and
+    for how long already."""
     first = (
         " The first start on a machine compiles it, for about a minute."
         if seconds > EXPECTED_START

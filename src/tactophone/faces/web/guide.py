@@ -1,7 +1,9 @@
-"""The page of a guided command, such as `tactophone setup`: its steps, meters and result, and the button of each step.
+"""The page of a guided command, such as `tactophone setup`: its steps, meters and
+result, and the button of each step.
 
-The page decides nothing: it shows what the command sends and passes on which button was pressed. It is served to this
-machine alone, by its address and once more by the check of each connection.
+The page decides nothing: it shows what the command sends and passes on which button was
+pressed. It is served to this machine alone, by its address and once more by the check
+of each connection.
 """
 
 import json
@@ -25,7 +27,8 @@ LONGEST_BUTTON = 16
 
 
 def guide_page(orders: Connection) -> web.Application:
-    """Build the page of the guided command at the other end of a pipe; the first press of a button counts for all."""
+    """Build the page of the guided command at the other end of a pipe; the first press
+    of a button counts for all."""
     app, command = web.Application(), Answers(orders, set())
     app.router.add_get("/", page(STATIC / "guide.html"))
     app.router.add_get("/guide", partial(_show, command))

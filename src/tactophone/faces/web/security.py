@@ -1,8 +1,9 @@
 """Access control of the page: by token, Host and Origin.
 
-The token is the first part of every path, so that the page's relative addresses contain it and no cookie is needed.
-Two checks follow. *Host* must be a name of this machine, so that a foreign name that resolves to it (DNS rebinding) is
-refused. *Origin* must be this page, as browsers do not apply the same-origin rule to WebSockets.
+The token is the first part of every path, so that the page's relative addresses contain
+it and no cookie is needed. Two checks follow. *Host* must be a name of this machine, so
+that a foreign name that resolves to it (DNS rebinding) is refused. *Origin* must be
+this page, as browsers do not apply the same-origin rule to WebSockets.
 """
 
 import ipaddress
@@ -41,7 +42,8 @@ class AccessControl:
 
     host: str
     port: int
-    """`host` and `port`: where the server listens; ``0.0.0.0`` and ``::`` mean all interfaces."""
+    """`host` and `port`: where the server listens; ``0.0.0.0`` and ``::`` mean all
+    interfaces."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
     """Random, new for every page."""
     scheme: str = "http"
@@ -51,7 +53,8 @@ class AccessControl:
 
     @property
     def url(self) -> str:
-        """The address to open; with the machine's name if it listens on all interfaces."""
+        """The address to open; with the machine's name if it listens on all
+        interfaces."""
         host = socket.gethostname() if _everywhere(self.host) else self.host
         return f"{self.scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
 
@@ -97,11 +100,13 @@ class AccessControl:
         )
 
     def _is_own_address(self, name: str) -> bool:
-        """Return whether the name is a numeric address of this machine; a rebound name never is."""
+        """Return whether the name is a numeric address of this machine; a rebound name
+        never is."""
         address, own = _address(name), _address(self.host)
         if address is None:
             return False
-        # The page is served at this machine's loopback address too, which no other machine can be reached by.
+        # The page is served at this machine's loopback address too, which no other
+        # machine can be reached by.
         return (
             _everywhere(self.host)
             or address == own

@@ -27,15 +27,18 @@ PAGE_NICENESS = 5
 
 
 class Page(AbstractContextManager["Page", None]):
-    """A page served by another process while the context lasts: ``with Page(build) as page: print(page.url)``.
+    """A page served by another process while the context lasts: ``with Page(build) as
+    page: print(page.url)``.
 
     - ``build``: makes the application in that process; must be picklable.
     - ``address``: host and port to listen at, port 0 for any free one; `PAGE_ADDRESS` if ``None``. An address of the
-      local network is served at this machine's loopback address too, where browsers allow a page its microphone.
+      local network is served at this machine's loopback address too, where browsers
+      allow a page its microphone.
     - ``certificate``: files of a certificate and its private key, for https; plain http if ``None``.
     - ``names``: further names of this machine under which the page may be opened.
 
-    Raises `TactophoneError` when the address is not available, or the web server is not installed.
+    Raises `TactophoneError` when the address is not available, or the web server is not
+    installed.
     """
 
     def __init__(
@@ -82,22 +85,26 @@ def watch(
 ) -> Page:
     """Serve the operator's page for the run of that name; ``place`` as in `Page`.
 
-    ``microphone`` takes the sound of a page that listens (`live.audio.sources.browser_source` has the other end),
-    and ``recorder`` keeps logs when a page on this machine asks for one; without them, no page can.
+    ``microphone`` takes the sound of a page that listens
+    (`live.audio.sources.browser_source` has the other end), and ``recorder`` keeps logs
+    when a page on this machine asks for one; without them, no page can.
     """
     return Page(partial(_dashboard, name, microphone, recorder), address, **place)
 
 
 def serve_guide(orders: Connection) -> Page:
-    """Serve the page of a guided command to this machine alone; the command has the other end of the pipe."""
+    """Serve the page of a guided command to this machine alone; the command has the
+    other end of the pipe."""
     return Page(partial(_guide, orders))
 
 
 def network_address() -> str:
-    """Return this machine's address in its network; raises `TactophoneError` if it has none."""
+    """Return this machine's address in its network; raises `TactophoneError` if it has
+    none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            # Connecting a datagram socket sends nothing; it only chooses the interface (RFC 5737: a test address).
+            # Connecting a datagram socket sends nothing; it only chooses the interface
+            # (RFC 5737: a test address).
             probe.connect(("192.0.2.1", 9))
             address = str(probe.getsockname()[0])
         except OSError:
@@ -124,7 +131,8 @@ def _guide(orders: Connection) -> "web.Application":
 
 
 def _listen_everywhere(address: str) -> list[socket.socket]:
-    """Listen at an address, and at 127.0.0.1 too if another machine can reach the address but this one cannot."""
+    """Listen at an address, and at 127.0.0.1 too if another machine can reach the
+    address but this one cannot."""
     sockets = [listen(address, "the page", example=PAGE_ADDRESS)]
     host, port = sockets[0].getsockname()[:2]
     if (

@@ -1,7 +1,9 @@
-"""What all pages share: their files behind access control, who is admitted to a WebSocket, and answers to every page.
+"""What all pages share: their files behind access control, who is admitted to a
+WebSocket, and answers to every page.
 
-Sent away are pages too many, of another version, or flooding. A page cannot read the answer to a refused WebSocket, so
-it is accepted and closed at once, with a reason that it shows.
+Sent away are pages too many, of another version, or flooding. A page cannot read the
+answer to a refused WebSocket, so it is accepted and closed at once, with a reason that
+it shows.
 """
 
 import asyncio
@@ -21,19 +23,23 @@ from tactophone.faces.web.connections import Acceptor, FloodGate
 from tactophone.faces.web.security import HEADERS, AccessControl
 
 PAGE_VERSION = "1"
-"""Version of the messages between page and server; `feed.js` sends its own. Change both when a message changes."""
+"""Version of the messages between page and server; `feed.js` sends its own. Change both
+when a message changes."""
 
 TAKEN = 4001
-"""WebSocket close code, of the range for applications: another window took the place."""
+"""WebSocket close code, of the range for applications: another window took the
+place."""
 
 OTHER_VERSION, TOO_MANY, FLOOD = 4002, 4003, 4008
-"""Close codes: the page is of another version, too many pages are open, the page sends too much."""
+"""Close codes: the page is of another version, too many pages are open, the page sends
+too much."""
 
 MAX_MESSAGE_BYTES = 4_096
 """Bytes of a message from a page."""
 
 FLOOD_RATE = 500.0
-"""Messages a second, twice what a page sends that acknowledges 125 a second and follows a fast pointer."""
+"""Messages a second, twice what a page sends that acknowledges 125 a second and follows
+a fast pointer."""
 
 PAGE_VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
@@ -49,7 +55,8 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 def protect(
     inner: web.Application, access: AccessControl, acceptor: Acceptor
 ) -> web.Application:
-    """Serve a page, and the files that all pages load, under the token and behind access control."""
+    """Serve a page, and the files that all pages load, under the token and behind
+    access control."""
 
     @web.middleware
     async def check_access(
@@ -90,7 +97,8 @@ def page(path: Traversable, kind: str = "text/html") -> Handler:
 
 
 def is_local(request: web.Request) -> bool:
-    """Return whether a page is open on this machine: both ends of its connection then have the same address."""
+    """Return whether a page is open on this machine: both ends of its connection then
+    have the same address."""
     if request.transport is None:
         return False
     peer, own = (
@@ -100,7 +108,8 @@ def is_local(request: web.Request) -> bool:
 
 
 async def say_command(view: web.WebSocketResponse, request: web.Request) -> None:
-    """Tell a page on this machine the command line of the run, which it shows when the run has ended."""
+    """Tell a page on this machine the command line of the run, which it shows when the
+    run has ended."""
     if is_local(request):
         with suppress(ConnectionError):
             await view.send_str(
@@ -111,7 +120,8 @@ async def say_command(view: web.WebSocketResponse, request: web.Request) -> None
 async def admit(
     request: web.Request, views: Sized, most: int
 ) -> web.WebSocketResponse | None:
-    """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too many, or it is too old."""
+    """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too
+    many, or it is too old."""
     view = web.WebSocketResponse(
         heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False
     )
@@ -156,7 +166,8 @@ async def exchange(
     credit: asyncio.Semaphore,
     interval: float,
 ) -> None:
-    """Send a page what ``message`` returns, if anything, every ``interval`` s as its credit allows, while receiving."""
+    """Send a page what ``message`` returns, if anything, every ``interval`` s as its
+    credit allows, while receiving."""
 
     async def send() -> None:
         with suppress(ConnectionError):
@@ -180,10 +191,12 @@ async def end_flood(view: web.WebSocketResponse) -> None:
 
 
 class Answers:
-    """A page's end of a pipe to the command that serves it: what pages ask goes in, and its answers go to every page.
+    """A page's end of a pipe to the command that serves it: what pages ask goes in, and
+    its answers go to every page.
 
-    The caller adds and removes the ``views``, the pages that are open now. ``status`` is what a page that is opened
-    later has to show: the newest entry of each kind ``kept``, of every kind if that is ``None``.
+    The caller adds and removes the ``views``, the pages that are open now. ``status``
+    is what a page that is opened later has to show: the newest entry of each kind
+    ``kept``, of every kind if that is ``None``.
     """
 
     def __init__(

@@ -1,1 +1,2 @@
-"""Every method on the same splits, behind one protocol; the paper's tables and the report."""
+"""Every method on the same splits, behind one protocol; the paper's tables and the
+report."""

@@ -1,8 +1,10 @@
-"""Cross-validation: every recording is predicted by a model that was trained without its side of the split.
+"""Cross-validation: every recording is predicted by a model that was trained without
+its side of the split.
 
-A fold is a pure function of its method and its recordings, so it may run in this process, on the machine's cores, or on
-a Ray cluster; its predictions are cached by content. A worker that dies loses the fold it was at: that fold runs again,
-the others do not.
+A fold is a pure function of its method and its recordings, so it may run in this
+process, on the machine's cores, or on a Ray cluster; its predictions are cached by
+content. A worker that dies loses the fold it was at: that fold runs again, the others
+do not.
 """
 
 import functools
@@ -44,7 +46,8 @@ MOST_DEATHS = 3
 
 
 class Method(Protocol):
-    """Anything that trains on recordings and then predicts others; :mod:`tactophone.lab.benchmark.methods` has them."""
+    """Anything that trains on recordings and then predicts others;
+    :mod:`tactophone.lab.benchmark.methods` has them."""
 
     @property
     def name(self) -> str:
@@ -52,7 +55,8 @@ class Method(Protocol):
 
     @property
     def identity(self) -> str:
-        """Text that changes whenever the predictions may, for equal recordings: key of cached folds."""
+        """Text that changes whenever the predictions may, for equal recordings: key of
+        cached folds."""
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train on labelled recordings; return a predictor of other recordings."""
@@ -64,10 +68,11 @@ MethodFold: TypeAlias = tuple[Method, Fold]
 
 @dataclass(frozen=True, slots=True)
 class Cache:
-    """Predictions on disk, keyed by everything that they follow from, so that a second run takes seconds.
+    """Predictions on disk, keyed by everything that they follow from, so that a second
+    run takes seconds.
 
-    A changed method, label, sound or line of the code that trains has another key; entries never need to be deleted by
-    hand.
+    A changed method, label, sound or line of the code that trains has another key;
+    entries never need to be deleted by hand.
     """
 
     folder: Path
@@ -111,7 +116,8 @@ class Cache:
 
 
 def default_cache() -> Cache:
-    """Return the user's cache: ``$XDG_CACHE_HOME/tactophone/folds``, by default below ``~/.cache``."""
+    """Return the user's cache: ``$XDG_CACHE_HOME/tactophone/folds``, by default below
+    ``~/.cache``."""
     home = os.environ.get("XDG_CACHE_HOME")
     return Cache(
         (Path(home) if home else Path.home() / ".cache") / "tactophone" / "folds"
@@ -125,9 +131,11 @@ def cross_validate(
     cache: Cache | None = None,
     report: Callable[[int, str], None] = ignore,
 ) -> list[TakePredictions]:
-    """Predict every fold's test recordings by a model trained on the fold's training recordings.
+    """Predict every fold's test recordings by a model trained on the fold's training
+    recordings.
 
-    A killed run loses the fold that it was at. ``report`` is called with the number of folds done and the fold's name.
+    A killed run loses the fold that it was at. ``report`` is called with the number of
+    folds done and the fold's name.
     """
     predictions: list[TakePredictions] = []
     for done, fold in enumerate(folds):
@@ -150,11 +158,13 @@ def run_folds(
     ray: bool = False,
     report: Callable[[int, str], None] = ignore,
 ) -> int:
-    """Run the folds whose predictions are not cached, each with its method, and cache them; return how many ran.
+    """Run the folds whose predictions are not cached, each with its method, and cache
+    them; return how many ran.
 
-    One worker is this process itself. With ``ray`` they run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of
-    as many processes. ``report`` is called with the number of folds done, and the name of the last one. Raises
-    `ConfigError` if Ray is chosen and not installed.
+    One worker is this process itself. With ``ray`` they run on the Ray cluster at
+    ``RAY_ADDRESS``, or on a local one of as many processes. ``report`` is called with
+    the number of folds done, and the name of the last one. Raises `ConfigError` if Ray
+    is chosen and not installed.
     """
     todo = {fold_key(*fold): fold for fold in folds}
     todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}
@@ -191,7 +201,8 @@ def _in_processes(
                 finally:
                     pool.shutdown(cancel_futures=True)
         except BrokenProcessPool:
-            # A pool whose worker has died takes no more work: what is left runs in another one.
+            # A pool whose worker has died takes no more work: what is left runs in
+            # another one.
             deaths += 1
             if deaths >= MOST_DEATHS:
                 raise
@@ -287,7 +298,8 @@ def predict_fold(method: Method, fold: Fold) -> list[TakePredictions]:
 
 
 def permute_labels(dataset: Dataset, *, seed: int) -> Dataset:
-    """Permute the labels over the surfaces: what a method scores then, it scores without learning roughness."""
+    """Permute the labels over the surfaces: what a method scores then, it scores
+    without learning roughness."""
     kept = dataset.labelled()
     labels = {recording.surface: recording.label for recording in kept.recordings}
     permuted = np.random.default_rng(seed).permutation(
@@ -306,7 +318,8 @@ def permute_labels(dataset: Dataset, *, seed: int) -> Dataset:
 
 
 def fold_key(method: Method, fold: Fold) -> str:
-    """Return the cache key of a fold's predictions: a hash of everything that they follow from."""
+    """Return the cache key of a fold's predictions: a hash of everything that they
+    follow from."""
     sides = f"{method.identity} {code_version()}\n{fingerprint(fold.train)}\n"
     # The test side in its own order, because predictions are stored by number.
     tested = "".join(fingerprint([recording]) for recording in fold.test)
@@ -315,7 +328,8 @@ def fold_key(method: Method, fold: Fold) -> str:
 
 @functools.cache
 def code_version() -> str:
-    """Return a hash of `TRAINING_CODE`, so that nobody has to raise a version; comments and docstrings count too."""
+    """Return a hash of `TRAINING_CODE`, so that nobody has to raise a version; comments
+    and docstrings count too."""
     root = Path(str(files("tactophone")))
     total = hashlib.sha256()
     for part in TRAINING_CODE:

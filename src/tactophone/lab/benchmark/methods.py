@@ -1,13 +1,16 @@
-"""What a benchmark compares, by name: methods behind one protocol, :class:`tactophone.lab.benchmark.folds.Method`.
+"""What a benchmark compares, by name: methods behind one protocol,
+:class:`tactophone.lab.benchmark.folds.Method`.
 
-Every recipe of :data:`tactophone.lab.training.recipes.RECIPES` is a method through :func:`method_of`.
+Every recipe of :data:`tactophone.lab.training.recipes.RECIPES` is a method through
+:func:`method_of`.
 
-A renderer of :data:`~signal.haptics.passthrough.PASSTHROUGH` has no detector: the finger itself must separate rough
-from smooth. In :class:`RendererMethod` a regression takes its place, on what a finger can perceive of the vibration:
-its level, its peaks, and its strength in bands from 35 Hz to 1 kHz.
+A renderer of :data:`~signal.haptics.passthrough.PASSTHROUGH` has no detector: the
+finger itself must separate rough from smooth. In :class:`RendererMethod` a regression
+takes its place, on what a finger can perceive of the vibration: its level, its peaks,
+and its strength in bands from 35 Hz to 1 kHz.
 
-Besides what the protocol wants, each has ``rule``, the decision rule of the live system, and ``latency``, the seconds
-from a window's end to its prediction.
+Besides what the protocol wants, each has ``rule``, the decision rule of the live
+system, and ``latency``, the seconds from a window's end to its prediction.
 """
 
 import functools
@@ -56,16 +59,19 @@ if TYPE_CHECKING:
     from tactophone.lab.training.trainer import NetworkRecipe
 
 METHODS_VERSION = 1
-"""Raise it when a class here changes in a way that its settings do not show, so that cached folds are trained anew."""
+"""Raise it when a class here changes in a way that its settings do not show, so that
+cached folds are trained anew."""
 
 NO_AIR = "texture/no-air"
 """An ablation: the model of ``texture`` with a silent air microphone."""
 
 NETWORK_CHANGES: dict[str, Any] = {"hop": 21, "batch_size": 500, "least_steps": 600}
-"""Of the training of the paper's network, as in docs/research/scores.md: its score is flat in the number of steps."""
+"""Of the training of the paper's network, as in docs/research/scores.md: its score is
+flat in the number of steps."""
 
 FAST_STEPS = 200
-"""Least steps of the network in a fast benchmark, of which its nine folds would otherwise take most of the time."""
+"""Least steps of the network in a fast benchmark, of which its nine folds would
+otherwise take most of the time."""
 
 NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
 """Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
@@ -117,13 +123,15 @@ class NetworkMethod:
 class FeatureMethod:
     """A recipe on features, run over a whole recording at once.
 
-    Features are computed once per recording and cached in the process, so that a fold costs its training alone; tests
-    hold that the predictions equal those of the streaming detector, window for window.
+    Features are computed once per recording and cached in the process, so that a fold
+    costs its training alone; tests hold that the predictions equal those of the
+    streaming detector, window for window.
     """
 
     recipe: FeatureRecipe
     dropped: int | None = None
-    """An ablation: this channel is silent after training. The same weights, one microphone less."""
+    """An ablation: this channel is silent after training. The same weights, one
+    microphone less."""
     rule: DecisionRule = field(default_factory=DecisionRule)
     latency: ClassVar[float] = FEATURE_LATENCY
 
@@ -153,7 +161,8 @@ class FeatureMethod:
 
 @dataclass(frozen=True, slots=True)
 class RendererMethod:
-    """A logistic regression on the vibration that a renderer makes; always in contact."""
+    """A logistic regression on the vibration that a renderer makes; always in
+    contact."""
 
     name: str
     """One of `RENDERERS`."""
@@ -207,7 +216,8 @@ class RendererMethod:
 
 @functools.lru_cache(maxsize=1 << 13)
 def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Floats]:
-    """Log of eight band powers, level and crest of the vibration that a renderer makes of a recording.
+    """Log of eight band powers, level and crest of the vibration that a renderer makes
+    of a recording.
 
     Returns the end of each window in s, and features of shape ``(windows, 10)``.
     """
@@ -280,7 +290,8 @@ def methods_for(
 ) -> tuple[BenchmarkMethod, ...]:
     """Make the methods for a data set, all by default.
 
-    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises `ConfigError` if a name is unknown.
+    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises
+    `ConfigError` if a name is unknown.
     """
     allowed = method_names(channels_of(dataset))
     if unknown := [name for name in names if name not in (*allowed, *method_names(2))]:
@@ -321,7 +332,8 @@ def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
     if name.startswith("paper/"):
         from tactophone.lab.training.trainer import fastest_precision
 
-        # Without labelled segments every window is contact, both in training and in the model's gate.
+        # Without labelled segments every window is contact, both in training and in the
+        # model's gate.
         segmented = any(recording.segments for recording in dataset.recordings)
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
@@ -352,7 +364,8 @@ def graph_predictor(
         (track,) = extract_features([recording], training_set.spec)
         if dropped is not None:
             alive = np.arange(training_set.spec.channels) != dropped
-            # Constant features of a silent channel never trigger the detection of a change of surface.
+            # Constant features of a silent channel never trigger the detection of a
+            # change of surface.
             track = replace(
                 track,
                 present=track.present & alive,

@@ -1,4 +1,5 @@
-"""A benchmark of one data set: every method on the same splits, with a control; simulated and real sound never mix."""
+"""A benchmark of one data set: every method on the same splits, with a control;
+simulated and real sound never mix."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,20 +28,24 @@ from tactophone.lab.evaluation.predict import in_true_contact, scores_of
 from tactophone.lab.simulation.render import read_render_metadata
 
 EDGE_SPLIT = "5-fold"
-"""Edges need smooth and rough surfaces on the held-out side, which one kin at a time may not have."""
+"""Edges need smooth and rough surfaces on the held-out side, which one kin at a time
+may not have."""
 
 OTHER_SPLITS = ("speed", "stroke", "pressure", "scenario", "session")
-"""Keys left out one value at a time, where the data has them; the paper's strokes stand for speeds."""
+"""Keys left out one value at a time, where the data has them; the paper's strokes stand
+for speeds."""
 
 MOST_VALUES = 8
-"""A key with more values is split into five folds: one value at a time would take hours, and say no more."""
+"""A key with more values is split into five folds: one value at a time would take
+hours, and say no more."""
 
 PERMUTATION_SEEDS = (0, 1, 2)
 """Of the control with permuted labels."""
 
 
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
-    """Return the splits that a data set allows: by kin always, by other keys where there are two values or more."""
+    """Return the splits that a data set allows: by kin always, by other keys where
+    there are two values or more."""
     if fast:
         return ("3-fold",)
     kin = {kin_of(recording) for recording in dataset.labelled().recordings}
@@ -58,7 +63,8 @@ def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
 
 def origin_of(dataset: Dataset) -> str:
     """Return whether sound is simulated, in words, for a heading."""
-    # The simulator writes metadata beside its files, also in the authors' layout, which has no manifest.
+    # The simulator writes metadata beside its files, also in the authors' layout, which
+    # has no manifest.
     simulated = any(
         take.known("source") == "simulated" or read_render_metadata(take.path)
         for take in dataset.recordings
@@ -77,11 +83,13 @@ def run_benchmark(
     ray: bool = False,
     report: Callable[[int, int, str], None] = ignore,
 ) -> DatasetResults:
-    """Score the named methods, all if there are no names, and the control on splits of labelled, usable recordings.
+    """Score the named methods, all if there are no names, and the control on splits of
+    labelled, usable recordings.
 
-    The first method is the reference that the others are compared with. With ``fast``, the paper's network is trained
-    for fewer steps. ``workers`` and ``ray`` are as in `run_folds`; ``report`` is called with the number of folds done,
-    the most that there can be, and the name of the last one. Raises `ConfigError` if a name is unknown.
+    The first method is the reference that the others are compared with. With ``fast``,
+    the paper's network is trained for fewer steps. ``workers`` and ``ray`` are as in
+    `run_folds`; ``report`` is called with the number of folds done, the most that there
+    can be, and the name of the last one. Raises `ConfigError` if a name is unknown.
     """
     methods = methods_for(dataset, names, fast=fast)
     control = recipe_method("texture", channels=channels_of(dataset))
@@ -135,7 +143,8 @@ def run_benchmark(
 
 
 def folds_with_edges(dataset: Dataset, name: str, folder: Path) -> list[Fold]:
-    """Split, and add to each held-out side the joined edges between its own surfaces."""
+    """Split, and add to each held-out side the joined edges between its own
+    surfaces."""
     folds = split(dataset, name)
     if not any(key in name for key in ("surface", "kin")) and not name.endswith(
         "-fold"

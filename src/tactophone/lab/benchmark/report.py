@@ -1,4 +1,5 @@
-"""The benchmark's report: Markdown with its tables, and its figures as SVG files beside it."""
+"""The benchmark's report: Markdown with its tables, and its figures as SVG files beside
+it."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,7 +51,8 @@ COLOURS: Mapping[str, str] = {
     "logistic": ORANGE,
     "level": GREEN,
 }
-"""Of the methods that figures name: what ships, the paper's, a standard classifier, and the least. Others are grey."""
+"""Of the methods that figures name: what ships, the paper's, a standard classifier, and
+the least. Others are grey."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""
@@ -59,7 +61,8 @@ MOST_CELLS = 20
 def write_report(
     folder: Path, datasets: Sequence[DatasetResults], *, notes: Iterable[str]
 ) -> Path:
-    """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the top: what ran, on what."""
+    """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the
+    top: what ran, on what."""
     parts = ["# Tactophone benchmark", *notes]
     for of_dataset in datasets:
         parts.append(f"## {of_dataset.dataset}: {of_dataset.origin}")
@@ -155,7 +158,8 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
 
 
 def format_delay(delay: tuple[float, float, float]) -> str:
-    """Format a delay in ms: p50 and p95 of all changes, and the share without a correct decision.
+    """Format a delay in ms: p50 and p95 of all changes, and the share without a correct
+    decision.
 
     >>> format_delay((95.0, float("inf"), 0.2))
     '95 / never (20 %)'
@@ -173,7 +177,8 @@ def format_delay(delay: tuple[float, float, float]) -> str:
 
 
 def steps_by_profile() -> dict[str, tuple[float, float]]:
-    """Return the number of just-noticeable steps from smooth to rough, of frequency and in all, by profile."""
+    """Return the number of just-noticeable steps from smooth to rough, of frequency and
+    in all, by profile."""
     return {name: discriminable_steps(open_profile(name)) for name in PROFILES}
 
 
@@ -272,7 +277,8 @@ def draw_curves(results: Sequence[MethodResult]) -> Any:
 
 
 def draw_delays(results: Sequence[MethodResult]) -> Any:
-    """Draw the time to a correct decision after contact and after an edge: p50 to p95."""
+    """Draw the time to a correct decision after contact and after an edge: p50 to
+    p95."""
     pyplot = load_pyplot()
     rows = [
         each

@@ -1,4 +1,5 @@
-"""Results of a benchmark: of a method as rendered, by windows, events and its difference from the reference."""
+"""Results of a benchmark: of a method as rendered, by windows, events and its
+difference from the reference."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,20 +46,26 @@ class MethodResult:
     dataset: str
     split: str
     rendered: Rendered
-    """What the operator gets, contact gate, abstention and decision rule inside: the headline."""
+    """What the operator gets, contact gate, abstention and decision rule inside: the
+    headline."""
     scores: dict[str, dict[str, Estimate]]
-    """By rule and metric, with intervals over surfaces; over updates in true contact, without gate and abstention."""
+    """By rule and metric, with intervals over surfaces; over updates in true contact,
+    without gate and abstention."""
     false_positives_at_reference: float
-    """Share of smooth updates classified as rough, at the threshold with the reference's rough recall."""
+    """Share of smooth updates classified as rough, at the threshold with the
+    reference's rough recall."""
     bumps_per_minute: float
     calibration_error: float
-    """`bumps_per_minute` and `calibration_error`: see :mod:`tactophone.lab.evaluation.events`."""
+    """`bumps_per_minute` and `calibration_error`: see
+    :mod:`tactophone.lab.evaluation.events`."""
     contact_ms: tuple[float, float, float]
     edge_ms: tuple[float, float, float]
-    """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms, over all changes (infinite
-    where there is none), and the share of changes without one."""
+    """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms,
+    over all changes (infinite where there is none), and the share of changes without
+    one."""
     differences: dict[str, Difference]
-    """From the reference, in pairs, by the two-class rule; p-values are corrected over all methods and measures."""
+    """From the reference, in pairs, by the two-class rule; p-values are corrected over
+    all methods and measures."""
     by_surface: dict[str, float]
     """Share of updates classified correctly."""
     curve: tuple[tuple[float, float], ...]
@@ -71,11 +78,13 @@ class DatasetResults:
 
     dataset: str
     origin: str
-    """`dataset` and `origin`: its name, and whether its sound is simulated, in words."""
+    """`dataset` and `origin`: its name, and whether its sound is simulated, in
+    words."""
     results: tuple[MethodResult, ...]
     """Of every method, split by split."""
     permuted: Mapping[str, tuple[float, ...]]
-    """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
+    """By split: balanced accuracies of the method ``texture``, trained and scored on
+    permuted labels."""
 
 
 def compare_methods(
@@ -84,7 +93,8 @@ def compare_methods(
     split: str,
     predictions: Mapping[str, list[TakePredictions]],
 ) -> list[MethodResult]:
-    """Score methods on one split of a data set, each also as its difference from the first.
+    """Score methods on one split of a data set, each also as its difference from the
+    first.
 
     Raises `DatasetError` if there is no update in true contact.
     """

@@ -1,8 +1,10 @@
-"""Checks of single recordings, of a set as a whole, and of pairs of mono files; a bad file never stops the others.
+"""Checks of single recordings, of a set as a whole, and of pairs of mono files; a bad
+file never stops the others.
 
-Two recorders start at different moments and their clocks drift; a detector that compares the microphones within a
-window then compares different touches. A touch is loud in both microphones, so the levels of the two files rise and
-fall together: the lag is where the levels correlate best, measured in the first and in the last half.
+Two recorders start at different moments and their clocks drift; a detector that
+compares the microphones within a window then compares different touches. A touch is
+loud in both microphones, so the levels of the two files rise and fall together: the lag
+is where the levels correlate best, measured in the first and in the last half.
 """
 
 import hashlib
@@ -42,7 +44,8 @@ MOST_CHANNELS = 2
 """Contact and air; of more channels it is unknown which two are meant."""
 
 DEFAULT_CONTACT_DBFS = -60.0
-"""RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""
+"""RMS of a quarter second under which there is no contact on any set-up; a calibration
+knows the exact level."""
 
 CHECKED_MIN_CONTACT = 0.05
 """Share of a take that must be in contact."""
@@ -60,8 +63,8 @@ LONGEST_LAG = 1.0
 """Seconds within which a lag is looked for."""
 
 MOST_LAG = 5e-3
-"""Seconds; half a buffer of the paper's, from one prediction to the next. Sound takes 0.06 ms over the 2 cm from the
-surface to the air microphone."""
+"""Seconds; half a buffer of the paper's, from one prediction to the next. Sound takes
+0.06 ms over the 2 cm from the surface to the air microphone."""
 
 LEAST_CORRELATION = 0.3
 """Under it the levels do not rise and fall together, and no lag can be stated."""
@@ -75,7 +78,8 @@ LAG_FLOOR = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class _Measurements:
-    """What one pass over a file measures; ``promised`` is the length in its header, in samples."""
+    """What one pass over a file measures; ``promised`` is the length in its header, in
+    samples."""
 
     sample_rate: int
     channels: int
@@ -89,7 +93,8 @@ class _Measurements:
 def check(
     dataset: Dataset, *, progress: Callable[[int], None] = ignore
 ) -> tuple[Problem, ...]:
-    """Read every recording to its end and report what is wrong, after what opening found; a bad one stops nothing."""
+    """Read every recording to its end and report what is wrong, after what opening
+    found; a bad one stops nothing."""
     problems = [*dataset.problems, *_label_conflicts(dataset)]
     if not dataset.recordings and not problems:
         problems.append(
@@ -106,7 +111,8 @@ def check(
 
 
 def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
-    """Return the data set without the recordings that cannot be used, and every problem found."""
+    """Return the data set without the recordings that cannot be used, and every problem
+    found."""
     problems = check(dataset)
     bad = {problem.path for problem in problems if problem.fatal}
     return dataset.where(lambda recording: recording.path not in bad), problems
@@ -122,10 +128,11 @@ def channels_of_all(dataset: Dataset) -> int:
 
 
 def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem, ...]]:
-    """Return the data set without recordings that lack a microphone, and a warning for each of these.
+    """Return the data set without recordings that lack a microphone, and a warning for
+    each of these.
 
-    ``count`` is 1 or 2. If no recording has as many microphones, all stay, so that whoever reads them can say which
-    option to change.
+    ``count`` is 1 or 2. If no recording has as many microphones, all stay, so that
+    whoever reads them can say which option to change.
     """
 
     def holds(recording: Recording) -> bool:
@@ -148,7 +155,8 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
 
 
 def check_recording(recording: Recording) -> Iterator[Problem]:
-    """Report what is wrong with one recording: missing, empty, broken, silent, clipped, or unlike its manifest."""
+    """Report what is wrong with one recording: missing, empty, broken, silent, clipped,
+    or unlike its manifest."""
     path = recording.path
     if not path.is_file():
         yield Problem(
@@ -282,8 +290,9 @@ def check_consistency(
 ) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 
-    Faults of single files are reported by :func:`check` instead. ``threshold_dbfs`` is the level of
-    contact over a quarter second; ``progress`` is called with the number of recordings done.
+    Faults of single files are reported by :func:`check` instead. ``threshold_dbfs`` is
+    the level of contact over a quarter second; ``progress`` is called with the number
+    of recordings done.
     """
     problems = [*_leaks(dataset), *_imbalance(dataset)]
     seen: dict[str, Recording] = {}
@@ -352,12 +361,14 @@ def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
 def _measure_contact(
     recording: Recording, threshold_dbfs: float
 ) -> tuple[str, float] | None:
-    """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
+    """Return a hash of the sound, whatever its container, and the share of it in
+    contact; nothing if unusable."""
     try:
         sound = recording.read()
     except DatasetError:
         return None
-    # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
+    # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings
+    # still differ.
     samples, rate = sound.samples.round(4), sound.sample_rate
     channel = (
         recording.channels.index("contact")
@@ -367,7 +378,8 @@ def _measure_contact(
     if not samples.size or not np.isfinite(samples).all():
         return None  # reported as a fault of the file
     size = max(1, int(CHECKED_CELL * rate))
-    # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
+    # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the
+    # share.
     cells = samples[: len(samples) // size * size, channel].reshape(-1, size)
     power = (
         np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
@@ -377,7 +389,8 @@ def _measure_contact(
 
 
 def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
-    """Return what is wrong with a pair of mono files, empty if nothing, and whether it forbids to join them."""
+    """Return what is wrong with a pair of mono files, empty if nothing, and whether it
+    forbids to join them."""
     try:
         one, two = (_shape(path) for path in (contact, air))
     except DatasetError as error:
@@ -440,13 +453,15 @@ def _shape(path: Path) -> _Shape:
 
 
 def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
-    """Return the power of each cell of a mono file, read in blocks: an hour of silence is a small file."""
+    """Return the power of each cell of a mono file, read in blocks: an hour of silence
+    is a small file."""
     cell, last, parts = max(1, round(LAG_CELL * rate)), None, [np.empty(0)]
     with open_sound(path) as file:
         for block in file.blocks(
             cell * max(1, READ_SIZE // cell), dtype="float32", frames=size
         ):
-            # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
+            # The difference of neighbours is a high-pass: hum and handling noise are
+            # not the touch.
             change = np.diff(block, prepend=block[:1] if last is None else last).astype(
                 np.float64
             )
@@ -460,7 +475,8 @@ def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
 
 
 def _lag(*levels: NDArray[np.float64]) -> tuple[float, float]:
-    """Return by how many s the second of two levels is late, and their correlation at it."""
+    """Return by how many s the second of two levels is late, and their correlation at
+    it."""
     count, reach = min(map(len, levels)), round(LONGEST_LAG / LAG_CELL)
     levels = tuple(level[:count] for level in levels)
     norm = float(np.linalg.norm(levels[0]) * np.linalg.norm(levels[1]))

@@ -28,13 +28,15 @@ def convert(
     targets: Mapping[Path, Path] = {},
     progress: Callable[[int], None] = ignore,
 ) -> Dataset:
-    """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.
+    """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals
+    stay.
 
-    Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both mappings are by a recording's path:
-    ``air_of`` has the file of the air microphone where the recording holds the contact microphone alone, so that the
-    copy has both; ``targets`` the path of the copy below ``out`` without suffix, by default as below the data set.
-    ``progress`` is called with the number of recordings done. Raises `DatasetError` if ``out`` holds a data set
-    already, or a file cannot be converted.
+    Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both
+    mappings are by a recording's path: ``air_of`` has the file of the air microphone
+    where the recording holds the contact microphone alone, so that the copy has both;
+    ``targets`` the path of the copy below ``out`` without suffix, by default as below
+    the data set. ``progress`` is called with the number of recordings done. Raises
+    `DatasetError` if ``out`` holds a data set already, or a file cannot be converted.
     """
     if (out / FILE_NAME).exists():
         raise DatasetError(f"{out}: holds a data set already; name a new folder")
@@ -73,7 +75,8 @@ def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> P
 
 
 def write_card(dataset: Dataset) -> Path:
-    """Write a data card in Hugging Face's format: contents, how it was recorded, and known faults."""
+    """Write a data card in Hugging Face's format: contents, how it was recorded, and
+    known faults."""
     target = dataset.root / CARD
     with atomic_write(target) as unfinished:
         unfinished.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
@@ -81,9 +84,11 @@ def write_card(dataset: Dataset) -> Path:
 
 
 def copy_as_flac(source: Path, target: Path) -> None:
-    """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill leaves no half file at ``target``.
+    """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill
+    leaves no half file at ``target``.
 
-    Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the disk is full.
+    Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the
+    disk is full.
     """
     with soundfile.SoundFile(source) as file:
         subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
@@ -97,7 +102,8 @@ def copy_as_flac(source: Path, target: Path) -> None:
 
 
 def join_as_flac(contact: Path, air: Path, target: Path) -> None:
-    """Write two mono files as one FLAC file, contact and air, as long as the shorter; errors as `copy_as_flac`."""
+    """Write two mono files as one FLAC file, contact and air, as long as the shorter;
+    errors as `copy_as_flac`."""
     with soundfile.SoundFile(contact) as one, soundfile.SoundFile(air) as two:
         size = min(len(one), len(two))
         # As integers, so that PCM stays bit by bit.

@@ -1,12 +1,15 @@
-"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders.
+"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab
+folders.
 
 **The authors'** is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
-``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
-(github.com/AIS-Bonn/Roughness_Sensing) and repeated here. The tip is that of their finger, hard skin on a pad.
+``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for
+training, is in their notebooks (github.com/AIS-Bonn/Roughness_Sensing) and repeated
+here. The tip is that of their finger, hard skin on a pad.
 
-**A laboratory's folder** has no manifest, but labels and microphones in the names. A part of a path may be a label
-(``rough/``), a microphone (``piezo/``, ``mems/``) or a side of a split (``train/``); a file's name may end in a
-microphone (``x_contact.wav`` beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
+**A laboratory's folder** has no manifest, but labels and microphones in the names. A
+part of a path may be a label (``rough/``), a microphone (``piezo/``, ``mems/``) or a
+side of a split (``train/``); a file's name may end in a microphone (``x_contact.wav``
+beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
 all else equal are a pair, which conversion joins into a file of two channels.
 """
 
@@ -36,17 +39,20 @@ SEGMENTS = "segments.csv"
 
 ROUGH_OBJECTS = frozenset({0, 1, 8, 11, 13, 15, 17, 19, 20, 22})
 TEST_OBJECTS = frozenset({21, 22})
-"""The paper has two, as the authors' test notebook; their training notebook leaves object 20 out besides."""
+"""The paper has two, as the authors' test notebook; their training notebook leaves
+object 20 out besides."""
 
 SPARE_OBJECT = 20
-"""Neither trained on nor tested with by default: the fine-tuned model's sample of the competition's stones."""
+"""Neither trained on nor tested with by default: the fine-tuned model's sample of the
+competition's stones."""
 
 KIN: Mapping[int, str] = {
     20: "competition rough",
     21: "competition smooth",
     22: "competition rough",
 }
-"""Objects that are the competition's stones: kin of its runs, which a split keeps on one side."""
+"""Objects that are the competition's stones: kin of its runs, which a split keeps on
+one side."""
 
 STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
@@ -74,7 +80,8 @@ _COLUMNS = (
 
 
 def read_manifest(folder: Path) -> Dataset:
-    """Read a folder with ``manifest.csv`` and, where labels change in time, ``segments.csv``."""
+    """Read a folder with ``manifest.csv`` and, where labels change in time,
+    ``segments.csv``."""
     problems: list[Problem] = []
     segments = _segments(folder, problems)
     recordings = []
@@ -84,7 +91,8 @@ def read_manifest(folder: Path) -> Dataset:
             message = f"line {line}: file is {row['file']!r}, which is not a file in the folder; write its path"
             problems.append(Problem(folder / MANIFEST, "file", message))
             continue
-        # A label such as "tap/no_contact (see segments.csv)" lists what the segments hold.
+        # A label such as "tap/no_contact (see segments.csv)" lists what the segments
+        # hold.
         label = (
             ""
             if "segments" in row["label"]
@@ -114,7 +122,8 @@ def read_manifest(folder: Path) -> Dataset:
 
 
 def read_authors(folder: Path) -> Dataset:
-    """Read the authors' layout; a file whose name does not fit is reported and left out."""
+    """Read the authors' layout; a file whose name does not fit is reported and left
+    out."""
     problems: list[Problem] = []
     recordings = []
     for place, pattern, describe, wanted in (
@@ -208,7 +217,8 @@ MICROPHONE_WORDS: Mapping[str, str] = {
     "mic": "air",
     "microphone": "air",
 }
-"""Words for a microphone in the names of folders and files, and the channel that each is."""
+"""Words for a microphone in the names of folders and files, and the channel that each
+is."""
 
 _MICROPHONE_AT_END = re.compile(
     rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE
@@ -224,7 +234,8 @@ class LabFolder:
     """What was found in a folder without a manifest."""
 
     dataset: Dataset
-    """A recording for each file or pair; of a pair, ``path`` is the contact file. ``problems`` has the rest."""
+    """A recording for each file or pair; of a pair, ``path`` is the contact file.
+    ``problems`` has the rest."""
     air_of: Mapping[Path, Path] = field(default_factory=dict)
     """The air file of each pair, by its contact file."""
     targets: Mapping[Path, Path] = field(default_factory=dict)
@@ -267,7 +278,8 @@ def sounds_in(folder: Path) -> list[Path]:
 def read_lab_folder(folder: Path) -> LabFolder:
     """Find recordings, labels and pairs by the names below a folder.
 
-    The folder is searched to any depth. Without a label in any name ``dataset.recordings`` is empty.
+    The folder is searched to any depth. Without a label in any name
+    ``dataset.recordings`` is empty.
 
     A file without a label is named in the problems.
     """
@@ -304,7 +316,8 @@ def read_lab_folder(folder: Path) -> LabFolder:
 
 
 def surface_and_take(stem: str) -> tuple[str, str]:
-    """Split a file's name into surface and take: a number or one of the paper's takes at its end.
+    """Split a file's name into surface and take: a number or one of the paper's takes
+    at its end.
 
     >>> surface_and_take("granite_03"), surface_and_take("slate-long_light"), surface_and_take("07")
     (('granite', '03'), ('slate', 'long_light'), ('07', ''))
@@ -376,7 +389,8 @@ def _recordings(
 
 
 def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:
-    """Channels of a single file: what its name says, if it holds as many; unknown otherwise."""
+    """Channels of a single file: what its name says, if it holds as many; unknown
+    otherwise."""
     if not microphone:
         return ()
     try:

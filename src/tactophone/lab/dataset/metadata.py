@@ -1,8 +1,10 @@
-"""The manifest format: a folder with ``metadata.csv``, as Hugging Face's ``audiofolder`` reads it.
+"""The manifest format: a folder with ``metadata.csv``, as Hugging Face's
+``audiofolder`` reads it.
 
-Each line describes a recording. ``file_name`` is the file's path from the folder, ``surface`` is required, and all
-other columns are optional; a column not named here is kept as a property. ``segments`` holds ``start-end=label``
-entries, in seconds, separated by spaces.
+Each line describes a recording. ``file_name`` is the file's path from the folder,
+``surface`` is required, and all other columns are optional; a column not named here is
+kept as a property. ``segments`` holds ``start-end=label`` entries, in seconds,
+separated by spaces.
 """
 
 import csv
@@ -24,7 +26,8 @@ from tactophone.lab.dataset.values import (
 FILE_NAME = "metadata.csv"
 LABELS_FILE = "labels.toml"
 PARTS = ("train", "validation", "test")
-"""Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it; kept as property ``split``."""
+"""Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it;
+kept as property ``split``."""
 
 _COLUMNS = (
     "file_name",
@@ -45,10 +48,12 @@ def read_metadata(
     surface_of: Callable[[Path], str] | None = None,
     labels: Mapping[str, str] | None = None,
 ) -> Dataset:
-    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
+    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and
+    ``test`` sub-folders.
 
-    ``surface_of`` names the surface of a file, by its path from the folder, where the manifest has no column
-    ``surface``, which is required without it. Raises `DatasetError` if a required column is missing.
+    ``surface_of`` names the surface of a file, by its path from the folder, where the
+    manifest has no column ``surface``, which is required without it. Raises
+    `DatasetError` if a required column is missing.
     """
     recordings: list[Recording] = []
     problems: list[Problem] = []
@@ -68,7 +73,8 @@ def read_metadata(
 
 
 def label_names(folder: Path) -> Mapping[str, str]:
-    """Return what numbered labels of a folder mean: by its ``labels.toml``, or its Hugging Face data card.
+    """Return what numbered labels of a folder mean: by its ``labels.toml``, or its
+    Hugging Face data card.
 
     Raises `DatasetError` if ``labels.toml`` is no table of numbers and names.
     """
@@ -95,7 +101,8 @@ def label_names(folder: Path) -> Mapping[str, str]:
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
-    """Write ``metadata.csv`` for recordings in the folder; a kill leaves the old file or the new file, never half.
+    """Write ``metadata.csv`` for recordings in the folder; a kill leaves the old file
+    or the new file, never half.
 
     Raises `ValueError` if a recording is not in the folder.
     """
@@ -117,7 +124,8 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
 def rows(
     manifest: Path, *, required: Iterable[str]
 ) -> Iterable[tuple[int, Mapping[str, str]]]:
-    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons or tabs part the cells.
+    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons
+    or tabs part the cells.
 
     Raises `DatasetError` if a required column is missing, or the file is not text.
     """
@@ -125,7 +133,8 @@ def rows(
         with manifest.open(newline="", encoding="utf-8-sig") as file:
             header = file.readline()
             file.seek(0)
-            # Where the comma is the decimal sign, spreadsheets part cells with semicolons.
+            # Where the comma is the decimal sign, spreadsheets part cells with
+            # semicolons.
             delimiter = max(",;\t", key=header.count)
             reader = csv.DictReader(file, restval="", delimiter=delimiter)
             missing = set(required) - set(reader.fieldnames or ())
@@ -151,7 +160,8 @@ def rows(
 
 
 def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
-    """Return a label's name in lower case; for an unknown one, add a problem and return the empty name."""
+    """Return a label's name in lower case; for an unknown one, add a problem and return
+    the empty name."""
     name = text.lower().replace(" ", "_").replace("-", "_")
     if name in LABEL_NAMES:
         return name
@@ -165,7 +175,8 @@ def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
 
 
 def inside(folder: Path, name: str) -> Path | None:
-    """Return the path of a file named in a manifest; ``None`` if it is outside the manifest's folder."""
+    """Return the path of a file named in a manifest; ``None`` if it is outside the
+    manifest's folder."""
     if "\0" in name:  # no file system has such a name, and Python refuses even to look
         return None
     path = folder / name
@@ -174,7 +185,8 @@ def inside(folder: Path, name: str) -> Path | None:
 
 
 def refuse_link(path: Path, folder: Path) -> None:
-    """Raise `DatasetError` if a path below a folder leads out of it over a link, to be read or overwritten."""
+    """Raise `DatasetError` if a path below a folder leads out of it over a link, to be
+    read or overwritten."""
     if not path.resolve().is_relative_to(folder.resolve()):
         raise DatasetError(
             f"{path}: a link that leaves {folder}; put the file itself there, or name another folder"
@@ -182,7 +194,8 @@ def refuse_link(path: Path, folder: Path) -> None:
 
 
 def manifests_in(folder: Path) -> list[Path]:
-    """Return each ``metadata.csv`` of a data set, the whole one or those of its parts."""
+    """Return each ``metadata.csv`` of a data set, the whole one or those of its
+    parts."""
     whole = folder / FILE_NAME
     if whole.is_file():
         return [whole]

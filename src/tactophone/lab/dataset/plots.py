@@ -1,6 +1,8 @@
-"""What all figures share, matplotlib and one set of colours; and a data set as a figure.
+"""What all figures share, matplotlib and one set of colours; and a data set as a
+figure.
 
-The colours are those of Okabe and Ito (2008), which stay distinct for every kind of colour vision.
+The colours are those of Okabe and Ito (2008), which stay distinct for every kind of
+colour vision.
 """
 
 import re
@@ -68,14 +70,16 @@ def load_pyplot() -> Any:
 
 
 def save_figure(figure: Any, path: Path, **options: Any) -> None:
-    """Write a figure in place of what stands at ``path``, and close it; ``options`` are those of ``savefig``."""
+    """Write a figure in place of what stands at ``path``, and close it; ``options`` are
+    those of ``savefig``."""
     make_room(path)
     figure.savefig(path, **options)
     load_pyplot().close(figure)
 
 
 def draw_dataset(path: Path, dataset: Dataset) -> None:
-    """Draw the level of each take, and spectrograms of up to 12 recordings spread evenly over the set, as PNG.
+    """Draw the level of each take, and spectrograms of up to 12 recordings spread
+    evenly over the set, as PNG.
 
     Raises `TactophoneError` if matplotlib is not installed.
     """
@@ -136,7 +140,8 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
 
 
 def _levels(recording: Recording) -> tuple[float, float, float]:
-    """Return p10, p50 and p90 of the level over 0.25 s, in dBFS, of the first channel."""
+    """Return p10, p50 and p90 of the level over 0.25 s, in dBFS, of the first
+    channel."""
     sound = recording.read()
     size = max(1, sound.sample_rate // 4)
     cells = sound.samples[: sound.size // size * size, 0].reshape(-1, size)

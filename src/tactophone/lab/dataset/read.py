@@ -24,7 +24,8 @@ from tactophone.lab.dataset.metadata import (
 from tactophone.lab.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 
 _SEARCH_DEPTH = 3
-"""Folders above a file that are searched for its manifest: the authors' ``opus/stereo/`` lies two deep."""
+"""Folders above a file that are searched for its manifest: the authors'
+``opus/stereo/`` lies two deep."""
 
 
 def open_dataset(
@@ -32,11 +33,12 @@ def open_dataset(
 ) -> Dataset:
     """Read a data set in any layout, by its folder or the CSV file in it.
 
-    A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names what numbers in the column
-    ``label`` mean; by default ``labels.toml`` or the class names in a Hugging Face data card do.
+    A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names
+    what numbers in the column ``label`` mean; by default ``labels.toml`` or the class
+    names in a Hugging Face data card do.
 
-    Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise: they are in
-    ``Dataset.problems``.
+    Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise:
+    they are in ``Dataset.problems``.
     """
     path = Path(path)
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
@@ -68,10 +70,11 @@ def open_dataset(
 
 
 def find_importable(path: Path | str) -> LabFolder:
-    """Return what `dataset import` converts: a known layout, or a folder with labels in its names.
+    """Return what `dataset import` converts: a known layout, or a folder with labels in
+    its names.
 
-    Surfaces that nothing states are taken from file names; ``guessed`` is then true. Raises `DatasetError` if neither a
-    manifest nor any name holds a label.
+    Surfaces that nothing states are taken from file names; ``guessed`` is then true.
+    Raises `DatasetError` if neither a manifest nor any name holds a label.
     """
     folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
     if manifests_in(folder):
@@ -96,14 +99,16 @@ def find_importable(path: Path | str) -> LabFolder:
 
 
 def _surface_of(name: Path) -> str:
-    """Return the folder of a file below ``train``, ``rough`` and the like, or the file's name without the take."""
+    """Return the folder of a file below ``train``, ``rough`` and the like, or the
+    file's name without the take."""
     outer = (*PARTS, *LABEL_NAMES, "audio", "data", "wav")
     folders = [part for part in name.parts[:-1] if part.lower() not in outer]
     return "/".join(folders) or surface_and_take(name.stem)[0]
 
 
 def find_recording(path: Path | str) -> Recording | None:
-    """Return a file's entry in the data set around it; ``None`` if it is in no data set."""
+    """Return a file's entry in the data set around it; ``None`` if it is in no data
+    set."""
     file = Path(path).resolve()
     for folder in list(file.parents)[:_SEARCH_DEPTH]:
         if _reader(folder):
@@ -112,7 +117,8 @@ def find_recording(path: Path | str) -> Recording | None:
 
 
 def ground_truth(path: Path | str, *, duration: float) -> tuple[Segment, ...]:
-    """Return the labelled segments of a file of ``duration`` s; empty if it has no label."""
+    """Return the labelled segments of a file of ``duration`` s; empty if it has no
+    label."""
     recording = find_recording(path)
     if recording is None:
         return ()
@@ -138,7 +144,8 @@ def _inner(folder: Path) -> list[str]:
 
 
 def _reader(folder: Path) -> Callable[[Path], Dataset] | None:
-    """Return what reads a folder of one of the known layouts; ``None`` for any other."""
+    """Return what reads a folder of one of the known layouts; ``None`` for any
+    other."""
     if manifests_in(folder):
         return read_metadata
     if (folder / MANIFEST).is_file():

@@ -1,14 +1,18 @@
 r"""Roughness of measured heights, a profile or a map, by ISO 4287 and ISO 21920-2.
 
-The Gaussian filter (ISO 16610-21) has the weight :math:`s(x) = \exp(-\pi (x / \alpha\lambda_c)^2) / \alpha\lambda_c`
-with :math:`\alpha = \sqrt{\ln 2 / \pi}`, so that half of a wave of the cut-off length passes. The filter passes
-waviness; the rest is roughness. Half a cut-off at either end is not evaluated, unless the profile is periodic.
+The Gaussian filter (ISO 16610-21) has the weight :math:`s(x) = \exp(-\pi (x /
+\alpha\lambda_c)^2) / \alpha\lambda_c` with :math:`\alpha = \sqrt{\ln 2 / \pi}`, so that
+half of a wave of the cut-off length passes. The filter passes waviness; the rest is
+roughness. Half a cut-off at either end is not evaluated, unless the profile is
+periodic.
 
-RSm counts elements between up-crossings of the mean line whose peak and valley both exceed a tenth of Rz; Rz is the
-mean over five sampling lengths, or as many as there are.
+RSm counts elements between up-crossings of the mean line whose peak and valley both
+exceed a tenth of Rz; Rz is the mean over five sampling lengths, or as many as there
+are.
 
-A map is levelled by its least-squares plane, and its parameters are means over its rows. A second Gaussian filter of a
-few micrometres takes out noise where the heights are close enough for it.
+A map is levelled by its least-squares plane, and its parameters are means over its
+rows. A second Gaussian filter of a few micrometres takes out noise where the heights
+are close enough for it.
 """
 
 import math
@@ -23,7 +27,8 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.extras import require_modules
 
 CUTOFF, COARSE_CUTOFF = 0.8e-3, 2.5e-3
-"""Metres; ISO 21920-3's defaults for Ra of 0.1 to 2 um, which is the scale of a finger pad, and of 2 to 10 um."""
+"""Metres; ISO 21920-3's defaults for Ra of 0.1 to 2 um, which is the scale of a finger
+pad, and of 2 to 10 um."""
 
 ALPHA = math.sqrt(math.log(2) / math.pi)
 LEAST_ELEMENT = 0.1
@@ -49,23 +54,28 @@ SHORT_CUTOFFS = {
     2.5e-3: 8e-6,
     8e-3: 25e-6,
 }
-"""Cut-off of the filter against noise for each cut-off of roughness, in m (ISO 3274, ISO 21920-3)."""
+"""Cut-off of the filter against noise for each cut-off of roughness, in m (ISO 3274,
+ISO 21920-3)."""
 
 ROWS = 64
-"""Most rows that are measured as profiles, evenly drawn: their mean hardly moves with more."""
+"""Most rows that are measured as profiles, evenly drawn: their mean hardly moves with
+more."""
 
 MOST_HEIGHTS = 1 << 25
-"""Heights in a file, 5,800 x 5,800; measuring them takes 64 bytes each and more. A larger map is not read."""
+"""Heights in a file, 5,800 x 5,800; measuring them takes 64 bytes each and more. A
+larger map is not read."""
 
 STEEPEST = 10.0
-"""Slope, rms: 84 degrees. Steeper ones come from heights in another unit than stated."""
+"""Slope, rms: 84 degrees. Steeper ones come from heights in another unit than
+stated."""
 
 Heights = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Roughness:
-    """Ra, Rq, Rz and RSm (NaN without profile elements) in m, and Rdq, the RMS slope, without unit."""
+    """Ra, Rq, Rz and RSm (NaN without profile elements) in m, and Rdq, the RMS slope,
+    without unit."""
 
     ra: float
     rq: float
@@ -77,9 +87,11 @@ class Roughness:
 def measure_profile(
     heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False
 ) -> Roughness:
-    """Compute the roughness parameters of a profile: heights in m, ``step`` m apart, at a filter's cut-off in m.
+    """Compute the roughness parameters of a profile: heights in m, ``step`` m apart, at
+    a filter's cut-off in m.
 
-    A periodic profile has no ends to leave out. Raises `ValueError` if another one is shorter than two cut-offs.
+    A periodic profile has no ends to leave out. Raises `ValueError` if another one is
+    shorter than two cut-offs.
 
     >>> place = np.arange(0, 10e-3, 1e-6)
     >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
@@ -113,7 +125,8 @@ def measure_profile(
 def roughness_profile(
     heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False
 ) -> Heights:
-    """Return heights less the Gaussian mean line, half a cut-off shorter at either end unless periodic."""
+    """Return heights less the Gaussian mean line, half a cut-off shorter at either end
+    unless periodic."""
     if periodic:
         wavenumber = np.fft.rfftfreq(heights.size, step)
         roughness_share = 1 - np.exp(-math.pi * np.square(ALPHA * cutoff * wavenumber))
@@ -135,7 +148,8 @@ def roughness_profile(
 
 
 def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
-    """Return the Gaussian mean line along the last axis of heights of mean zero; near the ends it is pulled to 0."""
+    """Return the Gaussian mean line along the last axis of heights of mean zero; near
+    the ends it is pulled to 0."""
     half = max(1, round(cutoff / 2 / step))
     place = np.arange(-2 * half, 2 * half + 1) * step / (ALPHA * cutoff)
     weights = np.exp(-math.pi * np.square(place))
@@ -148,7 +162,8 @@ def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
 
 
 def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
-    """Choose a profile's cut-off in m by its own Ra; also whether it was long enough for the one that ISO names."""
+    """Choose a profile's cut-off in m by its own Ra; also whether it was long enough
+    for the one that ISO names."""
     fitting = [
         cutoff
         for _, cutoff in STANDARD_CUTOFFS
@@ -159,7 +174,8 @@ def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
         raise ValueError(
             f"{len(heights)} heights {step:g} m apart are under {least:g} m long; measure a longer line"
         )
-    # From the shortest: Ra grows with the cut-off, and the first that agrees with its own Ra is the standard's.
+    # From the shortest: Ra grows with the cut-off, and the first that agrees with its
+    # own Ra is the standard's.
     for cutoff in fitting:
         ra = measure_profile(heights, step=step, cutoff=cutoff).ra
         if (
@@ -174,14 +190,16 @@ def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
 
 
 def _rsm(rough: Heights, least: float) -> float:
-    """Mean width of elements, in heights: from one up-crossing to the next, peak and valley both high enough."""
+    """Mean width of elements, in heights: from one up-crossing to the next, peak and
+    valley both high enough."""
     beyond = np.flatnonzero(np.abs(rough) >= least)
     sides = np.sign(rough[beyond])
     # Small wiggles between two excursions on the same side are not crossings.
     ups = np.flatnonzero((sides[:-1] < 0) & (sides[1:] > 0))
     crossings = []
     for low, high in zip(beyond[ups], beyond[ups + 1], strict=True):
-        # Where the profile first rises through the mean line between the two, to a fraction of a step.
+        # Where the profile first rises through the mean line between the two, to a
+        # fraction of a step.
         part = rough[low : high + 1]
         at = int(np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))[0])
         crossings.append(low + at + float(part[at] / (part[at] - part[at + 1])))
@@ -190,7 +208,8 @@ def _rsm(rough: Heights, least: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class HeightReport:
-    """What was measured, at which step and cut-off in m, in rows and columns, and doubts, a sentence each."""
+    """What was measured, at which step and cut-off in m, in rows and columns, and
+    doubts, a sentence each."""
 
     profile: Roughness
     step: float
@@ -206,10 +225,12 @@ def measure_heights(
     cutoff: float | None = None,
     resolution: float = 0.0,
 ) -> HeightReport:
-    """Measure a profile or a height map, shape ``(heights,)`` or ``(rows, columns)``, ``step`` apart; all in m.
+    """Measure a profile or a height map, shape ``(heights,)`` or ``(rows, columns)``,
+    ``step`` apart; all in m.
 
-    The cut-off of the filter is by default the one that ISO 21920-3 names for the Ra found. Under ``resolution`` the
-    sensor shows nothing but noise. Raises `ValueError` if there are too few heights for the cut-off.
+    The cut-off of the filter is by default the one that ISO 21920-3 names for the Ra
+    found. Under ``resolution`` the sensor shows nothing but noise. Raises `ValueError`
+    if there are too few heights for the cut-off.
     """
     rows = np.atleast_2d(levelled(heights))
     cutoff, long_enough = (
@@ -248,7 +269,8 @@ def measure_heights(
 
 
 def levelled(heights: Heights) -> Heights:
-    """Return heights less their least-squares line or plane: the form that ISO takes off before filtering."""
+    """Return heights less their least-squares line or plane: the form that ISO takes
+    off before filtering."""
     axes = np.meshgrid(
         *(np.linspace(-1, 1, size) for size in heights.shape), indexing="ij"
     )
@@ -258,10 +280,12 @@ def levelled(heights: Heights) -> Heights:
 
 
 def read_heights(path: Path, *, unit: str = "m") -> tuple[Heights, float | None]:
-    """Read a profile or a height map: heights in m, and the step in m where the file states it.
+    """Read a profile or a height map: heights in m, and the step in m where the file
+    states it.
 
-    The file is ``.npy``, ``.npz`` with the array ``heights`` and perhaps ``step`` in m, or ``.png`` in shades of grey.
-    Its numbers are in ``unit``, one of :data:`UNITS`. Raises `DatasetError` if it holds gaps or no heights.
+    The file is ``.npy``, ``.npz`` with the array ``heights`` and perhaps ``step`` in m,
+    or ``.png`` in shades of grey. Its numbers are in ``unit``, one of :data:`UNITS`.
+    Raises `DatasetError` if it holds gaps or no heights.
     """
     if path.suffix.lower() == ".png":
         require_modules("PIL")
@@ -282,7 +306,8 @@ def read_heights(path: Path, *, unit: str = "m") -> tuple[Heights, float | None]
 
 
 def _read(path: Path) -> tuple[object, float | None]:
-    """Return a file's numbers and step; its size is checked by what it says of itself, before it is unpacked."""
+    """Return a file's numbers and step; its size is checked by what it says of itself,
+    before it is unpacked."""
     kind = path.suffix.lower()
     if kind == ".npy":
         _check_size(np.load(path, mmap_mode="r", allow_pickle=False).nbytes)

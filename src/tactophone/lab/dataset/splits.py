@@ -1,8 +1,10 @@
-"""Splits by what must not leak: kin, surface, scenario or day; never by window, as windows overlap.
+"""Splits by what must not leak: kin, surface, scenario or day; never by window, as
+windows overlap.
 
-Kin are versions of one object, or objects of one kind: a detector that was trained on one mesh knows the next one. So
-folds are made by kin: the column ``kin`` of the data set, or of a separate file; without either, a surface is kin to
-its other versions, by name.
+Kin are versions of one object, or objects of one kind: a detector that was trained on
+one mesh knows the next one. So folds are made by kin: the column ``kin`` of the data
+set, or of a separate file; without either, a surface is kin to its other versions, by
+name.
 """
 
 import hashlib
@@ -26,12 +28,14 @@ SPLITS = (
     "K-fold-by-KEY",
     "predefined",
 )
-"""What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
+"""What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K
+a number from 2 up.
 
-``K-fold`` assigns surfaces to folds, kin together; ``K-fold-by-KEY`` assigns the values of that key, for keys with too
-many values to leave each out. ``leave-one-surface-out`` has kin on both sides, which flatters: 0.93 for 0.71 balanced
-accuracy on ten real surfaces. ``predefined`` is the data set's own split: the authors' train and test objects, or the
-folders ``train`` and ``test``.
+``K-fold`` assigns surfaces to folds, kin together; ``K-fold-by-KEY`` assigns the values
+of that key, for keys with too many values to leave each out. ``leave-one-surface-out``
+has kin on both sides, which flatters: 0.93 for 0.71 balanced accuracy on ten real
+surfaces. ``predefined`` is the data set's own split: the authors' train and test
+objects, or the folders ``train`` and ``test``.
 """
 
 _VERSION = re.compile(r"[\s_-]*(version[\s_-]*|v)\d+$", re.IGNORECASE)
@@ -49,7 +53,8 @@ class Fold:
 
 
 def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
-    """Split recordings labelled smooth or rough by one of `SPLITS`; the same data give the same folds on any machine.
+    """Split recordings labelled smooth or rough by one of `SPLITS`; the same data give
+    the same folds on any machine.
 
     Raises `DatasetError` if the name is unknown, or the data cannot be split that way.
     """
@@ -100,8 +105,9 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
 
 def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
     def rank(recording: Recording) -> tuple[int, str]:
-        # Rough values first, so that labels are spread evenly. Within a label the order is that of the values' hashes:
-        # it looks shuffled, needs no seed, and one surface more or less hardly moves the others.
+        # Rough values first, so that labels are spread evenly. Within a label the order
+        # is that of the values' hashes: it looks shuffled, needs no seed, and one
+        # surface more or less hardly moves the others.
         return -int(recording.label or 0), hashlib.sha256(
             _value(recording, key).encode()
         ).hexdigest()
@@ -132,7 +138,8 @@ def _make_folds(
     folds: Mapping[str, str | int],
     fold_of: Callable[[Recording], str | int],
 ) -> tuple[Fold, ...]:
-    """Make a fold of each name: test the recordings that belong to it, train on all others."""
+    """Make a fold of each name: test the recordings that belong to it, train on all
+    others."""
     return tuple(
         Fold(
             name,
@@ -152,7 +159,8 @@ def _make_folds(
 
 
 def kin_of(recording: Recording) -> str:
-    """Return the kin of a recording's surface: its property ``kin``, or the surface's name without its version.
+    """Return the kin of a recording's surface: its property ``kin``, or the surface's
+    name without its version.
 
     >>> kin_of(Recording(Path("a.wav"), "StoneTileVersion2")), kin_of(Recording(Path("b.wav"), "stone 3"))
     ('StoneTile', 'stone 3')
@@ -165,7 +173,8 @@ def kin_of(recording: Recording) -> str:
 
 
 def with_kin(dataset: Dataset, file: Path) -> Dataset:
-    """Return a data set whose recordings have the kin that a CSV file of ``surface,kin`` gives.
+    """Return a data set whose recordings have the kin that a CSV file of
+    ``surface,kin`` gives.
 
     Raises `DatasetError` if the file cannot be read, or names none of the surfaces.
     """

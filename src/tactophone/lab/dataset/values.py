@@ -18,7 +18,8 @@ from tactophone.core.microphones import MICROPHONES
 from tactophone.core.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
-"""Samples read at once: more is no faster, and memory must not grow with a recording's length."""
+"""Samples read at once: more is no faster, and memory must not grow with a recording's
+length."""
 
 CROSSING = 0.1
 """Seconds after an edge for which a finger that crosses it still slides."""
@@ -31,7 +32,8 @@ LABEL_NAMES: Mapping[str, Touch | None] = {
     "contact": None,
     "": None,
 }
-"""What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
+"""What a label column may hold. ``mixed``: see the segments. ``contact``: in contact,
+roughness unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,8 @@ class Segment:
 
 
 def touch_at(time: float, segments: Iterable[Segment]) -> int:
-    """Return the number of the labelled `Touch` at a time in s, or -1 where it is unknown, as telemetry stores it.
+    """Return the number of the labelled `Touch` at a time in s, or -1 where it is
+    unknown, as telemetry stores it.
 
     >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
     (2, -1)
@@ -77,21 +80,25 @@ class Recording:
     path: Path
     """The WAV or FLAC file."""
     surface: str
-    """The material and texture touched; splits keep all recordings of a surface on one side."""
+    """The material and texture touched; splits keep all recordings of a surface on one
+    side."""
     label: Touch | None = None
-    """A person's label of the whole recording; ``None`` if ambiguous, mixed or unknown."""
+    """A person's label of the whole recording; ``None`` if ambiguous, mixed or
+    unknown."""
     channels: tuple[str, ...] = ()
-    """The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order; empty if unknown."""
+    """The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order;
+    empty if unknown."""
     take: str = ""
     scenario: str = ""
     session: str = ""
     tier: str = ""
-    """`take`, `scenario`, `session` and `tier`: which of the surface's recordings it is, how the object was held, the
-    day, and how reliable the label is."""
+    """`take`, `scenario`, `session` and `tier`: which of the surface's recordings it
+    is, how the object was held, the day, and how reliable the label is."""
     segments: tuple[Segment, ...] = ()
     """Labels that change with time."""
     properties: Mapping[str, str] = field(default_factory=dict, hash=False)
-    """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``."""
+    """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material``
+    or ``licence``."""
 
     @property
     def labelled(self) -> bool:
@@ -104,7 +111,8 @@ class Recording:
         return self.label is Touch.ROUGH
 
     def with_properties(self, **properties: str) -> "Recording":
-        """Return the recording with further properties, or other values of those that it has."""
+        """Return the recording with further properties, or other values of those that
+        it has."""
         return replace(self, properties={**self.properties, **properties})
 
     def known(self, name: str) -> str:
@@ -127,10 +135,12 @@ class Recording:
         single: str = "contact",
         size: int = READ_SIZE,
     ) -> Iterator[AudioBlock]:
-        """Read the sound in blocks of ``size`` samples, so that memory does not grow with its length.
+        """Read the sound in blocks of ``size`` samples, so that memory does not grow
+        with its length.
 
-        ``channels`` is 2 for contact and air, 1 for the microphone ``single``, as :func:`channel_order` finds them, or
-        ``None`` for all in the file's order. Raises `DatasetError` if the file cannot be read as sound, or has too few
+        ``channels`` is 2 for contact and air, 1 for the microphone ``single``, as
+        :func:`channel_order` finds them, or ``None`` for all in the file's order.
+        Raises `DatasetError` if the file cannot be read as sound, or has too few
         channels.
         """
         with open_sound(self.path) as file:
@@ -147,7 +157,8 @@ class Recording:
         start: float = 0.0,
         duration: float | None = None,
     ) -> AudioBlock:
-        """Read the whole sound, or ``duration`` s from ``start`` s on, as one block; else as :meth:`blocks`."""
+        """Read the whole sound, or ``duration`` s from ``start`` s on, as one block;
+        else as :meth:`blocks`."""
         with open_sound(self.path) as file:
             order = self._order(file, channels, single)
             rate = int(file.samplerate)
@@ -180,10 +191,12 @@ def _pick(samples: FloatArray, order: tuple[int, ...] | None) -> FloatArray:
 def channel_order(
     recording: Recording, *, count: int, single: str = "contact"
 ) -> tuple[int, ...]:
-    """Return which of a file's channels to read, in the order contact, air; unknown ones are taken as these.
+    """Return which of a file's channels to read, in the order contact, air; unknown
+    ones are taken as these.
 
-    If ``count`` is 1, it is the channel of the microphone ``single``, or the first where there is no such microphone.
-    Raises `DatasetError` if ``count`` is 2 and the file does not hold one contact and one air channel.
+    If ``count`` is 1, it is the channel of the microphone ``single``, or the first
+    where there is no such microphone. Raises `DatasetError` if ``count`` is 2 and the
+    file does not hold one contact and one air channel.
 
     >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), count=2)
     (1, 0)
@@ -205,7 +218,8 @@ def channel_order(
 def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
     """Open a sound file for reading.
 
-    Raises `DatasetError` if it cannot be opened, or fails to read within the ``with`` block.
+    Raises `DatasetError` if it cannot be opened, or fails to read within the ``with``
+    block.
     """
     try:
         with soundfile.SoundFile(path) as file:
@@ -237,7 +251,8 @@ class Problem:
 class Dataset:
     """Recordings that belong together, in the manifest's order.
 
-    ``problems`` are those met while reading the manifest; their messages say whether a line was left out or corrected.
+    ``problems`` are those met while reading the manifest; their messages say whether a
+    line was left out or corrected.
     """
 
     name: str
@@ -256,8 +271,8 @@ class Dataset:
         )
 
     def labelled(self, *, segments: bool = False) -> "Dataset":
-        """Return the data set with only the recordings labelled smooth or rough; with ``segments`` also those of which
-        a segment is.
+        """Return the data set with only the recordings labelled smooth or rough; with
+        ``segments`` also those of which a segment is.
 
         Raises `DatasetError` if there are none.
         """
@@ -282,7 +297,8 @@ class Dataset:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 over every file's name, surface, label and bytes; changes with anything that training uses."""
+        """SHA-256 over every file's name, surface, label and bytes; changes with
+        anything that training uses."""
         return fingerprint(self.recordings)
 
 
@@ -293,7 +309,8 @@ def tip_of(recordings: Iterable[Recording]) -> str:
 
 
 def fingerprint(recordings: Iterable[Recording]) -> str:
-    """Hash recordings by content, independent of their order and folder; missing files count as empty."""
+    """Hash recordings by content, independent of their order and folder; missing files
+    count as empty."""
     total = hashlib.sha256()
     for recording in sorted(
         recordings, key=lambda recording: (recording.path.name, recording.surface)
@@ -309,14 +326,16 @@ def fingerprint(recordings: Iterable[Recording]) -> str:
 
 @functools.lru_cache(maxsize=1 << 16)
 def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
-    """Hash a file's bytes, cached by its time and size: cross-validation needs it in every fold."""
+    """Hash a file's bytes, cached by its time and size: cross-validation needs it in
+    every fold."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()
 
 
-# A finger that has landed and stands still makes no sound. Rough and smooth differ only while it slides, so decision
-# delays are counted from there. Simulated data sets have a property `slides`: intervals `start-end` in seconds,
-# separated by spaces. A recording without it is taken to slide from the first contact on.
+# A finger that has landed and stands still makes no sound. Rough and smooth differ only
+# while it slides, so decision delays are counted from there. Simulated data sets have a
+# property `slides`: intervals `start-end` in seconds, separated by spaces. A recording
+# without it is taken to slide from the first contact on.
 
 
 Intervals: TypeAlias = tuple[tuple[float, float], ...]
@@ -324,7 +343,8 @@ Intervals: TypeAlias = tuple[tuple[float, float], ...]
 
 
 def stretches(on: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return where each stretch that is on begins, and where it has ended: shape ``(stretches, 2)``.
+    """Return where each stretch that is on begins, and where it has ended: shape
+    ``(stretches, 2)``.
 
     >>> stretches(np.array([0, 1, 1, 0, 1], bool)).tolist()
     [[1, 3], [4, 5]]
@@ -333,7 +353,8 @@ def stretches(on: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 def within(time: NDArray[np.float64], segments: Iterable[Segment]) -> NDArray[np.bool_]:
-    """Return whether each time in s lies in one of the segments, whose ends do not belong to them."""
+    """Return whether each time in s lies in one of the segments, whose ends do not
+    belong to them."""
     inside = [(time >= each.start) & (time < each.end) for each in segments]
     return np.asarray(np.any([np.zeros(len(time), bool), *inside], axis=0))
 
@@ -355,7 +376,8 @@ def write_slides(intervals: Intervals) -> str:
 
 
 def first_slide(recording: Recording, start: float, end: float) -> float | None:
-    """Return when, between ``start`` and ``end``, the finger begins to slide; ``None`` if it never does."""
+    """Return when, between ``start`` and ``end``, the finger begins to slide; ``None``
+    if it never does."""
     intervals = read_slides(recording)
     if intervals is None:
         return start
@@ -370,7 +392,8 @@ def first_slide(recording: Recording, start: float, end: float) -> float | None:
 
 
 def slides_over(recording: Recording, edge: float) -> bool:
-    """Return whether the finger crosses an edge, at ``edge`` s, without stopping on it."""
+    """Return whether the finger crosses an edge, at ``edge`` s, without stopping on
+    it."""
     intervals = read_slides(recording)
     return intervals is None or any(
         start <= edge and end >= edge + CROSSING for start, end in intervals
@@ -380,7 +403,8 @@ def slides_over(recording: Recording, edge: float) -> bool:
 def cut_slides(
     recording: Recording, start: float, end: float, *, place: float
 ) -> Intervals | None:
-    """Return the slides of the piece from ``start`` to ``end`` after it was moved to ``place``, all in s."""
+    """Return the slides of the piece from ``start`` to ``end`` after it was moved to
+    ``place``, all in s."""
     intervals = read_slides(recording)
     if intervals is None:
         return None

@@ -1,9 +1,12 @@
-"""Confidence intervals of scores and of differences between two methods, by resampling surfaces.
+"""Confidence intervals of scores and of differences between two methods, by resampling
+surfaces.
 
-Windows of one surface are not independent samples, so surfaces are drawn, with replacement. Rough and smooth ones are
-drawn apart, so that no draw lacks a class (stratified percentile bootstrap; Efron & Tibshirani, "An Introduction to
-the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4). Fewer than
-five surfaces of a class say too little of others: then a score has no interval.
+Windows of one surface are not independent samples, so surfaces are drawn, with
+replacement. Rough and smooth ones are drawn apart, so that no draw lacks a class
+(stratified percentile bootstrap; Efron & Tibshirani, "An Introduction to the
+Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws
+(paired, section 16.4). Fewer than five surfaces of a class say too little of others:
+then a score has no interval.
 """
 
 import math
@@ -30,29 +33,34 @@ from tactophone.lab.evaluation.predict import TakePredictions
 DRAWS = 1000
 
 FEWEST_SURFACES = 5
-"""Surfaces of each class that an interval needs: of two, a draw holds one alone in half of all cases, and the interval
-comes out far too narrow."""
+"""Surfaces of each class that an interval needs: of two, a draw holds one alone in half
+of all cases, and the interval comes out far too narrow."""
 
 COVERAGE = 0.90
 
 LEAST_RISE = 0.02
-"""Of a rate whose interval is unknown, or of no width as all draws are 0: as much as fine-tuning may cost elsewhere."""
+"""Of a rate whose interval is unknown, or of no width as all draws are 0: as much as
+fine-tuning may cost elsewhere."""
 
 SCORE_BINS = 2048
-"""Bins of scores, used in draws alone: they move an interval's end by less than 0.001 and make a draw 100x faster."""
+"""Bins of scores, used in draws alone: they move an interval's end by less than 0.001
+and make a draw 100x faster."""
 
 Statistic = Callable[[Floats], Mapping[str, Floats]]
-"""From tables summed over surfaces, any number of cases side by side, to each case's scores by name."""
+"""From tables summed over surfaces, any number of cases side by side, to each case's
+scores by name."""
 
 Strata = Sequence[NDArray[np.intp]]
-"""Rows of the table that are drawn among themselves: smooth surfaces, and rough ones."""
+"""Rows of the table that are drawn among themselves: smooth surfaces, and rough
+ones."""
 
 Key = TypeVar("Key")
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A score with its 90 % interval; ``low`` and ``high`` are NaN where no interval can be computed."""
+    """A score with its 90 % interval; ``low`` and ``high`` are NaN where no interval
+    can be computed."""
 
     value: float
     low: float = math.nan
@@ -62,7 +70,8 @@ class Estimate:
         return self.written(".3f", ".2f")
 
     def written(self, value: str, ends: str) -> str:
-        """Write it by the formats of its value and its interval's ends; without an interval, no brackets."""
+        """Write it by the formats of its value and its interval's ends; without an
+        interval, no brackets."""
         if math.isnan(self.value):
             return "-"
         return f"{self.value:{value}}" + (
@@ -78,7 +87,8 @@ class Estimate:
         ]
 
     def is_exceeded_by(self, other: float) -> bool:
-        """Whether another value is higher than its interval, or by `LEAST_RISE` where the interval has no width."""
+        """Whether another value is higher than its interval, or by `LEAST_RISE` where
+        the interval has no width."""
         return other > (
             self.high if self.high > self.value else self.value + LEAST_RISE
         )
@@ -91,9 +101,11 @@ class Difference:
     estimate: Estimate
     """The difference with its 90 % interval."""
     p: float
-    """Two-sided: twice the share of draws on the rarer side of zero, at least one draw."""
+    """Two-sided: twice the share of draws on the rarer side of zero, at least one
+    draw."""
     corrected: float = math.nan
-    """The same, corrected for the number of differences in its table: see :func:`correct_for_number`. NaN before."""
+    """The same, corrected for the number of differences in its table: see
+    :func:`correct_for_number`. NaN before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +120,8 @@ class Change:
 def bootstrap(
     table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS
 ) -> dict[str, Estimate]:
-    """Compute the scores of a table with a row for each surface, each with its interval."""
+    """Compute the scores of a table with a row for each surface, each with its
+    interval."""
     drawn = resample(table, statistic, strata=strata, draws=draws)
     return {
         name: interval(float(value), drawn[name])
@@ -119,9 +132,11 @@ def bootstrap(
 def resample(
     table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS
 ) -> Mapping[str, Floats]:
-    """Compute the scores of each draw of a table's rows; of no draw where a stratum has one row.
+    """Compute the scores of each draw of a table's rows; of no draw where a stratum has
+    one row.
 
-    The same strata draw the same rows of any table: so two methods are compared in pairs.
+    The same strata draw the same rows of any table: so two methods are compared in
+    pairs.
     """
     rng = np.random.default_rng(0)
     times = np.zeros(
@@ -143,7 +158,8 @@ def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
 
 
 def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
-    """Compute every score of :func:`tactophone.lab.evaluation.metrics.measure`, each with its interval."""
+    """Compute every score of :func:`tactophone.lab.evaluation.metrics.measure`, each
+    with its interval."""
     table, called = count_by_surface(scores, bins=SCORE_BINS)
     strata = [
         np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)
@@ -162,7 +178,8 @@ def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
 def paired_difference(
     first: Scores, second: Scores, *, draws: int = DRAWS
 ) -> dict[str, Difference]:
-    """Compute every score of the first method less the second's, over the surfaces that both have scores of."""
+    """Compute every score of the first method less the second's, over the surfaces that
+    both have scores of."""
     common = []
     for label in (False, True):
         found = (
@@ -177,7 +194,8 @@ def paired_difference(
 
     def scored(scores: Scores) -> tuple[dict[str, float], Mapping[str, Floats]]:
         """Scores over all common surfaces once, and in each draw."""
-        # The two methods number their surfaces differently, so rows are ordered by name.
+        # The two methods number their surfaces differently, so rows are ordered by
+        # name.
         counts, called = count_by_surface(scores, bins=SCORE_BINS)
         table = counts[[scores.names.index(name) for name in rows]]
         weights = np.array(
@@ -208,9 +226,11 @@ def _p(drawn: Floats) -> float:
 
 
 def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Difference]:
-    """Correct the p-values of a table of differences, so that the chance of *any* false one is bounded.
+    """Correct the p-values of a table of differences, so that the chance of *any* false
+    one is bounded.
 
-    Source: Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 65 (1979).
+    Source: Holm, "A simple sequentially rejective multiple test procedure", Scand. J.
+    Statist. 6, 65 (1979).
 
     >>> found = {name: Difference(Estimate(0, 0, 0), p) for name, p in {"a": 0.01, "b": 0.04, "c": 0.03}.items()}
     >>> {name: round(each.corrected, 3) for name, each in correct_for_number(found).items()}
@@ -239,9 +259,10 @@ def compare_models(
 ) -> dict[str, Change]:
     """Compare two models on the same recordings, such as before and after fine-tuning.
 
-    Over windows in contact, by the two-class rule; ``by`` names the cluster of a recording, which the bootstrap draws.
-    Returns ``balanced_accuracy``, over the classes present, and ``false_positive_rate``, the share of smooth windows
-    classified as rough, NaN without any. Raises `DatasetError` if neither model detected contact.
+    Over windows in contact, by the two-class rule; ``by`` names the cluster of a
+    recording, which the bootstrap draws. Returns ``balanced_accuracy``, over the
+    classes present, and ``false_positive_rate``, the share of smooth windows classified
+    as rough, NaN without any. Raises `DatasetError` if neither model detected contact.
     """
     tables = [_count(predictions, by) for predictions in (before, after)]
     rough = tables[0][:, 1].sum(axis=-1) > 0
@@ -259,7 +280,8 @@ def compare_models(
 
 
 def accuracy_of(predictions: Sequence[TakePredictions]) -> float:
-    """Balanced accuracy over the classes present, by the two-class rule; raises as :func:`compare_models`."""
+    """Balanced accuracy over the classes present, by the two-class rule; raises as
+    :func:`compare_models`."""
     return float(
         _rates(_count(predictions, lambda recording: "").sum(axis=0))[
             "balanced_accuracy"
@@ -270,7 +292,8 @@ def accuracy_of(predictions: Sequence[TakePredictions]) -> float:
 def _count(
     predictions: Sequence[TakePredictions], by: Callable[[Recording], str]
 ) -> Floats:
-    """Windows in contact by cluster, label (smooth, rough) and class (smooth, rough): ``(clusters, 2, 2)``."""
+    """Windows in contact by cluster, label (smooth, rough) and class (smooth, rough):
+    ``(clusters, 2, 2)``."""
     names = sorted({by(take.recording) for take in predictions})
     table = np.zeros((len(names), 2, 2))
     for take in predictions:

@@ -1,11 +1,13 @@
-"""Events at the operator's finger: false bumps and dips per minute, and the delay to a correct decision in ms.
+"""Events at the operator's finger: false bumps and dips per minute, and the delay to a
+correct decision in ms.
 
-All are computed from a detector's predictions at each update, through its own contact gate and decision rule, as the
-live system acts on them.
+All are computed from a detector's predictions at each update, through its own contact
+gate and decision rule, as the live system acts on them.
 
-Edges between smooth and rough without a lift-off are rare in recordings, because the finger lifts between objects. So
-:func:`join_edges` makes them from recordings of held-out surfaces: the middle of a touch on one surface, cross-faded
-into the middle of a touch on another over the time that a fingertip takes to cross an edge.
+Edges between smooth and rough without a lift-off are rare in recordings, because the
+finger lifts between objects. So :func:`join_edges` makes them from recordings of
+held-out surfaces: the middle of a touch on one surface, cross-faded into the middle of
+a touch on another over the time that a fingertip takes to cross an edge.
 """
 
 import functools
@@ -36,10 +38,12 @@ from tactophone.lab.evaluation.predict import TakePredictions, touches_of, true_
 from tactophone.signal.perception.decision import Decision, DecisionRule, count_dips
 
 BRIDGE = 0.03
-"""Seconds; two bumps closer than the shortest perceptible burst are perceived as one (Sci. Rep. 2025, 15:5057)."""
+"""Seconds; two bumps closer than the shortest perceptible burst are perceived as one
+(Sci. Rep. 2025, 15:5057)."""
 
 EVENT_HOLD = 0.05
-"""Seconds that a touch must stay correct to count as a decision and not as a flicker."""
+"""Seconds that a touch must stay correct to count as a decision and not as a
+flicker."""
 
 SHORTEST_SCORED_TOUCH = 0.3
 """Seconds; shorter touches count in no delay."""
@@ -63,18 +67,21 @@ _VERSION = 2
 """Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
 
 SOURCES_KEY = "sources"
-"""Property of an edge: the paths of the two recordings that it is joined from, by line."""
+"""Property of an edge: the paths of the two recordings that it is joined from, by
+line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delays:
-    """Seconds from each change to the correct decision, where one came; and the number of changes without one."""
+    """Seconds from each change to the correct decision, where one came; and the number
+    of changes without one."""
 
     times: NDArray[np.float64]
     missed: int
 
     def quantile_ms(self, share: float) -> float:
-        """Quantile of the delays of *all* changes, in ms: infinite where it falls on one without a correct decision.
+        """Quantile of the delays of *all* changes, in ms: infinite where it falls on
+        one without a correct decision.
 
         NaN without changes.
         """
@@ -83,7 +90,8 @@ class Delays:
             return float("nan")
         place = share * (len(every) - 1)
         low, high = every[math.floor(place)], every[math.ceil(place)]
-        # Between two delays the quantile is interpolated; next to a missing one it is infinite.
+        # Between two delays the quantile is interpolated; next to a missing one it is
+        # infinite.
         return 1e3 * float(low if low == high else low + (high - low) * (place % 1))
 
     @property
@@ -95,7 +103,8 @@ class Delays:
 
 @functools.lru_cache(maxsize=1 << 11)
 def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int8]:
-    """Return what was rendered at each update, ``(updates,)``, or what the decision rule reports of the predictions."""
+    """Return what was rendered at each update, ``(updates,)``, or what the decision
+    rule reports of the predictions."""
     if take.touch is not None:
         return take.touch
     decision = Decision(rule)
@@ -114,7 +123,8 @@ def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int
 def false_bumps_per_minute(
     predictions: Iterable[TakePredictions], rule: DecisionRule
 ) -> float:
-    """False bumps (smooth classified as rough, as events) per minute of true contact with smooth surfaces.
+    """False bumps (smooth classified as rough, as events) per minute of true contact
+    with smooth surfaces.
 
     Bumps closer than :data:`BRIDGE` are one. NaN without contact with a smooth surface.
     """
@@ -146,10 +156,12 @@ def dips_per_minute(
 def contact_delays(
     predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float
 ) -> Delays:
-    """Time from the first slide of each touch to the correct decision; only recordings with segments count.
+    """Time from the first slide of each touch to the correct decision; only recordings
+    with segments count.
 
-    Recordings of more than one label, such as joined edges, are left out. Where sliding is not labelled, the time
-    counts from the first touch. ``latency`` is from a window's end to its prediction, in s.
+    Recordings of more than one label, such as joined edges, are left out. Where sliding
+    is not labelled, the time counts from the first touch. ``latency`` is from a
+    window's end to its prediction, in s.
     """
     found = [
         _delay(take, start, segment.end, take.recording.label, rule=rule)
@@ -169,9 +181,11 @@ def contact_delays(
 def edge_delays(
     predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float
 ) -> Delays:
-    """Time from each change between smooth and rough, without a lift-off between, to the correct decision.
+    """Time from each change between smooth and rough, without a lift-off between, to
+    the correct decision.
 
-    Edges on which the finger stops are left out, where sliding is labelled. Parameters as in :func:`contact_delays`.
+    Edges on which the finger stops are left out, where sliding is labelled. Parameters
+    as in :func:`contact_delays`.
     """
     found = []
     for take in predictions:
@@ -185,9 +199,11 @@ def edge_delays(
 
 
 def calibration_error(predictions: Iterable[TakePredictions]) -> float:
-    """Expected calibration error: mean distance between P(rough) and the share truly rough, over `CALIBRATION_BINS`.
+    """Expected calibration error: mean distance between P(rough) and the share truly
+    rough, over `CALIBRATION_BINS`.
 
-    Over updates in contact, by the two-class rule; NaN without any. Source: Guo et al., ICML 2017, section 2.
+    Over updates in contact, by the two-class rule; NaN without any. Source: Guo et al.,
+    ICML 2017, section 2.
     """
     takes = [
         (rough_score(take.probabilities[take.contact], "two-class"), take)
@@ -199,7 +215,8 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
     )
     place = np.minimum((share * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
     count = np.bincount(place, minlength=CALIBRATION_BINS)
-    # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.
+    # Sums, not means: a bin's gap times its count, so that bins weigh as many windows
+    # as they hold.
     gaps = np.abs(
         np.bincount(place, share, CALIBRATION_BINS)
         - np.bincount(place, rough, CALIBRATION_BINS)
@@ -218,7 +235,8 @@ def _delay(
     here = (take.time > start) & (take.time <= until)
     time, correct = take.time[here], decided_touches(take, rule)[here] == label
     for begin, end in stretches(correct):
-        # A correct stretch that the segment's end cuts short counts too: nothing contradicts it.
+        # A correct stretch that the segment's end cuts short counts too: nothing
+        # contradicts it.
         if time[end - 1] - time[begin] >= EVENT_HOLD or end == len(correct):
             return float(time[begin] - start)
     return None
@@ -230,10 +248,11 @@ def _delays(found: Sequence[float | None], latency: float) -> Delays:
 
 
 def join_edges(recordings: Sequence[Recording], folder: Path) -> list[Recording]:
-    """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
+    """Join pairs of a smooth and a rough touch, in either order, and write them as
+    FLAC; [] without both classes.
 
-    The recordings are held out. The files are named by content and written once. Raises `ValueError` if the two
-    recordings of a pair differ in sample rate.
+    The recordings are held out. The files are named by content and written once. Raises
+    `ValueError` if the two recordings of a pair differ in sample rate.
     """
     pools = {label: list(_touches(recordings, label)) for label in SURFACE_LABELS}
     if not all(pools.values()):
@@ -334,7 +353,8 @@ def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
 
 
 def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
-    """Fade in from silence, then cross-fade with constant power, because the two sounds are uncorrelated.
+    """Fade in from silence, then cross-fade with constant power, because the two sounds
+    are uncorrelated.
 
     Sound cut into digital silence would begin with a click that no finger makes.
     """

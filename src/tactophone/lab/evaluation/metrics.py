@@ -1,7 +1,8 @@
 """Every score with its definition: rough or smooth, window by window.
 
-*Positive* is rough. A window is classified as rough when its score is 0.5 or more. Windows without contact are left
-out first: the contact gate decides those, not the classifier.
+*Positive* is rough. A window is classified as rough when its score is 0.5 or more.
+Windows without contact are left out first: the contact gate decides those, not the
+classifier.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ Rule = Literal["authors", "two-class"]
 SCORING_RULES: tuple[Rule, ...] = ("authors", "two-class")
 
 LOW_FALSE_POSITIVES = 0.01
-"""False positive rate at which rough recall is read: one false positive in 100 updates."""
+"""False positive rate at which rough recall is read: one false positive in 100
+updates."""
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +30,8 @@ class Scores:
     rough: NDArray[np.bool_]
     """The label of each window."""
     surface: NDArray[np.intp]
-    """Number of the surface of each window: the bootstrap draws surfaces, not windows."""
+    """Number of the surface of each window: the bootstrap draws surfaces, not
+    windows."""
     names: tuple[str, ...]
     """The surfaces' names by number."""
 
@@ -36,8 +39,9 @@ class Scores:
 def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.float64]:
     """Score windows by one of two rules.
 
-    ``authors``: P(rough) among all three classes, as the paper's authors do, so that a prediction *none* counts as
-    smooth: a correct smooth and a missed rough. ``two-class``: P(rough) given rough or smooth, as in the live system.
+    ``authors``: P(rough) among all three classes, as the paper's authors do, so that a
+    prediction *none* counts as smooth: a correct smooth and a missed rough.
+    ``two-class``: P(rough) given rough or smooth, as in the live system.
 
     >>> rough_score(np.array([[0.5, 0.1, 0.4]], np.float32), "two-class").round(2)
     array([0.8])
@@ -65,22 +69,26 @@ def sort_scores(
 
 
 def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
-    """Compute every metric; ``weights`` says how often each window counts, once by default.
+    """Compute every metric; ``weights`` says how often each window counts, once by
+    default.
 
     Returns
     -------
     dict
         ``smooth_accuracy``, ``rough_accuracy``
-            Share of a class's windows that are classified as that class (the paper's Table II).
+            Share of a class's windows that are classified as that class (the paper's
+            Table II).
         ``balanced_accuracy``
             Mean of the two.
         ``false_positive_rate``
             Share of smooth windows classified as rough.
         ``auc``
-            Probability that a rough window scores above a smooth one, ties count half (area under the ROC curve).
+            Probability that a rough window scores above a smooth one, ties count half
+            (area under the ROC curve).
         ``recall_at_1``
             Share of rough windows above the score that 1 % of smooth windows exceed.
-        ``rough_as_rough``, ``rough_as_smooth``, ``smooth_as_rough``, ``smooth_as_smooth``
+        ``rough_as_rough``, ``rough_as_smooth``, ``smooth_as_rough``,
+        ``smooth_as_smooth``
             Shares of all windows (the paper's Table I).
 
         A metric of a class without windows is NaN.
@@ -98,9 +106,11 @@ def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
 
 
 def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Count windows in bins of about equally many, for :func:`measure_counts`; equal scores share a bin.
+    """Count windows in bins of about equally many, for :func:`measure_counts`; equal
+    scores share a bin.
 
-    Returns the table, shape ``(surfaces, 2, bins)``, smooth windows first, and which bins are classified as rough.
+    Returns the table, shape ``(surfaces, 2, bins)``, smooth windows first, and which
+    bins are classified as rough.
     """
     place, called = _bins(scores, bins)
     cell, size = scores.surface * len(called) + place, len(scores.names) * len(called)
@@ -112,7 +122,8 @@ def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.b
 
 
 def measure_counts(table: Floats, called: NDArray[np.bool_]) -> dict[str, Floats]:
-    """Compute the metrics of :func:`measure` for each of any number of cases, tables ``(..., 2, bins)``."""
+    """Compute the metrics of :func:`measure` for each of any number of cases, tables
+    ``(..., 2, bins)``."""
     smooth, rough = table[..., 0, :], table[..., 1, :]
     all_rough, all_smooth = rough.sum(axis=-1), smooth.sum(axis=-1)
     total = all_rough + all_smooth
@@ -148,7 +159,8 @@ def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) ->
 
 
 def false_positives_at_recall(scores: Scores, recall: float) -> float:
-    """Share of smooth windows classified as rough, at the threshold that finds this share of the rough windows."""
+    """Share of smooth windows classified as rough, at the threshold that finds this
+    share of the rough windows."""
     rough = scores.rough[::-1]
     found = np.cumsum(rough)
     place = int(np.searchsorted(found, recall * found[-1]))
@@ -158,7 +170,8 @@ def false_positives_at_recall(scores: Scores, recall: float) -> float:
 def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """The bin of each window, and which bins are classified as rough."""
     count = len(scores.score)
-    # Ties must share a bin: each window takes the place of the first window with its score.
+    # Ties must share a bin: each window takes the place of the first window with its
+    # score.
     first = np.flatnonzero(np.diff(scores.score, prepend=-np.inf))
     tied = np.repeat(first, np.diff(first, append=count))
     called = scores.score >= 0.5
@@ -170,7 +183,8 @@ def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_
 
 
 def _recall_at(rough: Floats, smooth: Floats) -> Floats:
-    """Recall of rough above the lowest bin that at most 1 % of smooth windows exceed."""
+    """Recall of rough above the lowest bin that at most 1 % of smooth windows
+    exceed."""
     all_smooth = smooth.sum(axis=-1, keepdims=True)
     too_low = all_smooth - np.cumsum(smooth, axis=-1) > LOW_FALSE_POSITIVES * all_smooth
     place = np.arange(rough.shape[-1]) > too_low.sum(axis=-1, keepdims=True)

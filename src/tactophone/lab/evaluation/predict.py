@@ -1,8 +1,10 @@
-"""Runs a detector over recordings, as the live system does; keeps its predictions, and when the finger truly touched.
+"""Runs a detector over recordings, as the live system does; keeps its predictions, and
+when the finger truly touched.
 
-True contact comes from a recording's segments, or else from its own noise floor. A person's recording seldom states
-its segments, and rests between its strokes. Counted as touch, they would be scored as wrong: on 60 simulated takes the
-texture detector's balanced accuracy fell from 0.90 to 0.81.
+True contact comes from a recording's segments, or else from its own noise floor. A
+person's recording seldom states its segments, and rests between its strokes. Counted as
+touch, they would be scored as wrong: on 60 simulated takes the texture detector's
+balanced accuracy fell from 0.90 to 0.81.
 """
 
 import functools
@@ -22,7 +24,8 @@ from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, Mo
 from tactophone.signal.perception.noise_floor import measure_floor
 
 LEAST_CONTACT = 0.1
-"""Share of a recording under which what seemed its noise floor is an even slide: a finger touches its surface."""
+"""Share of a recording under which what seemed its noise floor is an even slide: a
+finger touches its surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +40,8 @@ class TakePredictions:
     contact: NDArray[np.bool_]
     """Whether the contact gate was open."""
     touch: NDArray[np.int8] | None = None
-    """What was rendered, int8, if it does not follow from the other fields and the decision rule alone."""
+    """What was rendered, int8, if it does not follow from the other fields and the
+    decision rule alone."""
 
 
 Predictor = Callable[[Recording], TakePredictions]
@@ -45,10 +49,11 @@ Predictor = Callable[[Recording], TakePredictions]
 
 
 def model_predictor(model: Model) -> Predictor:
-    """Return a predictor that runs a model with the contact threshold of its card; whole windows decide.
+    """Return a predictor that runs a model with the contact threshold of its card;
+    whole windows decide.
 
-    Some models do without a missing air channel. `tactophone.app.recordings.recording_predictor` decides as
-    `tactophone feel` does.
+    Some models do without a missing air channel.
+    `tactophone.app.recordings.recording_predictor` decides as `tactophone feel` does.
     """
 
     def predict(recording: Recording) -> TakePredictions:
@@ -70,7 +75,8 @@ def model_predictor(model: Model) -> Predictor:
 def take_of(
     recording: Recording, found: Sequence[Prediction], *, keep_touch: bool = False
 ) -> TakePredictions:
-    """Return the predictions for a recording; ``keep_touch`` keeps what they rendered, as a gate decides too."""
+    """Return the predictions for a recording; ``keep_touch`` keeps what they rendered,
+    as a gate decides too."""
     touch = np.array([update.touch for update in found], np.int8)
     return TakePredictions(
         recording,
@@ -84,7 +90,8 @@ def take_of(
 
 
 def by_label(take: TakePredictions) -> list[TakePredictions]:
-    """Return the predictions for a recording of several labels as one part a label, in contact in its segments alone.
+    """Return the predictions for a recording of several labels as one part a label, in
+    contact in its segments alone.
 
     A recording with a label of its own is returned as it is.
     """
@@ -141,8 +148,9 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
 def true_contact(take: TakePredictions) -> NDArray[np.bool_]:
     """Whether the finger truly touches at each update.
 
-    By the segments; where a recording has none, by the level over its own noise floor, whatever the model; throughout
-    where it shows no floor, as a recording without a rest or an even slide.
+    By the segments; where a recording has none, by the level over its own noise floor,
+    whatever the model; throughout where it shows no floor, as a recording without a
+    rest or an even slide.
     """
     touches = touches_of(take.recording)
     if touches is None:
@@ -152,12 +160,14 @@ def true_contact(take: TakePredictions) -> NDArray[np.bool_]:
 
 
 def in_true_contact(take: TakePredictions) -> TakePredictions:
-    """Replace the contact gate by the true contact, so that all models are scored on the same moments."""
+    """Replace the contact gate by the true contact, so that all models are scored on
+    the same moments."""
     return replace(take, contact=true_contact(take))
 
 
 def touches_of(recording: Recording) -> Intervals | None:
-    """Return the touches of a recording, by its segments or over its noise floor; ``None`` if it is all touch."""
+    """Return the touches of a recording, by its segments or over its noise floor;
+    ``None`` if it is all touch."""
     if recording.segments:
         return tuple(
             (part.start, part.end) for part in recording.segments if part.contact
@@ -167,7 +177,8 @@ def touches_of(recording: Recording) -> Intervals | None:
 
 @functools.lru_cache(maxsize=1 << 12)
 def _audible_touches(recording: Recording) -> Intervals | None:
-    """The stretches of one channel over its noise floor; ``None`` if it shows no floor, or next to nothing over it."""
+    """The stretches of one channel over its noise floor; ``None`` if it shows no floor,
+    or next to nothing over it."""
     sound = recording.read(channels=1)
     floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")
     if not floor.known:

@@ -1,8 +1,10 @@
-"""Scores of a detector on one set of recordings: as rendered and by both rules, with intervals, by surface and take.
+"""Scores of a detector on one set of recordings: as rendered and by both rules, with
+intervals, by surface and take.
 
-What is rendered is what the operator's finger gets: contact gate, abstention and decision rule inside, over true
-contact. A moment in which nothing is rendered is a *gap*, and counts as wrong for either class; so does a rough touch
-that is rendered as plain contact, because the sound is unknown or not confirmed yet.
+What is rendered is what the operator's finger gets: contact gate, abstention and
+decision rule inside, over true contact. A moment in which nothing is rendered is a
+*gap*, and counts as wrong for either class; so does a rough touch that is rendered as
+plain contact, because the sound is unknown or not confirmed yet.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -59,26 +61,30 @@ class Rendered:
     rough_as_rough: Estimate
     smooth_as_smooth: Estimate
     smooth_as_rough: Estimate
-    """`rough_as_rough`, `smooth_as_smooth` and `smooth_as_rough`: of the contact with rough and with smooth
-    surfaces."""
+    """`rough_as_rough`, `smooth_as_smooth` and `smooth_as_rough`: of the contact with
+    rough and with smooth surfaces."""
     wrong: Estimate
-    """Rendered as the other class, of all contact: the time that false bumps and missed rough last."""
+    """Rendered as the other class, of all contact: the time that false bumps and missed
+    rough last."""
     gaps: Estimate
     """Not rendered at all, of all contact."""
 
 
 @dataclass(frozen=True, slots=True)
 class GroupScore:
-    """Score of one surface or one recording, over true contact; NaN where there is none."""
+    """Score of one surface or one recording, over true contact; NaN where there is
+    none."""
 
     name: str
     label: str
     updates: int
     contact: float
-    """`updates` and `contact`: number of updates, and the share of them with the contact gate open."""
+    """`updates` and `contact`: number of updates, and the share of them with the
+    contact gate open."""
     authors: float
     two_class: float
-    """`authors` and `two_class`: share of the updates in contact that are classified correctly, by each rule."""
+    """`authors` and `two_class`: share of the updates in contact that are classified
+    correctly, by each rule."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,14 +101,16 @@ class Report:
     """What the operator gets: contact gate, abstention and decision rule inside."""
     false_bumps: float
     dips: float
-    """`false_bumps` and `dips`: per minute of smooth and of rough contact, as rendered; NaN without any."""
+    """`false_bumps` and `dips`: per minute of smooth and of rough contact, as rendered;
+    NaN without any."""
     unknown: float
     unknown_wrong: float
     known_wrong: float
     """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
     rules: dict[Rule, dict[str, Estimate]]
-    """For each rule, each metric of :func:`lab.evaluation.metrics.measure` with its interval; over true contact,
-    whatever the model's gate reports, so that all models are scored on the same windows."""
+    """For each rule, each metric of :func:`lab.evaluation.metrics.measure` with its
+    interval; over true contact, whatever the model's gate reports, so that all models
+    are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
@@ -111,12 +119,14 @@ class Report:
 def rendered_scores(
     predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS
 ) -> Rendered:
-    """Score what is rendered by a decision rule; recordings without the label smooth or rough are left out.
+    """Score what is rendered by a decision rule; recordings without the label smooth or
+    rough are left out.
 
     Raises `DatasetError` if there is no labelled contact.
     """
     takes = [take for take in predictions if take.recording.labelled]
-    # Updates by surface, label (smooth, rough) and what was rendered (none, smooth, rough).
+    # Updates by surface, label (smooth, rough) and what was rendered (none, smooth,
+    # rough).
     names = sorted({take.recording.surface for take in takes})
     table = np.zeros((len(names), 2, 3))
     for take in takes:
@@ -159,7 +169,8 @@ def make_report(
     decision: DecisionRule | None = None,
     draws: int = DRAWS,
 ) -> Report:
-    """Score the predictions of one model, or of the folds of one recipe, for labelled recordings.
+    """Score the predictions of one model, or of the folds of one recipe, for labelled
+    recordings.
 
     Raises `DatasetError` if no recording has labelled contact.
     """
@@ -190,9 +201,11 @@ def make_report(
 
 
 def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, float]:
-    """Return the share of predictions that are unknown, the share of these that are wrong, and that of all others.
+    """Return the share of predictions that are unknown, the share of these that are
+    wrong, and that of all others.
 
-    Of predictions in contact, true and rendered; by the two-class rule; NaN without any.
+    Of predictions in contact, true and rendered; by the two-class rule; NaN without
+    any.
     """
     counts = np.zeros((2, 2))  # known and unknown, right and wrong
     for take in takes:

@@ -1,10 +1,13 @@
-"""Choice of a decision rule (threshold, hysteresis, confirmation) for a wanted rate of false bumps.
+"""Choice of a decision rule (threshold, hysteresis, confirmation) for a wanted rate of
+false bumps.
 
-A false bump is a decision that turns rough while a smooth surface is touched: one false window is one bump at the
-operator's finger (the paper's section V). Every candidate rule runs over the same predictions as the live decision does
-(:mod:`signal.perception.decision`), all rules side by side; of the rules that keep the wanted rate, the one with
-the highest rough recall is chosen. The best of many on a few objects is partly luck: so each object can be left
-out of the choice in turn, to be scored by the rule that the others choose.
+A false bump is a decision that turns rough while a smooth surface is touched: one false
+window is one bump at the operator's finger (the paper's section V). Every candidate
+rule runs over the same predictions as the live decision does
+(:mod:`signal.perception.decision`), all rules side by side; of the rules that keep the
+wanted rate, the one with the highest rough recall is chosen. The best of many on a few
+objects is partly luck: so each object can be left out of the choice in turn, to be
+scored by the rule that the others choose.
 """
 
 from collections.abc import Sequence
@@ -41,12 +44,14 @@ THRESHOLDS = 64
 WIDEST_LOGIT = 9.0
 HYSTERESIS_LOGITS = (0.0, 1.0, 2.0, 4.0)
 CONFIRMATIONS = (1, 2, 4, 8)
-"""Updates in a row: at a hop of 10.7 ms the last one delays a rough decision by 75 ms."""
+"""Updates in a row: at a hop of 10.7 ms the last one delays a rough decision by 75
+ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RuleOutcomes:
-    """Outcome of each candidate rule on each recording; arrays have shape ``(recordings, rules)``."""
+    """Outcome of each candidate rule on each recording; arrays have shape
+    ``(recordings, rules)``."""
 
     recordings: tuple[Recording, ...]
     """Labelled recordings with contact."""
@@ -59,7 +64,8 @@ class RuleOutcomes:
     bumps: NDArray[np.float64]
     """How often the decision turns rough."""
     delay: NDArray[np.float64]
-    """Mean time in s from a touch's beginning to its first rough decision; NaN where there is none."""
+    """Mean time in s from a touch's beginning to its first rough decision; NaN where
+    there is none."""
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
@@ -75,10 +81,11 @@ class OperatingPoint:
     """Decisions that turn rough, per minute of contact with smooth surfaces."""
     false_positive_rate: Estimate
     rough_recall: Estimate
-    """`false_positive_rate` and `rough_recall`: share of updates in contact decided as rough, of smooth and of rough
-    surfaces."""
+    """`false_positive_rate` and `rough_recall`: share of updates in contact decided as
+    rough, of smooth and of rough surfaces."""
     delay: float
-    """Median over rough recordings of the time from touch to rough decision, in s; NaN if there is none."""
+    """Median over rough recordings of the time from touch to rough decision, in s; NaN
+    if there is none."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain numbers, for a model card: each rate as value, low, high."""
@@ -140,11 +147,12 @@ def choose_rule(
     limit: float,
     weights: Floats | None = None,
 ) -> int:
-    """Return the index of the rule with the highest rough recall within the limit; of equal ones, the quickest.
+    """Return the index of the rule with the highest rough recall within the limit; of
+    equal ones, the quickest.
 
-    A limit of false bumps also excludes rules under which smooth is rough for longer than under the first: a touch that
-    stays rough once it has been has few bumps. ``weights`` as in :func:`rates`. Raises `DatasetError` if no rule keeps
-    the limit.
+    A limit of false bumps also excludes rules under which smooth is rough for longer
+    than under the first: a touch that stays rough once it has been has few bumps.
+    ``weights`` as in :func:`rates`. Raises `DatasetError` if no rule keeps the limit.
     """
     table = rates(outcomes, weights)
     smooth_as_rough = table["false_positive_rate"]
@@ -170,9 +178,11 @@ def choose_rule(
 
 
 def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Floats]:
-    """Compute the rates of every rule, each of shape ``(..., rules)``; see :class:`OperatingPoint`.
+    """Compute the rates of every rule, each of shape ``(..., rules)``; see
+    :class:`OperatingPoint`.
 
-    ``weights``, shape ``(..., recordings)``, says how often each recording counts, once by default.
+    ``weights``, shape ``(..., recordings)``, says how often each recording counts, once
+    by default.
     """
     every = np.ones(len(outcomes.recordings)) if weights is None else weights
     smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
@@ -193,7 +203,8 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
 def choose_left_out(
     outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float
 ) -> list[DecisionRule]:
-    """Choose a rule for each recording without its surface: the first, where none keeps the limit on the others.
+    """Choose a rule for each recording without its surface: the first, where none keeps
+    the limit on the others.
 
     Returns no rules where a class has one surface.
     """
@@ -216,10 +227,12 @@ def choose_left_out(
 def measure_rule(
     outcomes: RuleOutcomes, place: int, rule: DecisionRule
 ) -> OperatingPoint:
-    """Compute the rates of one rule, each with its 90 % interval over draws of the surfaces."""
+    """Compute the rates of one rule, each with its 90 % interval over draws of the
+    surfaces."""
     keys = [(take.rough, take.surface) for take in outcomes.recordings]
     rows = sorted(set(keys))
-    # A surface's row says which recordings are of it, so that rows that are drawn sum to weights of recordings.
+    # A surface's row says which recordings are of it, so that rows that are drawn sum
+    # to weights of recordings.
     table = np.array([[float(key == row) for key in keys] for row in rows])
     estimates = bootstrap(
         table,
@@ -245,7 +258,8 @@ def draw_trade_off(
     before: OperatingPoint,
     limit: tuple[Goal, float],
 ) -> None:
-    """Draw rough recall over false bumps as PNG, a line for each number of confirmations."""
+    """Draw rough recall over false bumps as PNG, a line for each number of
+    confirmations."""
     pyplot = load_pyplot()
     goal, value = limit
     table = rates(outcomes)
@@ -293,8 +307,9 @@ def _probability(logit: float) -> float:
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
     """Decide over a recording by all rules at once.
 
-    Beware: these are the steps of :class:`~signal.perception.decision.Decision` written again, for arrays of rules.
-    A change there belongs here too; a test holds them equal.
+    Beware: these are the steps of :class:`~signal.perception.decision.Decision` written
+    again, for arrays of rules. A change there belongs here too; a test holds them
+    equal.
     """
     on, off, confirm, abstain = (
         np.array([getattr(rule, name) for rule in rules])
@@ -313,7 +328,8 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
         take.time, take.contact, share, unknown, strict=True
     ):
         if contact and not touching:
-            # A new touch: keep the last one's delays (the first entry belongs to no touch) and count from here.
+            # A new touch: keep the last one's delays (the first entry belongs to no
+            # touch) and count from here.
             delays.append(delay)
             delay, start = np.full(len(rules), np.nan), now
         touching = bool(contact)
@@ -324,7 +340,8 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
             & (confirmed | (streak >= confirm))
             & known_sound
         )
-        # A rough touch stays confirmed through the still point of a stroke, and through some unknown sound.
+        # A rough touch stays confirmed through the still point of a stroke, and through
+        # some unknown sound.
         quiet = np.where(known_sound, 0, quiet + 1)
         confirmed = np.where(known_sound, is_rough, confirmed & (quiet < FORGET_AFTER))
         bumps += is_rough & ~was_rough

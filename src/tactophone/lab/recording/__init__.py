@@ -1,1 +1,2 @@
-"""The guided recorder: the paper's protocol, a writer that survives kills and full disks, and a check of each take."""
+"""The guided recorder: the paper's protocol, a writer that survives kills and full
+disks, and a check of each take."""

@@ -1,6 +1,8 @@
-"""The paper's recording protocol as a state machine: keys and sound in, the sound of a take out; no terminal, no file.
+"""The paper's recording protocol as a state machine: keys and sound in, the sound of a
+take out; no terminal, no file.
 
-Time is counted in samples of the sound, so that simulated sound is processed as fast as it is computed.
+Time is counted in samples of the sound, so that simulated sound is processed as fast as
+it is computed.
 
 ::
 
@@ -21,7 +23,8 @@ TAKE_DURATION = 30.0
 """Seconds of a take (paper, section IV-C)."""
 
 COUNTDOWN = 3.0
-"""Seconds between the key press and the take: time to move the hand back to the finger."""
+"""Seconds between the key press and the take: time to move the hand back to the
+finger."""
 
 
 class Stage(enum.StrEnum):
@@ -51,7 +54,8 @@ _ON_GO = {
 
 
 class Protocol:
-    """Steps through the takes but those that are ``done``; ``duration`` and ``countdown`` are in s.
+    """Steps through the takes but those that are ``done``; ``duration`` and
+    ``countdown`` are in s.
 
     >>> import numpy as np
     >>> from tactophone.lab.simulation.takes import TAKES
@@ -113,7 +117,8 @@ class Protocol:
             self._enter(_ON_GO[self.stage])
 
     def push(self, block: AudioBlock) -> AudioBlock:
-        """Advance time by a block; return the part of it, perhaps empty, that belongs to the current take."""
+        """Advance time by a block; return the part of it, perhaps empty, that belongs
+        to the current take."""
         skipped = 0
         if self.stage is Stage.COUNTDOWN:
             skipped = min(self._left, block.size)

@@ -1,4 +1,5 @@
-"""The quality of a take, known at its end: contact, clipping, sensor faults, and pressure."""
+"""The quality of a take, known at its end: contact, clipping, sensor faults, and
+pressure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,10 +21,12 @@ from tactophone.signal.perception.health import (
 )
 
 TAKE_MIN_CONTACT = 0.1
-"""Share of a take: on the paper's set-up, light strokes on smooth objects exceed the threshold for a fifth of it."""
+"""Share of a take: on the paper's set-up, light strokes on smooth objects exceed the
+threshold for a fifth of it."""
 
 PRESSURE_STEP_DB = 1.5
-"""By which a pressure must be louder than the next lighter: twice what two takes of equal pressure differ by."""
+"""By which a pressure must be louder than the next lighter: twice what two takes of
+equal pressure differ by."""
 
 GOOD = "good"
 """Quality of a take without complaints, in the manifest too."""
@@ -92,8 +95,10 @@ def assess_take(
     *,
     duration: float,
 ) -> str:
-    """Return what is wrong with a take, or ``good``, given the levels in dBFS of this object's other takes by name."""
-    # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
+    """Return what is wrong with a take, or ``good``, given the levels in dBFS of this
+    object's other takes by name."""
+    # A single bang raises the fault "clipped" for a moment; the clipped share of the
+    # whole take is checked below.
     complaints = [
         str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED
     ]

@@ -21,7 +21,8 @@ from tactophone.signal.perception.health import Reference
 
 @dataclass(frozen=True, slots=True)
 class RecordedObject:
-    """The recorded object: its name gives the folder, its other fields go to the manifest."""
+    """The recorded object: its name gives the folder, its other fields go to the
+    manifest."""
 
     name: str
     label: Touch
@@ -68,7 +69,8 @@ def slug(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SessionPlan:
-    """Output folder, calibrated reference, takes, and the takes' duration and countdown in s."""
+    """Output folder, calibrated reference, takes, and the takes' duration and countdown
+    in s."""
 
     root: Path
     reference: Reference = field(default_factory=Reference)
@@ -80,8 +82,8 @@ class SessionPlan:
 class Recorder:
     """Records an object's takes: push sound, press keys, and show the attributes.
 
-    ``quality`` and ``levels`` are of the last take, empty and ``None`` before the first; ``recordings`` are those
-    finished so far.
+    ``quality`` and ``levels`` are of the last take, empty and ``None`` before the
+    first; ``recordings`` are those finished so far.
     """
 
     def __init__(
@@ -169,13 +171,15 @@ class Recorder:
             properties["pauses"] = " ".join(
                 f"{pause:g}" for pause in self.protocol.pauses
             )
-        # Cleared first: a full disk raises in finish(), and close() must not finish the same take twice.
+        # Cleared first: a full disk raises in finish(), and close() must not finish the
+        # same take twice.
         file, self._file = self._file, None
         self.recordings.append(file.finish(**properties))
 
 
 def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
-    """Return the level, in dBFS, of each good take of this object that exists already."""
+    """Return the level, in dBFS, of each good take of this object that exists
+    already."""
     if known is None:
         return {}
     return {

@@ -1,9 +1,11 @@
 """A writer that loses at most the last second of a take to a kill or a full disk.
 
-A FLAC file whose writer was killed has no length in its header, and readers refuse it (measured with libsndfile 1.2).
-A WAV file written without a buffer can be read to its last block. So sound goes into ``TAKE.part.wav`` first, is copied
-into a FLAC when the take ends, and the part is deleted when the FLAC is complete and in the manifest. A take cut off in
-any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds its entry for the manifest.
+A FLAC file whose writer was killed has no length in its header, and readers refuse it
+(measured with libsndfile 1.2). A WAV file written without a buffer can be read to its
+last block. So sound goes into ``TAKE.part.wav`` first, is copied into a FLAC when the
+take ends, and the part is deleted when the FLAC is complete and in the manifest. A take
+cut off in any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds
+its entry for the manifest.
 """
 
 import json
@@ -31,11 +33,13 @@ PART = ".part.wav"
 ENTRY = ".part.json"
 
 SYNC_EVERY = 0.5
-"""Seconds after which sound is flushed to the disk, so that it survives a power failure."""
+"""Seconds after which sound is flushed to the disk, so that it survives a power
+failure."""
 
 
 class TakeWriter:
-    """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or :meth:`discard`."""
+    """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or
+    :meth:`discard`."""
 
     def __init__(
         self, root: Path, recording: Recording, file: soundfile.SoundFile
@@ -71,7 +75,8 @@ class TakeWriter:
         return cls(root, recording, file)
 
     def write(self, block: AudioBlock) -> None:
-        """Add sound; raises `DatasetError` if the disk is full, with what was written kept."""
+        """Add sound; raises `DatasetError` if the disk is full, with what was written
+        kept."""
         try:
             self._file.write(block.samples)
             self._unsynced += block.size
@@ -108,10 +113,12 @@ class TakeWriter:
 
 @contextmanager
 def recording_in(root: Path) -> Iterator[None]:
-    """Hold a folder for one recorder at a time: another one would take its running take for one that was cut off.
+    """Hold a folder for one recorder at a time: another one would take its running take
+    for one that was cut off.
 
-    The lock is the system's, on the folder itself: it leaves no file, and ends with the process that holds it. Raises
-    `DatasetError` if another recorder holds it, or the folder cannot be made.
+    The lock is the system's, on the folder itself: it leaves no file, and ends with the
+    process that holds it. Raises `DatasetError` if another recorder holds it, or the
+    folder cannot be made.
     """
     made = not root.exists()
     try:
@@ -157,7 +164,8 @@ def recover(root: Path) -> Iterator[Recording]:
             continue
         part = recording.path.with_suffix(PART)
         try:
-            # Where its quality is known, the take itself had ended, and only its copying was cut off.
+            # Where its quality is known, the take itself had ended, and only its
+            # copying was cut off.
             if "quality" not in recording.properties and part.is_file():
                 duration = soundfile.info(part).duration
                 recording = recording.with_properties(
@@ -190,7 +198,8 @@ def _finish(root: Path, recording: Recording) -> Recording:
 
 
 def _write_entry(recording: Recording) -> None:
-    """Write the entry beside the old one and rename it: a full disk then leaves the old one whole."""
+    """Write the entry beside the old one and rename it: a full disk then leaves the old
+    one whole."""
     fields: dict[str, Any] = {
         name: recording.known(name)
         for name in ("surface", "label", "take", "scenario", "session")
@@ -205,9 +214,11 @@ def _write_entry(recording: Recording) -> None:
 
 
 def _read_entry(entry: Path) -> Recording | None:
-    """Read what :func:`_write_entry` wrote; of another version's entry, what is known here.
+    """Read what :func:`_write_entry` wrote; of another version's entry, what is known
+    here.
 
-    An entry that cannot be read at all is left where it is while there is sound beside it, and deleted otherwise.
+    An entry that cannot be read at all is left where it is while there is sound beside
+    it, and deleted otherwise.
     """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))

@@ -103,7 +103,8 @@ def find(name: str) -> SimulatedObject:
 
 @functools.cache
 def surface(name: str) -> tuple[Surface, Material]:
-    """Return a surface of the catalogue and its material; some, such as the mat, belong to no object."""
+    """Return a surface of the catalogue and its material; some, such as the mat, belong
+    to no object."""
     return _surface(name, _read()["surfaces"][name])
 
 
@@ -167,7 +168,8 @@ Blended = TypeVar("Blended")
 
 
 def akin(obj: SimulatedObject, other: SimulatedObject, share: float) -> SimulatedObject:
-    """Return an object with this share of another one's geometry; grains that only one of them has keep that share."""
+    """Return an object with this share of another one's geometry; grains that only one
+    of them has keep that share."""
     mine, theirs = obj.surface, other.surface
     grains = mine.grains or theirs.grains
     if grains and not (mine.grains and theirs.grains):
@@ -184,7 +186,8 @@ def akin(obj: SimulatedObject, other: SimulatedObject, share: float) -> Simulate
 
 
 def blend(first: Blended, second: Blended, share: float) -> Blended:
-    """Blend the positive numbers of two dataclass instances geometrically, with weight ``share`` for the first."""
+    """Blend the positive numbers of two dataclass instances geometrically, with weight
+    ``share`` for the first."""
     blended: dict[str, Any] = {}
     for field in fields(first):  # type: ignore[arg-type]  # called with dataclass instances only
         a, b = getattr(first, field.name), getattr(second, field.name)

@@ -1,4 +1,5 @@
-"""The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
+"""The competition's task as recordings: five stones in a curtained box, three smooth,
+two rough, on two days."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,11 +39,14 @@ class Task:
     force, speed
         Ranges of newtons and of peak m/s that a visit is drawn from.
     slips
-        Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section V-B).
+        Share of stones that the finger leaves over the edge; the paper saw one false
+        positive from this (section V-B).
     paint
-        Share of the smooth stones' geometry in the rough ones', 0 to 1, where both kinds are alike.
+        Share of the smooth stones' geometry in the rough ones', 0 to 1, where both
+        kinds are alike.
     damping
-        Factor of the pad's loss, along and across, as of a glove over it; what the tip radiates falls by as much.
+        Factor of the pad's loss, along and across, as of a glove over it; what the tip
+        radiates falls by as much.
     """
 
     force: tuple[float, float] = (0.5, 2.5)
@@ -76,7 +80,8 @@ TASKS = {
 
 @dataclass(frozen=True, slots=True)
 class CompetitionRun:
-    """One exploration of all five stones, left to right; each day has its set-up, each run its order of stones."""
+    """One exploration of all five stones, left to right; each day has its set-up, each
+    run its order of stones."""
 
     day: int
     number: int
@@ -110,7 +115,8 @@ class CompetitionRun:
 
 
 def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
-    """Render a run of about half a minute: sound ``(samples, 2)`` with motors and hall, and the ground truth."""
+    """Render a run of about half a minute: sound ``(samples, 2)`` with motors and hall,
+    and the ground truth."""
     rng = np.random.default_rng([0xC0, run.seed, run.day, run.number])
     script = Script(rng, x=_START[0], y=_START[1])
     script.hover(rng.uniform(1, 2.5))
@@ -167,7 +173,8 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
 def write_finals(
     folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
 ) -> list[Path]:
-    """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and ``..._rough.wav``."""
+    """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and
+    ``..._rough.wav``."""
     written = []
     for day in sorted({run.day for run in runs}):
         rendered = [render_run(run) for run in runs if run.day == day]

@@ -1,10 +1,13 @@
-"""The contact between finger and surface, sample by sample: from motion to force, and from force to sound.
+"""The contact between finger and surface, sample by sample: from motion to force, and
+from force to sound.
 
-Inputs, state and outputs are tuples and records that numba can compile. A chain of masses and springs is stepped at
-twice the sample rate, semi-implicitly (each speed before its position, so that springs do not gain energy): arm ->
-silicone -> pad -> contact -> body, and sideways joint -> silicone -> pad. The contact is Hunt-Crossley along the
-normal and LuGre along the surface. The track's height excites it: where the tip leaves one asperity and meets the
-next, the track has a cusp, and the surface's normal speed jumps. Its slope and friction patches drag on it.
+Inputs, state and outputs are tuples and records that numba can compile. A chain of
+masses and springs is stepped at twice the sample rate, semi-implicitly (each speed
+before its position, so that springs do not gain energy): arm -> silicone -> pad ->
+contact -> body, and sideways joint -> silicone -> pad. The contact is Hunt-Crossley
+along the normal and LuGre along the surface. The track's height excites it: where the
+tip leaves one asperity and meets the next, the track has a cusp, and the surface's
+normal speed jumps. Its slope and friction patches drag on it.
 """
 
 from typing import Any, NamedTuple
@@ -27,8 +30,8 @@ CONTACT_STATE = np.dtype(
         )
     ]
 )
-"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filters of
-friction noise and of the force on the body as a plate."""
+"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load
+in N, and the filters of friction noise and of the force on the body as a plate."""
 
 BODY = np.dtype(
     [
@@ -47,17 +50,18 @@ BODY = np.dtype(
         ("modes", np.int64),
     ]
 )
-"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, rms of micro-slips and the
-coefficient of their one-pole low-pass, pressure of the body as a plate in Pa/N and the
-coefficient of its high-pass, and how many modes it has."""
+"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed,
+rms of micro-slips and the coefficient of their one-pole low-pass, pressure of the body
+as a plate in Pa/N and the coefficient of its high-pass, and how many modes it has."""
 
 OVERSAMPLING = 2
-"""Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""
+"""Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us;
+10 us leave it undistorted."""
 
 
 class Motion(NamedTuple):
-    """The hand's motion in a block, per sample: position along the track (m), speed (m/s), press (N), index of the body
-    under the finger, and that body's height (m)."""
+    """The hand's motion in a block, per sample: position along the track (m), speed
+    (m/s), press (N), index of the body under the finger, and that body's height (m)."""
 
     position: Array
     speed: Array
@@ -67,9 +71,11 @@ class Motion(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """All that can be touched: tracks ``(bodies, SIZE)``, SIZE a power of two, their spacing (m), and the bodies.
+    """All that can be touched: tracks ``(bodies, SIZE)``, SIZE a power of two, their
+    spacing (m), and the bodies.
 
-    ``modes`` has a row for each body and, last, one for the finger itself, of which ``flexure`` modes are in use.
+    ``modes`` has a row for each body and, last, one for the finger itself, of which
+    ``flexure`` modes are in use.
     """
 
     light: NDArray[np.float32]
@@ -89,7 +95,8 @@ class Ringing(NamedTuple):
 
 
 class ContactSignals(NamedTuple):
-    """The kernel's output, per sample: force at piezo and contact (N), pressure from finger and body (Pa)."""
+    """The kernel's output, per sample: force at piezo and contact (N), pressure from
+    finger and body (Pa)."""
 
     strain: Array
     force: Array
@@ -101,15 +108,18 @@ _MAX_FORCE = 60.0
 """Newtons; beyond any stroke. Keeps extreme settings from diverging."""
 
 _GRIP = 0.1
-"""Share of friction that drives a body's modes, whose motion is mostly along the normal."""
+"""Share of friction that drives a body's modes, whose motion is mostly along the
+normal."""
 
 _BEND = 0.25
-"""Share of friction that bends the finger's shell: the pad's height over its neutral axis by its length."""
+"""Share of friction that bends the finger's shell: the pad's height over its neutral
+axis by its length."""
 
 
 _TINY = 1e-60
-"""Displacements and speeds below are set to zero: no sound changes by a bit. A body that the finger has left would ring
-on with ever smaller numbers, which processors compute a hundred times slower below 1e-308."""
+"""Displacements and speeds below are set to zero: no sound changes by a bit. A body
+that the finger has left would ring on with ever smaller numbers, which processors
+compute a hundred times slower below 1e-308."""
 
 _CLEAN_INTERVAL = 256
 """Samples between two such searches."""
@@ -126,7 +136,8 @@ def slide(
     signals: ContactSignals,
     rate: float,
 ) -> None:
-    """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
+    """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples,
+    OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
     s = state[0]
     for i in range(motion.position.size):
@@ -209,7 +220,8 @@ def _step(
         + finger.shake_radiation * shake
         + flexed
     )
-    # What is under the highest of the body's modes is radiated by them, and by the plate only beyond.
+    # What is under the highest of the body's modes is radiated by them, and by the
+    # plate only beyond.
     s.plate_force += body.plate_share * (normal - s.plate_force)
     radiated = body.plate * (normal - s.plate_force)
     for b in range(ground.bodies.size):  # bodies that the finger has left still ring
@@ -223,7 +235,8 @@ def _step(
 def _under(
     ground: Ground, which: int, at: float, load: float
 ) -> tuple[float, float, float]:
-    """Height (m), slope and drag under the pad; the patch's averaging is interpolated between light and heavy load."""
+    """Height (m), slope and drag under the pad; the patch's averaging is interpolated
+    between light and heavy load."""
     place = at / ground.spacing
     left = int(np.floor(place))
     part = place - left
@@ -257,7 +270,8 @@ def _rub(
     noise: float,
     step: float,
 ) -> float:
-    """LuGre friction, solved implicitly, with the track's drag and the noise of micro-slips; in N, against the slip."""
+    """LuGre friction, solved implicitly, with the track's drag and the noise of
+    micro-slips; in N, against the slip."""
     if normal <= 0.0:
         s.bristle *= 0.98
         return 0.0
@@ -285,7 +299,8 @@ def _rub(
 def _swing(
     s: Any, finger: Finger, press: float, normal: float, tangential: float, step: float
 ) -> tuple[float, float, float]:
-    """Step arm, pad and joint; return the accelerations of pad, pad sideways and finger (m/s^2)."""
+    """Step arm, pad and joint; return the accelerations of pad, pad sideways and finger
+    (m/s^2)."""
     silicone = finger.pad_stiffness * (s.arm - s.pad) + finger.pad_damping * (
         s.arm_speed - s.pad_speed
     )
@@ -326,7 +341,8 @@ def _moved(ringing: Ringing, row: int, count: int) -> tuple[float, float]:
 def _ring(
     ground: Ground, ringing: Ringing, row: int, count: int, force: float, step: float
 ) -> tuple[float, float]:
-    """Step a body's modes under a force; return the force at the piezo (N) and the radiated pressure (Pa)."""
+    """Step a body's modes under a force; return the force at the piezo (N) and the
+    radiated pressure (Pa)."""
     strain, pressure = 0.0, 0.0
     for j in range(count):
         mode = ground.modes[row, j]

@@ -1,6 +1,8 @@
-"""The demonstration: a finger strokes a smooth stone, then a rough one, and slips off its edge.
+"""The demonstration: a finger strokes a smooth stone, then a rough one, and slips off
+its edge.
 
-`StrokingFinger` and `StrokingHand` explore five stones without end: live sources that need no hardware.
+`StrokingFinger` and `StrokingHand` explore five stones without end: live sources that
+need no hardware.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +29,8 @@ STROKING = 3.0
 """Seconds on each stone."""
 
 DEMONSTRATION_GAIN_DB = -9.0
-"""Of the contact preamplifier: at 0 dB the finger that slips off the rough stone clips for half a second."""
+"""Of the contact preamplifier: at 0 dB the finger that slips off the rough stone clips
+for half a second."""
 
 DEMONSTRATION_BLOCK = 4800
 """Samples rendered at once."""
@@ -38,10 +41,12 @@ _START = (-0.03, 0.035)
 def demonstration(
     seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = None
 ) -> SimulatedFinger:
-    """Return a finger with this tip and a script of about ten seconds, drawn from the seed.
+    """Return a finger with this tip and a script of about ten seconds, drawn from the
+    seed.
 
-    The stones are those of the competition, on which no shipped model was trained. ``place`` is that of a finger in a
-    hand, of which each begins a moment after the one before.
+    The stones are those of the competition, on which no shipped model was trained.
+    ``place`` is that of a finger in a hand, of which each begins a moment after the one
+    before.
     """
     stream = [seed] if place is None else [seed, place]
     scene = row([find("smooth competition stone"), find("rough competition stone")])
@@ -66,9 +71,11 @@ def demonstration(
 def write_demonstration(
     folder: Path, names: Sequence[str] = ("",), *, seed: int, tip: str = DEFAULT_TIP
 ) -> list[Path]:
-    """Write the demonstration of each finger of a hand, or of a single one, and its labels; return the recordings.
+    """Write the demonstration of each finger of a hand, or of a single one, and its
+    labels; return the recordings.
 
-    All stroke the same stones, and each sounds faintly in the microphones of the others (`SimulatedHand`).
+    All stroke the same stones, and each sounds faintly in the microphones of the others
+    (`SimulatedHand`).
     """
     fingers = [
         demonstration(seed, tip=tip, place=place if any(names) else None)
@@ -111,11 +118,13 @@ AHEAD = 1.0
 
 
 LIFT_TIME = 0.3
-"""Share of visits that a finger of a hand spends in the air, while the others stroke."""
+"""Share of visits that a finger of a hand spends in the air, while the others
+stroke."""
 
 
 class _Stroking(AlwaysOpen):
-    """Fingers that explore five stones without end, a visit at a time; a :class:`~tactophone.core.types.Source`."""
+    """Fingers that explore five stones without end, a visit at a time; a
+    :class:`~tactophone.core.types.Source`."""
 
     sample_rate = LIVE_SAMPLE_RATE
 
@@ -142,7 +151,8 @@ class _Stroking(AlwaysOpen):
                 self._queue_visit()
 
     def rehearse(self) -> None:
-        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        """Compile the simulation, so that it need not be compiled while it runs; takes
+        up to a minute once."""
         SimulatedHand([SimulatedFinger(self._scene)]).render(64)
 
     def truth_of(self, finger: int = 0) -> int:
@@ -156,15 +166,16 @@ class _Stroking(AlwaysOpen):
         for script, finger in zip(self._scripts, self._hand.fingers, strict=True):
             for move in script.moves:
                 finger.move(move.x, move.y, move.force, move.time)
-            # The finger has its own queue: kept here, the moves would grow by 100 MB an hour.
+            # The finger has its own queue: kept here, the moves would grow by 100 MB an
+            # hour.
             script.moves.clear()
 
 
 class StrokingFinger(_Stroking):
     """The simulated finger, stroking one of five stones after another.
 
-    The seed draws the order of the stones, the strokes and the noise; with a tip other than the default one, also its
-    radius, mass and microphone.
+    The seed draws the order of the stones, the strokes and the noise; with a tip other
+    than the default one, also its radius, mass and microphone.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Injects microphone faults into the sound of another source, each for a span of time.
 
-Faults are named as in `tactophone.signal.perception.health`, such as ``air-dead``; ``swapped`` and ``alike``
-concern both microphones.
+Faults are named as in `tactophone.signal.perception.health`, such as ``air-dead``;
+``swapped`` and ``alike`` concern both microphones.
 """
 
 import re
@@ -64,7 +64,8 @@ class FaultSpan:
 
 
 class FaultySource(ChangedSource):
-    """Another source's sound with faults; the samples do not depend on the block size."""
+    """Another source's sound with faults; the samples do not depend on the block
+    size."""
 
     def __init__(self, source: Source, faults: Iterable[FaultSpan]) -> None:
         super().__init__(source)

@@ -1,18 +1,23 @@
-"""The finger: masses, springs and dampers, the sensitivity of its two microphones, and the tips that touch.
+"""The finger: masses, springs and dampers, the sensitivity of its two microphones, and
+the tips that touch.
 
-Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section IV-A); the other
-tips are in `TIPS`. They were chosen within the cited ranges so that levels come out as the paper reports them: noise
-floor of the contact microphone a little under -26 dBFS, air microphone well under it, more so on smooth surfaces.
+Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the
+paper's (section IV-A); the other tips are in `TIPS`. They were chosen within the cited
+ranges so that levels come out as the paper reports them: noise floor of the contact
+microphone a little under -26 dBFS, air microphone well under it, more so on smooth
+surfaces.
 
-A tip is soft rubber, a hard skin on silicone (the default), a plastic rod or a steel stylus. It decides how sound
-shows roughness, and even the sign of some features: under a hard tip a rough surface clicks, under a soft one a
-smooth surface sticks and slips while a rough one is averaged away. So it has to be stated; it cannot be derived from
+A tip is soft rubber, a hard skin on silicone (the default), a plastic rod or a steel
+stylus. It decides how sound shows roughness, and even the sign of some features: under
+a hard tip a rough surface clicks, under a soft one a smooth surface sticks and slips
+while a rough one is averaged away. So it has to be stated; it cannot be derived from
 the sound. Values are from handbooks and geometry, none from recordings.
 
-A rod is a cantilever of length L, held at its end: ``f = (3.516, 22.03, 61.70) / 2 pi * c d / 4 L^2`` with ``c`` the
-speed of longitudinal waves and ``d`` the diameter (Blevins 1979, table 8-1), a modal mass of a quarter of its own.
-Its microphone is mounted on it, so the rod's motion shakes it: 0.3 to 6 mPa per m/s^2, 43 to 69 dB SPL at 1 g, the
-range of electret capsules.
+A rod is a cantilever of length L, held at its end: ``f = (3.516, 22.03, 61.70) / 2 pi *
+c d / 4 L^2`` with ``c`` the speed of longitudinal waves and ``d`` the diameter (Blevins
+1979, table 8-1), a modal mass of a quarter of its own. Its microphone is mounted on it,
+so the rod's motion shakes it: 0.3 to 6 mPa per m/s^2, 43 to 69 dB SPL at 1 g, the range
+of electret capsules.
 """
 
 from dataclasses import dataclass
@@ -28,7 +33,8 @@ from tactophone.lab.simulation.modes import Mode
 
 
 class Finger(NamedTuple):
-    """Mechanics of finger, pad and arm; a tuple, so that the compiled kernel can take it. SI units.
+    """Mechanics of finger, pad and arm; a tuple, so that the compiled kernel can take
+    it. SI units.
 
     - ``tip_radius``, ``tip_modulus``: of the tip's curvature; plane-strain modulus of what touches.
     - ``air_distance``: from the contact to the air microphone.
@@ -44,7 +50,8 @@ class Finger(NamedTuple):
       Autom. Control 40, 419, 1995).
     - ``normal_strain``, ``shear_strain``: newtons at the piezo per newton of normal and tangential contact force.
     - ``pad_radiation``, ``shear_radiation``: pascals at the air microphone per m/s^2 of the pad: ``0.7 rho S / (4 pi
-      r)``, S = 5 cm^2, r = 18 mm. Sliding sideways moves next to no air: that is why a smooth surface is quiet in air.
+      r)``, S = 5 cm^2, r = 18 mm. Sliding sideways moves next to no air: that is why a
+      smooth surface is quiet in air.
     - ``shake_radiation``: pascals per m/s^2 of the finger itself: the air microphone's sensitivity to being shaken.
     """
 
@@ -72,12 +79,14 @@ class Finger(NamedTuple):
     shake_radiation: float = 3e-3
 
     def tilted(self, degrees: float) -> Self:
-        """Return the finger with its bed's axis so far from the surface's normal; the ball touches as before.
+        """Return the finger with its bed's axis so far from the surface's normal; the
+        ball touches as before.
 
-        Along the normal the bed then gives by both its stiffnesses, ``1 / k = cos^2 / k_n + sin^2 / k_s`` (springs at
-        an angle), and along the surface the other way round; so do the dampers. The piezo and the air hear each force
-        and motion by its parts along and across the bed's axis, added as powers. Coupling of the two motions is left
-        out.
+        Along the normal the bed then gives by both its stiffnesses, ``1 / k = cos^2 /
+        k_n + sin^2 / k_s`` (springs at an angle), and along the surface the other way
+        round; so do the dampers. The piezo and the air hear each force and motion by
+        its parts along and across the bed's axis, added as powers. Coupling of the two
+        motions is left out.
         """
         if not degrees:
             return self  # to the bit
@@ -141,7 +150,8 @@ class Electronics(NamedTuple):
     mains: float = 50.0
 
     def amplified(self, gain_db: float, air_gain_db: float = 0.0) -> Self:
-        """Add gain to both microphones' preamplifiers: signal and noise before them are amplified alike."""
+        """Add gain to both microphones' preamplifiers: signal and noise before them are
+        amplified alike."""
         return self._replace(
             contact_gain=self.contact_gain * 10 ** (gain_db / 20),
             contact_hum_dbfs=self.contact_hum_dbfs + gain_db,
@@ -177,7 +187,8 @@ class Tip:
     - ``finger``: Mechanics; what follows replaces parts of it.
     - ``flexure``: bending modes of what holds the tip.
     - ``radius``, ``mass``, ``air_distance``, ``shaken``: bounds of ``tip_radius``, ``pad_mass``, ``air_distance`` and
-      ``pad_radiation`` of the finger, drawn uniformly in the logarithm; ``None`` leaves the finger's own.
+      ``pad_radiation`` of the finger, drawn uniformly in the logarithm; ``None`` leaves
+      the finger's own.
     - ``electronics``: microphones and the noise around them.
     - ``air_gain_db``: bounds of extra gain of the air microphone: that of a stylus is unknown, but set so that strokes
       hardly clip.
@@ -227,7 +238,8 @@ _ROD = Finger(
 def _rod(
     name: str, what: str, modulus: float, flexure: tuple[Mode, ...], mass: _Bounds
 ) -> Tip:
-    """Return a rod with the air microphone on it; ``mass``: from the free rod's quarter to one with a microphone."""
+    """Return a rod with the air microphone on it; ``mass``: from the free rod's quarter
+    to one with a microphone."""
     return Tip(
         name,
         f"{what}, 0.5 to 2 mm tip radius, the air microphone on it",

@@ -1,17 +1,22 @@
-"""How a round tip meets a rough body: patch, stiffness, contact time and corner, from radius, moduli and hardness.
+"""How a round tip meets a rough body: patch, stiffness, contact time and corner, from
+radius, moduli and hardness.
 
-A tip under load touches a patch of Hertz' radius ``a = (3 F R / 4 E*)^(1/3)``, with ``1 / E*`` the sum of the
-compliances of *both* bodies (Johnson, *Contact Mechanics*, 1985, section 4.2). On a rough surface fewer summits carry
-the load. Greenwood and Tripp (J. Appl. Mech. 34, 153, 1967) measure that by ``alpha = Rq R / a^2``: far under 1 the tip
-sinks over many summits and the patch is Hertz'; far over 1 it stands on one summit, crushed until ``pi a^2 H = F``
-(``H``: the softer body's hardness). Between the two, the patch is their geometric mean, weighed by alpha.
+A tip under load touches a patch of Hertz' radius ``a = (3 F R / 4 E*)^(1/3)``, with ``1
+/ E*`` the sum of the compliances of *both* bodies (Johnson, *Contact Mechanics*, 1985,
+section 4.2). On a rough surface fewer summits carry the load. Greenwood and Tripp (J.
+Appl. Mech. 34, 153, 1967) measure that by ``alpha = Rq R / a^2``: far under 1 the tip
+sinks over many summits and the patch is Hertz'; far over 1 it stands on one summit,
+crushed until ``pi a^2 H = F`` (``H``: the softer body's hardness). Between the two, the
+patch is their geometric mean, weighed by alpha.
 
-The patch shapes the sound: it averages heights (`track`), it is the spring on which the tip's mass rings, and it is
-the area in which friction adheres.
+The patch shapes the sound: it averages heights (`track`), it is the spring on which the
+tip's mass rings, and it is the area in which friction adheres.
 
-`compiled` compiles the sample loops with numba, once, and caches the machine code beside the source, or in the user's
-cache folder where the installation is read-only. Beware: numba detects changes only in the file that defines a kernel.
-So all that a kernel calls is defined in its file; after changing a tuple or a constant that it imports, save that too.
+`compiled` compiles the sample loops with numba, once, and caches the machine code
+beside the source, or in the user's cache folder where the installation is read-only.
+Beware: numba detects changes only in the file that defines a kernel. So all that a
+kernel calls is defined in its file; after changing a tuple or a constant that it
+imports, save that too.
 """
 
 from collections.abc import Callable
@@ -33,27 +38,31 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Compile a sample loop at its first call, without the interpreter lock; strictly IEEE, so that bits repeat."""
+    """Compile a sample loop at its first call, without the interpreter lock; strictly
+    IEEE, so that bits repeat."""
     return cast(Kernel, numba.njit(cache=True, nogil=True)(kernel))
 
 
 SKIN = 3.3e9
-"""Plane-strain modulus in Pa of the default tip's hard skin (ABS, PMMA: E = 2.3 to 3 GPa, Poisson's ratio 0.35 to
-0.37). The catalogue's friction figures hold for it."""
+"""Plane-strain modulus in Pa of the default tip's hard skin (ABS, PMMA: E = 2.3 to 3
+GPa, Poisson's ratio 0.35 to 0.37). The catalogue's friction figures hold for it."""
 
 YIELDING = 0.1e9
 """Pa; softer bodies (rubber, skin) spring back and are not crushed."""
 
 _TABOR = ((1e10, 15.0), (2e9, 20.0), (0.0, 30.0))
-"""Modulus over hardness by class: metal, stone and glass; plaster and resin; wood and paper (Tabor, *The Hardness of
-Metals*, 1951: H is three times the yield stress, which is 1/45 to 1/90 of the modulus)."""
+"""Modulus over hardness by class: metal, stone and glass; plaster and resin; wood and
+paper (Tabor, *The Hardness of Metals*, 1951: H is three times the yield stress, which
+is 1/45 to 1/90 of the modulus)."""
 
 _TANGENTIAL = 0.82
-"""Tangential over normal stiffness of a contact, ``2 (1 - nu) / (2 - nu)`` at nu = 0.3 (Mindlin 1949; Johnson 7.4)."""
+"""Tangential over normal stiffness of a contact, ``2 (1 - nu) / (2 - nu)`` at nu = 0.3
+(Mindlin 1949; Johnson 7.4)."""
 
 _ADHESION = 0.05, 2.0
-"""Bounds of the adhesive share of friction, relative to the skin's: steel on steel still rubs, and rubber's friction
-coefficient is about twice a hard plastic's (Persson, J. Chem. Phys. 115, 3840, 2001)."""
+"""Bounds of the adhesive share of friction, relative to the skin's: steel on steel
+still rubs, and rubber's friction coefficient is about twice a hard plastic's (Persson,
+J. Chem. Phys. 115, 3840, 2001)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +80,8 @@ class ContactMechanics:
 
     @property
     def hertz_stiffness(self) -> float:
-        """``K`` of ``F = K d^1.5``, in N/m^1.5: ``4/3 E* sqrt(R)`` (Johnson, eq. 4.23)."""
+        """``K`` of ``F = K d^1.5``, in N/m^1.5: ``4/3 E* sqrt(R)`` (Johnson, eq.
+        4.23)."""
         return float(4 / 3 * self.modulus * np.sqrt(self.radius))
 
     def patch(self, load: float) -> float:
@@ -79,11 +89,13 @@ class ContactMechanics:
         return float((0.75 * load * self.radius / self.modulus) ** (1 / 3))
 
     def corner(self, mass: float, load: float = 1.0) -> float:
-        """Resonance in Hz of a mass in kg on the loaded contact's normal stiffness ``2 E* a``."""
+        """Resonance in Hz of a mass in kg on the loaded contact's normal stiffness ``2
+        E* a``."""
         return float(np.sqrt(2 * self.modulus * self.patch(load) / mass) / (2 * np.pi))
 
     def tangential_corner(self, mass: float) -> float:
-        """Resonance in Hz along the surface at 1 N; micro-slips over it do not move the mass."""
+        """Resonance in Hz along the surface at 1 N; micro-slips over it do not move the
+        mass."""
         return float(np.sqrt(_TANGENTIAL) * self.corner(mass))
 
 
@@ -104,9 +116,11 @@ def hertz_patch(radius: float, modulus: float) -> float:
 def tip_on_body(
     radius: float, tip: float, body: float, *, rq: float
 ) -> ContactMechanics:
-    """Compute the contact of a tip of this radius (m) and modulus (Pa) with a body of this modulus.
+    """Compute the contact of a tip of this radius (m) and modulus (Pa) with a body of
+    this modulus.
 
-    ``rq`` is the rms height in m of the body's roughness within about ten of the tip's patches.
+    ``rq`` is the rms height in m of the body's roughness within about ten of the tip's
+    patches.
     """
     modulus = reduced_modulus(tip, body)
     whole = hertz_patch(radius, modulus)

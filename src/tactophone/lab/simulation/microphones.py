@@ -1,9 +1,11 @@
-"""From force and pressure to digital full scale: transducers, room, noise, hum, motors and clipping.
+"""From force and pressure to digital full scale: transducers, room, noise, hum, motors
+and clipping.
 
-The piezo is a capacitance into the preamplifier's input resistance, a second-order high-pass here; the MEMS has its
-vent. In a box, the box's resonances filter a body's sound on its way to the air microphone. Noise is made from the
-normals of each sample, so that it does not depend on block size.
-Finger, microphones and room vary a little from one recording session to the next.
+The piezo is a capacitance into the preamplifier's input resistance, a second-order
+high-pass here; the MEMS has its vent. In a box, the box's resonances filter a body's
+sound on its way to the air microphone. Noise is made from the normals of each sample,
+so that it does not depend on block size. Finger, microphones and room vary a little
+from one recording session to the next.
 """
 
 import functools
@@ -29,7 +31,8 @@ _PINK = (
     (0.049922035, -0.095993537, 0.050612699, -0.004408786),
     (1.0, -2.494956002, 2.017265875, -0.522189400),
 )
-"""-3 dB an octave (J. O. Smith, *Spectral Audio Signal Processing*, 2011, "Synthesis of 1/F noise")."""
+"""-3 dB an octave (J. O. Smith, *Spectral Audio Signal Processing*, 2011, "Synthesis of
+1/F noise")."""
 
 _HUM = ((1, 1.0), (2, 0.35), (3, 0.5), (5, 0.3), (7, 0.2), (9, 0.1))
 """Mains harmonics and their amplitudes, as rectifiers make them: odd ones first."""
@@ -38,17 +41,20 @@ _MOTOR = (1.0, 0.6, 0.45, 0.3, 0.2, 0.15)
 """Amplitudes of the first harmonics of a geared motor's whine."""
 
 _STILL, _BRAKE = 0.02, 0.05
-"""Activity under which a motor stands, and seconds after which its brake closes; a turn is shorter."""
+"""Activity under which a motor stands, and seconds after which its brake closes; a turn
+is shorter."""
 
 _JERK_DECAY, _GEAR_CORNER = 0.1, 1500.0
-"""Seconds in which a jerk falls to 1/e, and Hz over which gears fall by 6 dB an octave: of the one gripper that was
-recorded, a start lasts 0.4 s and motion reaches 2 kHz (docs/research/contact.md)."""
+"""Seconds in which a jerk falls to 1/e, and Hz over which gears fall by 6 dB an octave:
+of the one gripper that was recorded, a start lasts 0.4 s and motion reaches 2 kHz
+(docs/research/contact.md)."""
 
 _CEILING = 1.0 - 2.0**-23
 
 
 class Filter(NamedTuple):
-    """Second-order sections and their state, shape ``(sections, 6)`` and ``(sections, 2)``."""
+    """Second-order sections and their state, shape ``(sections, 6)`` and ``(sections,
+    2)``."""
 
     sections: Array
     state: Array
@@ -70,7 +76,8 @@ class Electrics(NamedTuple):
 
 
 class Microphones:
-    """Two microphones with preamplifiers and converters; keeps its state between blocks."""
+    """Two microphones with preamplifiers and converters; keeps its state between
+    blocks."""
 
     def __init__(
         self,
@@ -90,7 +97,8 @@ class Microphones:
     ) -> FloatArray:
         """Return contact and air, shape ``(samples, 2)``, from -1 to 1.
 
-        ``motor`` is the motors' activity (0-1), shape ``(samples,)``; ``normals`` is unit noise ``(samples, NORMALS)``.
+        ``motor`` is the motors' activity (0-1), shape ``(samples,)``; ``normals`` is
+        unit noise ``(samples, NORMALS)``.
         """
         out = np.empty((signals.strain.size, 2), np.float32)
         _convert(
@@ -107,7 +115,8 @@ class Microphones:
 
 
 def cavity_sections(mounting: Mounting, rng: np.random.Generator, rate: int) -> Array:
-    """Resonances of the air in a box of 20 to 40 cm, as peaks of 5 to 7 dB; none elsewhere."""
+    """Resonances of the air in a box of 20 to 40 cm, as peaks of 5 to 7 dB; none
+    elsewhere."""
     if mounting not in (Mounting.BOX, Mounting.MAT):
         return np.zeros((0, 6))
     peaks = ((180, 320, 7, 5), (380, 560, 6, 6), (640, 900, 5, 7))
@@ -160,7 +169,8 @@ def _wire(
 
 @functools.cache
 def _noise_filters(rate: int) -> tuple[Array, Array, tuple[float, ...]]:
-    """Return the filters of rumble and of a room's noise, and the rms gains of the four noises through theirs."""
+    """Return the filters of rumble and of a room's noise, and the rms gains of the four
+    noises through theirs."""
     rumble = signal.butter(2, [12, 80], "band", fs=rate, output="sos")
     room = np.vstack(
         [signal.tf2sos(*_PINK), signal.butter(2, 45, "high", fs=rate, output="sos")]
@@ -229,7 +239,8 @@ def _motor(electrics: Electrics, activity: float, normal: float, rate: float) ->
 
 @compiled
 def _gears(electrics: Electrics, activity: float, normal: float, rate: float) -> float:
-    """The next sample of gears, cables and joints, and of the jerk where the motors start or their brakes close."""
+    """The next sample of gears, cables and joints, and of the jerk where the motors
+    start or their brakes close."""
     motor, share = electrics.motor, 2 * np.pi * _GEAR_CORNER / rate
     stood, motor[1] = motor[1], motor[1] + 1 / rate if activity < _STILL else 0.0
     if (stood < _BRAKE) != (motor[1] < _BRAKE):
@@ -294,7 +305,8 @@ class SessionVariation:
 
     @classmethod
     def of_tip(cls, tip: str, seed: int) -> Self:
-        """Return the set-up as built for the default tip; for another, a session drawn with that seed."""
+        """Return the set-up as built for the default tip; for another, a session drawn
+        with that seed."""
         return cls() if tip == DEFAULT_TIP else cls.draw(seed, tip=tip)
 
     @classmethod
@@ -305,9 +317,11 @@ class SessionVariation:
         *,
         tip: str = DEFAULT_TIP,
     ) -> Self:
-        """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %.
+        """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone
+        places by 15 to 25 %.
 
-        ``electronics`` replaces those of the tip; ``tip`` is one of `~tactophone.lab.simulation.finger.TIPS`.
+        ``electronics`` replaces those of the tip; ``tip`` is one of
+        `~tactophone.lab.simulation.finger.TIPS`.
         """
         rng, tip_rng = (
             np.random.default_rng([0x5E75, seed]),

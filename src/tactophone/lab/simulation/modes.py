@@ -1,14 +1,16 @@
 """Vibration modes: of a body, by its construction and mounting.
 
-A body is a handful of damped masses on springs that the contact force drives; each moves the contact and radiates.
-Frequencies and dampings are drawn within ranges from plate and shell formulas for bodies of that size (Blevins,
-*Formulas for Natural Frequency and Mode Shape*, 1979) and from loss factors of stone, wood and hand (Cremer, Heckl,
-Petersson, *Structure-Borne Sound*, 2005, table 4.2; Dong et al., "Mechanical impedances distributed at the fingers and
-palm", J. Biomech. 38, 1165, 2005).
+A body is a handful of damped masses on springs that the contact force drives; each
+moves the contact and radiates. Frequencies and dampings are drawn within ranges from
+plate and shell formulas for bodies of that size (Blevins, *Formulas for Natural
+Frequency and Mode Shape*, 1979) and from loss factors of stone, wood and hand (Cremer,
+Heckl, Petersson, *Structure-Borne Sound*, 2005, table 4.2; Dong et al., "Mechanical
+impedances distributed at the fingers and palm", J. Biomech. 38, 1165, 2005).
 
-Radiation is in pascals at the air microphone per m/s^2 of the mode: ``rho S / (4 pi r)`` of a small source at distance
-``r`` (Kinsler et al., *Fundamentals of Acoustics*, 2000, section 7.2). A table moves more air than a stone, but lies
-farther from a microphone that sits two centimetres from the contact.
+Radiation is in pascals at the air microphone per m/s^2 of the mode: ``rho S / (4 pi
+r)`` of a small source at distance ``r`` (Kinsler et al., *Fundamentals of Acoustics*,
+2000, section 7.2). A table moves more air than a stone, but lies farther from a
+microphone that sits two centimetres from the contact.
 """
 
 import enum
@@ -24,7 +26,8 @@ MODE = np.dtype(
         for name in ("stiffness", "mobility", "damping", "radiation", "strain")
     ]
 )
-"""A mode as the kernel takes it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per metre."""
+"""A mode as the kernel takes it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2,
+and piezo newtons per metre."""
 
 
 class Body(enum.StrEnum):
@@ -39,7 +42,8 @@ class Body(enum.StrEnum):
 
 
 class Mounting(enum.StrEnum):
-    """How an object is held: three scenarios for movable ones, ``MAT`` in the competition's box, ``FIXED`` in place."""
+    """How an object is held: three scenarios for movable ones, ``MAT`` in the
+    competition's box, ``FIXED`` in place."""
 
     HELD = "held"
     TABLE = "table"
@@ -49,7 +53,8 @@ class Mounting(enum.StrEnum):
 
 
 class Mode(NamedTuple):
-    """One resonance: Hz, kg, fraction of critical damping, Pa per m/s^2, share of the force that reaches the piezo."""
+    """One resonance: Hz, kg, fraction of critical damping, Pa per m/s^2, share of the
+    force that reaches the piezo."""
 
     frequency: float
     mass: float
@@ -69,16 +74,19 @@ AREA_DENSITY = {
 """Mass in kg per square metre, of a body as a plate."""
 
 NEAR_FIELD = 0.05
-"""Metres; the plate's radiation is not computed for a nearer place, where it is not yet a wave."""
+"""Metres; the plate's radiation is not computed for a nearer place, where it is not yet
+a wave."""
 
 _AIR_DENSITY = 1.2
 """kg/m^3."""
 
 
 def plate_pressure(body: Body, distance: float) -> float:
-    """Pressure in Pa per newton on a large plate, from its highest separate mode to its coincidence: flat in frequency.
+    """Pressure in Pa per newton on a large plate, from its highest separate mode to its
+    coincidence: flat in frequency.
 
-    ``p = rho / (2 pi r m)`` (Cremer, Heckl, Petersson, *Structure-Borne Sound*, 2005, section 6.7).
+    ``p = rho / (2 pi r m)`` (Cremer, Heckl, Petersson, *Structure-Borne Sound*, 2005,
+    section 6.7).
 
     >>> round(plate_pressure(Body.SHELL, 0.05), 2)
     0.48
@@ -90,7 +98,8 @@ _Bounds = tuple[float, float]
 
 
 class _Range(NamedTuple):
-    """Bounds of one mode's frequency, mass, damping and radiation; a mass may be relative to the body's own."""
+    """Bounds of one mode's frequency, mass, damping and radiation; a mass may be
+    relative to the body's own."""
 
     frequency: _Bounds
     mass: _Bounds
@@ -115,7 +124,8 @@ def _ranges(
 
 
 _OWN: dict[Body, tuple[_Range, ...]] = {
-    # The bulk modes of a fist-sized stone lie over 2.5 kHz; what moves is only the contact's surroundings.
+    # The bulk modes of a fist-sized stone lie over 2.5 kHz; what moves is only the
+    # contact's surroundings.
     Body.BLOCK: _ranges(
         [(2600, 4200), (4300, 6000), (6200, 8200)],
         (0.45, 0.45),
@@ -204,7 +214,8 @@ def body_modes(
 
 
 def mode_table(modes: Sequence[Mode], size: int | None = None) -> NDArray[np.void]:
-    """Make the kernel's table of modes, padded to ``size`` with modes of zero mobility."""
+    """Make the kernel's table of modes, padded to ``size`` with modes of zero
+    mobility."""
     table = np.zeros(len(modes) if size is None else size, MODE)
     for row, mode in zip(table, modes, strict=False):
         omega = 2 * np.pi * mode.frequency

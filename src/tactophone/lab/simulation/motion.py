@@ -1,9 +1,11 @@
-"""The hand's motion: sparse moves become a smooth path, and the path a position on the surface below it.
+"""The hand's motion: sparse moves become a smooth path, and the path a position on the
+surface below it.
 
-A *move* is a target: at this time, be at this place and press with this force. Pointers report about a hundred a
-second; an arm moves more smoothly, so a three-pole low-pass leads from target to path. Below the finger is the object
-whose footprint contains it, or the ground between footprints; edges are rounded.
-A scene holds the objects and their places, the ground and the room.
+A *move* is a target: at this time, be at this place and press with this force. Pointers
+report about a hundred a second; an arm moves more smoothly, so a three-pole low-pass
+leads from target to path. Below the finger is the object whose footprint contains it,
+or the ground between footprints; edges are rounded. A scene holds the objects and their
+places, the ground and the room.
 """
 
 from collections import deque
@@ -24,7 +26,8 @@ LIFT = -0.5
 """Newtons pressed while hovering: negative, so that the finger rises."""
 
 _PATH_CORNER = 14.0
-"""Hz; a hand's voluntary movement ends near 10 Hz (Brooks, "Telerobotic response requirements", IEEE SMC 1990)."""
+"""Hz; a hand's voluntary movement ends near 10 Hz (Brooks, "Telerobotic response
+requirements", IEEE SMC 1990)."""
 
 _PRESS_CORNER = 9.0
 """Hz; of force control."""
@@ -48,11 +51,13 @@ HAND = np.dtype(
         )
     ]
 )
-"""The hand's state: place and speed, target and low-passed target, press likewise, and the position along the track."""
+"""The hand's state: place and speed, target and low-passed target, press likewise, and
+the position along the track."""
 
 
 class Move(NamedTuple):
-    """At ``time`` (s since the stream began), be at ``x, y`` (m) and press with ``force`` (N; negative lifts)."""
+    """At ``time`` (s since the stream began), be at ``x, y`` (m) and press with
+    ``force`` (N; negative lifts)."""
 
     time: float
     x: float
@@ -61,7 +66,8 @@ class Move(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Footprints ``(objects, 4)``: left, bottom, width, depth; their height over the ground and edge rounding, in m."""
+    """Footprints ``(objects, 4)``: left, bottom, width, depth; their height over the
+    ground and edge rounding, in m."""
 
     footprints: Array
     height: float
@@ -93,7 +99,8 @@ class Hand:
         self._state["x_direction"] = self._state["sign"] = 1.0
 
     def queue(self, moves: Iterable[Move]) -> None:
-        """Queue moves, oldest first; one whose time has passed takes effect at the next sample."""
+        """Queue moves, oldest first; one whose time has passed takes effect at the next
+        sample."""
         self._moves.extend(
             (float(round(move.time * self._rate)), *move[1:]) for move in moves
         )
@@ -172,7 +179,8 @@ def _approach(s: Any, step: float) -> None:
 
 @compiled
 def _advance(s: Any, step: float) -> float:
-    """Advance along the track by the distance moved; a reversal goes back over the same track. Returns the speed."""
+    """Advance along the track by the distance moved; a reversal goes back over the same
+    track. Returns the speed."""
     speed = np.sqrt(s.x_speed * s.x_speed + s.y_speed * s.y_speed)
     if speed > 1e-4:
         x, y = s.x_speed / speed, s.y_speed / speed
@@ -188,7 +196,8 @@ def _advance(s: Any, step: float) -> float:
 
 @compiled
 def _below(x: float, y: float, field: Field) -> tuple[int, float]:
-    """Index and height (m) of the body under the finger; the ground has the index after the last footprint."""
+    """Index and height (m) of the body under the finger; the ground has the index after
+    the last footprint."""
     for k in range(len(field.footprints)):
         left, bottom, width, depth = field.footprints[k]
         inside = min(x - left, left + width - x, y - bottom, bottom + depth - y)
@@ -252,7 +261,8 @@ class Scene:
 
 
 def single(obj: SimulatedObject, mounting: Mounting | None = None) -> Scene:
-    """Place one object with its left end at the origin, mounted as the catalogue has it or otherwise."""
+    """Place one object with its left end at the origin, mounted as the catalogue has it
+    or otherwise."""
     mounted = obj if mounting is None else replace(obj, mounting=mounting)
     return Scene(
         (PlacedObject(mounted, 0.0, 0.0, obj.length),),
@@ -261,7 +271,8 @@ def single(obj: SimulatedObject, mounting: Mounting | None = None) -> Scene:
 
 
 def row(objects: Sequence[SimulatedObject], *, pitch: float = 0.11) -> Scene:
-    """Place objects in a row on a mat, ``pitch`` metres apart; each gets a profile of its own."""
+    """Place objects in a row on a mat, ``pitch`` metres apart; each gets a profile of
+    its own."""
     placed = [
         PlacedObject(
             replace(
@@ -277,9 +288,11 @@ def row(objects: Sequence[SimulatedObject], *, pitch: float = 0.11) -> Scene:
 
 
 def five_stones(order: Sequence[Touch], *, paint: float = 0.0) -> Scene:
-    """Place the competition's stones on an anti-slip mat in a box, smooth or rough in this order.
+    """Place the competition's stones on an anti-slip mat in a box, smooth or rough in
+    this order.
 
-    ``paint`` fills the rough ones: it is the share of the smooth stones' geometry in theirs.
+    ``paint`` fills the rough ones: it is the share of the smooth stones' geometry in
+    theirs.
 
     >>> scene = five_stones([Touch.ROUGH, Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH, Touch.SMOOTH])
     >>> [placed.object.label.name for placed in scene.placed][:2], scene.ground.name

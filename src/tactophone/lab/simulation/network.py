@@ -1,11 +1,14 @@
-"""A simulated network that loses, delays, duplicates and stalls; a seed makes it repeatable.
+"""A simulated network that loses, delays, duplicates and stalls; a seed makes it
+repeatable.
 
-Loss follows the Gilbert-Elliott model (Gilbert, Bell Syst. Tech. J. 39, 1960; Elliott, ibid. 42, 1963): the good state
-loses no packet, the bad state loses every packet and lasts for ``burst`` packets on average. A burst of 1 is
-independent random loss. Delay is a constant, plus an exponential queue as in a busy Wi-Fi cell, plus occasional stalls
+Loss follows the Gilbert-Elliott model (Gilbert, Bell Syst. Tech. J. 39, 1960; Elliott,
+ibid. 42, 1963): the good state loses no packet, the bad state loses every packet and
+lasts for ``burst`` packets on average. A burst of 1 is independent random loss. Delay
+is a constant, plus an exponential queue as in a busy Wi-Fi cell, plus occasional stalls
 (roaming, scanning), after which all held packets arrive at once.
 
-The proxy is such a link between two real sockets: the robot calls it instead of the operator.
+The proxy is such a link between two real sockets: the robot calls it instead of the
+operator.
 """
 
 import heapq
@@ -35,17 +38,19 @@ class NetworkProfile:
     """Mean number of packets lost in a row."""
     delay: float = 0.0
     jitter: float = 0.0
-    """`delay` and `jitter`: seconds: the constant delay, and the mean of the exponential queueing delay."""
+    """`delay` and `jitter`: seconds: the constant delay, and the mean of the
+    exponential queueing delay."""
     spread: float = 0.0
     """Seconds of further delay, uniform from 0."""
     duplicates: float = 0.0
     """Share of packets that arrive twice."""
     overtaking: bool = False
-    """Whether packets may overtake one another; if not, a delayed packet also delays those behind it."""
+    """Whether packets may overtake one another; if not, a delayed packet also delays
+    those behind it."""
     stall: float = 0.0
     stall_interval: float = math.inf
-    """`stall` and `stall_interval`: seconds of a stall, and mean seconds between two stalls; no stalls when the
-    interval is infinite."""
+    """`stall` and `stall_interval`: seconds of a stall, and mean seconds between two
+    stalls; no stalls when the interval is infinite."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.loss < 1:
@@ -86,12 +91,14 @@ NETWORK_PROFILES: dict[str, NetworkProfile] = {
     ),
     "bursty": NetworkProfile(loss=0.05, burst=5.0, delay=0.002),
 }
-"""Profiles by name. The Wi-Fi profiles model milliseconds of contention, loss mostly hidden by retransmission, and
-pauses while a station scans or changes its access point; their values are assumed, not measured."""
+"""Profiles by name. The Wi-Fi profiles model milliseconds of contention, loss mostly
+hidden by retransmission, and pauses while a station scans or changes its access point;
+their values are assumed, not measured."""
 
 
 def network_profile(text: str) -> NetworkProfile:
-    """Parse a profile's name and changes: ``wifi``, ``wifi,loss=0.05``, ``loss=0.1,burst=3``.
+    """Parse a profile's name and changes: ``wifi``, ``wifi,loss=0.05``,
+    ``loss=0.1,burst=3``.
 
     >>> network_profile("lan,loss=0.05").loss
     0.05
@@ -116,11 +123,13 @@ def network_profile(text: str) -> NetworkProfile:
 
 
 def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[tuple[float, ...]]:
-    """Yield the delays (s) of the copies of each datagram, without end: none when it is lost, two when duplicated."""
+    """Yield the delays (s) of the copies of each datagram, without end: none when it is
+    lost, two when duplicated."""
     random = np.random.default_rng(seed)
     bad = False
     recover = 1 / profile.burst
-    # With this probability of leaving the good state, the chain is in the bad state for a share `loss` of the time.
+    # With this probability of leaving the good state, the chain is in the bad state for
+    # a share `loss` of the time.
     decay = recover * profile.loss / (1 - profile.loss)
     while True:
         turn, double, queue, spread = random.random(4)
@@ -141,8 +150,9 @@ def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[tuple[float, .
 class ImpairedLink:
     """One direction of an impaired link; time is an argument.
 
-    A seed gives the same deliveries to the same packets, whatever the time between them. ``lost`` says whether each
-    packet in turn is lost, instead of the profile's loss.
+    A seed gives the same deliveries to the same packets, whatever the time between
+    them. ``lost`` says whether each packet in turn is lost, instead of the profile's
+    loss.
     """
 
     def __init__(
@@ -184,7 +194,8 @@ class ImpairedLink:
         return out
 
     def _after_stall(self, due: float) -> float:
-        """Return the delivery time, postponed to the end of a stall that it falls into."""
+        """Return the delivery time, postponed to the end of a stall that it falls
+        into."""
         if not math.isfinite(self._profile.stall_interval):
             return due
         if self._stall_begins is None:
@@ -205,11 +216,12 @@ _MAX_WAIT = 0.05
 
 
 class ImpairmentProxy:
-    """Forwards datagrams in both directions through two impaired links, in its own thread; a context manager.
+    """Forwards datagrams in both directions through two impaired links, in its own
+    thread; a context manager.
 
-    ``operator`` gets the robot's datagrams. The direction to it has this random seed, the other one the next.
-    ``prepare`` is called first in the thread: to give it the priority of the sound, as a busy machine delays no real
-    network.
+    ``operator`` gets the robot's datagrams. The direction to it has this random seed,
+    the other one the next. ``prepare`` is called first in the thread: to give it the
+    priority of the sound, as a busy machine delays no real network.
     """
 
     def __init__(

@@ -1,6 +1,8 @@
-"""A simulated person who follows the instructions of guided commands, so that they run without hardware.
+"""A simulated person who follows the instructions of guided commands, so that they run
+without hardware.
 
-It is a source like any other: iterating it yields the sound; its methods start a movement.
+It is a source like any other: iterating it yields the sound; its methods start a
+movement.
 """
 
 from collections.abc import Iterator
@@ -29,10 +31,12 @@ TAP = 2.0
 
 
 class SimulatedParticipant(AlwaysOpen):
-    """A simulated finger on an object, moved on request; a :class:`~tactophone.core.types.Source`.
+    """A simulated finger on an object, moved on request; a
+    :class:`~tactophone.core.types.Source`.
 
-    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers; ``electronics`` replaces those of the tip.
-    ``mounting`` is the catalogue's by default; ``seed`` draws the set-up, the movement and the noise.
+    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers;
+    ``electronics`` replaces those of the tip. ``mounting`` is the catalogue's by
+    default; ``seed`` draws the set-up, the movement and the noise.
 
     >>> from tactophone.lab.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))
@@ -100,7 +104,8 @@ class SimulatedParticipant(AlwaysOpen):
         self._perform(script)
 
     def move(self, duration: float) -> None:
-        """Move in the air for ``duration`` s, with three starts and stops, and touch nothing."""
+        """Move in the air for ``duration`` s, with three starts and stops, and touch
+        nothing."""
         script, reach = self._script(), 0.4 * self._placed.width
         for part in range(1, 4):
             while script.time < self._now + part * duration / 3 - STROKE:

@@ -1,8 +1,10 @@
-"""Simulated sound on disk, and the paper's data set of it: complete files or none, each with its ground truth.
+"""Simulated sound on disk, and the paper's data set of it: complete files or none, each
+with its ground truth.
 
-A file is written under a temporary name and renamed, so that a kill leaves no half-written file. Its comment tag holds
-a fingerprint of its parameters and the touched objects over time: finished files need no side file.
-Several processes render every object, mounting and take; after a kill they resume.
+A file is written under a temporary name and renamed, so that a kill leaves no
+half-written file. Its comment tag holds a fingerprint of its parameters and the touched
+objects over time: finished files need no side file. Several processes render every
+object, mounting and take; after a kill they resume.
 """
 
 import hashlib
@@ -40,7 +42,8 @@ from tactophone.lab.simulation.takes import TAKES, Take
 from tactophone.net.link.codec import Codec, encode_and_decode
 
 SHORTEST_RENDER = 0.03
-"""Seconds; a shorter segment is merged into the one before it: the finger has bounced, not moved on."""
+"""Seconds; a shorter segment is merged into the one before it: the finger has bounced,
+not moved on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,8 @@ class RenderMetadata:
 def write_sound(
     path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16
 ) -> None:
-    """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all."""
+    """Write WAV or FLAC, by the path's suffix; the file appears complete or not at
+    all."""
     segments = [
         [segment.start, segment.end, segment.label_name]
         for segment in metadata.segments
@@ -77,7 +81,8 @@ def write_sound(
 
 
 def read_render_metadata(path: Path) -> RenderMetadata | None:
-    """Read a file's metadata; ``None`` if the file is missing or was not written by :func:`write_sound`."""
+    """Read a file's metadata; ``None`` if the file is missing or was not written by
+    :func:`write_sound`."""
     try:
         with soundfile.SoundFile(path) as file:
             comment = json.loads(file.comment)
@@ -92,7 +97,8 @@ def read_render_metadata(path: Path) -> RenderMetadata | None:
 def touch_segments(
     object_index: NDArray[np.int16], scene: Scene
 ) -> tuple[Segment, ...]:
-    """Turn the truth's ``object_index`` per sample into segments, one for each touch of an object.
+    """Turn the truth's ``object_index`` per sample into segments, one for each touch of
+    an object.
 
     A segment is named by its object's label, the ground *contact*, the air *none*.
     """
@@ -113,7 +119,8 @@ def touch_segments(
 
 
 def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
-    """Merge each run of ``(start, end, object)`` that is too short, or of the same object, into the one before it."""
+    """Merge each run of ``(start, end, object)`` that is too short, or of the same
+    object, into the one before it."""
     last: tuple[int, int, int] | None = None
     for start, end, index in runs:
         if last and (
@@ -136,13 +143,15 @@ def _label_name(index: int, scene: Scene) -> str:
 
 
 RENDER_VERSION = "3"
-"""Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
+"""Version of the simulation. Raise it when the same seed gives other sound: existing
+files are then rendered again."""
 
 RENDER_DURATION = 30.0
 """Seconds of a take, as in the paper."""
 
 SLIDING = 0.005
-"""Speed in m/s from which a finger slides; free exploration has 2 to 20 cm/s (simulation.strokes)."""
+"""Speed in m/s from which a finger slides; free exploration has 2 to 20 cm/s
+(simulation.strokes)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +165,8 @@ class RenderOptions:
     opus: bool = False
     """Whether the sound passes through Opus."""
     hall: bool = False
-    """Whether the room is the competition's: a hall full of people, and running motors."""
+    """Whether the room is the competition's: a hall full of people, and running
+    motors."""
     authors_layout: bool = False
     """``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``."""
     bits: int = 16
@@ -164,7 +174,8 @@ class RenderOptions:
     tip: str = DEFAULT_TIP
     """What touches: one of `~tactophone.lab.simulation.finger.TIPS`."""
     gain_db: float = 0.0
-    """Of the contact microphone's preamplifier; at 0, strong strokes over rough objects clip."""
+    """Of the contact microphone's preamplifier; at 0, strong strokes over rough objects
+    clip."""
     tilt: float = 0.0
     """Degrees between the bed's axis and the surface's normal (`Finger.tilted`)."""
 
@@ -196,7 +207,8 @@ class RenderJob:
 
     @property
     def session(self) -> int:
-        """Seed of the set-up, which the seven takes of an object in a mounting share."""
+        """Seed of the set-up, which the seven takes of an object in a mounting
+        share."""
         mounting = list(Mounting).index(self.mounting)
         return int(
             np.random.SeedSequence(
@@ -212,7 +224,8 @@ def plan_dataset(
     scenarios: bool = False,
     takes: Sequence[Take] = TAKES,
 ) -> tuple[RenderJob, ...]:
-    """List the recordings: each object as the catalogue mounts it, movable ones with ``scenarios`` in all three."""
+    """List the recordings: each object as the catalogue mounts it, movable ones with
+    ``scenarios`` in all three."""
     return tuple(
         RenderJob(obj, mounting, take, options)
         for obj in objects
@@ -224,7 +237,8 @@ def plan_dataset(
 def render_dataset(
     folder: Path, jobs: Sequence[RenderJob], *, processes: int = 1
 ) -> Iterator[RenderJob]:
-    """Render the missing recordings; yields each job when it is done, existing ones first.
+    """Render the missing recordings; yields each job when it is done, existing ones
+    first.
 
     Call :func:`write_manifest` afterwards, also after an interruption.
     """
@@ -237,7 +251,8 @@ def render_dataset(
     if processes == 1 or len(missing) < 2:
         yield from (_write(folder, job) for job in missing)
         return
-    # The first job compiles the kernels; started at once, every process would compile them again.
+    # The first job compiles the kernels; started at once, every process would compile
+    # them again.
     yield _write(folder, missing.pop(0))
     with open_pool(processes) as pool:
         try:
@@ -250,7 +265,8 @@ def render_dataset(
 
 
 def write_manifest(folder: Path, jobs: Sequence[RenderJob]) -> int:
-    """Write ``metadata.csv`` for the finished jobs; return their number. The authors' layout has no manifest."""
+    """Write ``metadata.csv`` for the finished jobs; return their number. The authors'
+    layout has no manifest."""
     recordings = [
         _recording(folder, job, metadata)
         for job in jobs
@@ -262,7 +278,8 @@ def write_manifest(folder: Path, jobs: Sequence[RenderJob]) -> int:
 
 
 def render(job: RenderJob) -> tuple[FloatArray, Truth]:
-    """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground truth."""
+    """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground
+    truth."""
     scene = single(job.object, job.mounting)
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
     hall = COMPETITION if job.options.hall else None
@@ -281,19 +298,22 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     if not job.options.opus:
         return block.samples, finger.truth
-    # By the link's codec, without its look-ahead, as the paper did with its training sound.
+    # By the link's codec, without its look-ahead, as the paper did with its training
+    # sound.
     codec = Codec("opus", channels=2, packet_size=480, bandwidth=20_000)
     return encode_and_decode(block.samples, codec), finger.truth
 
 
 def _metadata(folder: Path, job: RenderJob) -> RenderMetadata | None:
-    """Metadata of the job's file, or ``None`` if the file is missing or was rendered otherwise."""
+    """Metadata of the job's file, or ``None`` if the file is missing or was rendered
+    otherwise."""
     metadata = read_render_metadata(folder / job.name)
     return metadata if metadata and metadata.fingerprint == job.fingerprint else None
 
 
 def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
-    """Intervals in which the finger touches something and moves faster than `SLIDING`."""
+    """Intervals in which the finger touches something and moves faster than
+    `SLIDING`."""
     scene = single(job.object, job.mounting)
     x, y = scene.placed[0].centre
     hand = Hand(scene.field, x=x, y=y, rate=LIVE_SAMPLE_RATE)

@@ -1,16 +1,19 @@
-"""The simulated finger: moves in, the sound of two microphones out; the same contract as a sound device.
+"""The simulated finger: moves in, the sound of two microphones out; the same contract
+as a sound device.
 
-In a simulated hand each finger has a contact of its own, and some of each contact reaches its neighbours. No published
-figure for a robot's hand was found, so the levels here are reasoned; docs/guide/hand.md has false touches over a range
-of them.
+In a simulated hand each finger has a contact of its own, and some of each contact
+reaches its neighbours. No published figure for a robot's hand was found, so the levels
+here are reasoned; docs/guide/hand.md has false touches over a range of them.
 
-*Through the structure.* A finger's force shakes the palm through its last joint, and the palm shakes the next finger's.
-Both joints are suspensions of 48 Hz, above which each transmits 12 dB less an octave, and the palm has some six times
-the mass of a link: -16 dB. At 100 Hz that is -16 - 13 = -29 dB and less above. Here: -26 dB, low-passed at 100 Hz, and
-6 dB less for each finger further on.
+*Through the structure.* A finger's force shakes the palm through its last joint, and
+the palm shakes the next finger's. Both joints are suspensions of 48 Hz, above which
+each transmits 12 dB less an octave, and the palm has some six times the mass of a link:
+-16 dB. At 100 Hz that is -16 - 13 = -29 dB and less above. Here: -26 dB, low-passed at
+100 Hz, and 6 dB less for each finger further on.
 
-*Through the air.* Pressure falls with the distance: a neighbour's contact is 20 mm down and 25 mm aside of an air
-microphone, its own 20 mm down. That is -4 dB for the next finger, -9 dB for the one after it.
+*Through the air.* Pressure falls with the distance: a neighbour's contact is 20 mm down
+and 25 mm aside of an air microphone, its own 20 mm down. That is -4 dB for the next
+finger, -9 dB for the one after it.
 """
 
 import math
@@ -44,7 +47,8 @@ MOTOR_SPEED = 0.15
 """Metres a second at which the arm's motors are at their loudest."""
 
 SPEED_HOLD = 0.02
-"""Seconds that a touch outlasts the force: a finger that bounces from grain to grain has not left the object."""
+"""Seconds that a touch outlasts the force: a finger that bounces from grain to grain
+has not left the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +69,8 @@ class Truth:
 
 
 class Contacts(NamedTuple):
-    """What the microphones convert to sound (`Microphones.convert`): forces and pressures, motors, unit noise."""
+    """What the microphones convert to sound (`Microphones.convert`): forces and
+    pressures, motors, unit noise."""
 
     signals: ContactSignals
     motor: NDArray[np.float64]
@@ -81,8 +86,8 @@ class Leads(Protocol):
 class SimulatedFinger(AlwaysOpen):
     """A finger over a scene, as a :class:`~tactophone.core.types.Source`.
 
-    It renders on demand and reads no clock: in a live system, the caller paces it. The same moves and seeds give
-    bit-equal samples at any block size.
+    It renders on demand and reads no clock: in a live system, the caller paces it. The
+    same moves and seeds give bit-equal samples at any block size.
 
     - ``scene``: objects and ground under it.
     - ``moves``: its moves, oldest first; :meth:`move` adds more at any time.
@@ -157,7 +162,8 @@ class SimulatedFinger(AlwaysOpen):
             yield self.render(min(self._block_size, left))
 
     def move(self, x: float, y: float, force: float, time: float | None = None) -> None:
-        """Queue a target: ``x, y`` (m) and ``force`` (N; negative lifts), at ``time`` (s) or now.
+        """Queue a target: ``x, y`` (m) and ``force`` (N; negative lifts), at ``time``
+        (s) or now.
 
         May be called from any thread.
         """
@@ -173,11 +179,13 @@ class SimulatedFinger(AlwaysOpen):
         )
 
     def render(self, size: int) -> AudioBlock:
-        """Return the next ``size`` samples; their ground truth is in ``truth`` afterwards."""
+        """Return the next ``size`` samples; their ground truth is in ``truth``
+        afterwards."""
         return self.record(self.touch(size))
 
     def touch(self, size: int) -> Contacts:
-        """Simulate the contact of the next ``size`` samples, which `record` turns into sound."""
+        """Simulate the contact of the next ``size`` samples, which `record` turns into
+        sound."""
         path = self._follow(size)
         normals = self._rng.standard_normal((size, OVERSAMPLING + NORMALS))
         signals = ContactSignals(*(np.empty(size) for _ in ContactSignals._fields))
@@ -208,7 +216,8 @@ class SimulatedFinger(AlwaysOpen):
         return Contacts(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
 
     def record(self, contacts: Contacts) -> AudioBlock:
-        """Return the sound of contacts, those of the finger itself and what reaches it through a hand."""
+        """Return the sound of contacts, those of the finger itself and what reaches it
+        through a hand."""
         samples, size = self._microphones.convert(*contacts), len(contacts.motor)
         block = AudioBlock(samples, LIVE_SAMPLE_RATE, self._position)
         self._position += size
@@ -252,7 +261,8 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
 def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) -> None:
     material, mechanics = obj.material, traced.mechanics
     body["stiffness"] = mechanics.hertz_stiffness
-    # Adhesion goes with the true contact area: a hard tip on stone hardly sticks, whatever is polished.
+    # Adhesion goes with the true contact area: a hard tip on stone hardly sticks,
+    # whatever is polished.
     body["kinetic"] = material.kinetic
     body["static"] = material.kinetic + min(mechanics.adhesion, 1.0) * (
         material.static - material.kinetic
@@ -266,7 +276,8 @@ def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) ->
 
 
 def _share(frequency: float) -> float:
-    """Return the coefficient of a one-pole low-pass with this corner in Hz, at the kernel's step."""
+    """Return the coefficient of a one-pole low-pass with this corner in Hz, at the
+    kernel's step."""
     return float(1 - np.exp(-2 * np.pi * frequency / (OVERSAMPLING * LIVE_SAMPLE_RATE)))
 
 
@@ -278,7 +289,8 @@ def _touched(
     since: NDArray[np.int64],
     hold: int,
 ) -> None:
-    """Write the touched object's index per sample; ``since`` holds the samples since the last force, and its object."""
+    """Write the touched object's index per sample; ``since`` holds the samples since
+    the last force, and its object."""
     for i in range(force.size):
         since[0] += 1
         if force[i] > 0.0:
@@ -303,7 +315,8 @@ BELOW = 0.02
 
 
 class SimulatedHand:
-    """Several simulated fingers in one structure and one air, two channels of sound for each.
+    """Several simulated fingers in one structure and one air, two channels of sound for
+    each.
 
     - ``fingers``: from thumb to little finger, each with its own moves.
     - ``structure_db``: level of what reaches the next finger through the hand; -inf is none.

@@ -1,8 +1,11 @@
-"""Scripts of moves: the paper's seven takes, and strokes, slips and taps to compose others.
+"""Scripts of moves: the paper's seven takes, and strokes, slips and taps to compose
+others.
 
-Strokes follow the minimum-jerk profile of a reaching hand (Flash & Hogan, J. Neurosci. 5, 1688, 1985), with tremor and
-drift of press about their mean. Pressures and speeds are those of free exploration of textures: 0.2 to 5 N, 2 to
-20 cm/s (Tanaka et al., "Contact force and scanning velocity during active roughness perception", PLoS One 9, 2014).
+Strokes follow the minimum-jerk profile of a reaching hand (Flash & Hogan, J. Neurosci.
+5, 1688, 1985), with tremor and drift of press about their mean. Pressures and speeds
+are those of free exploration of textures: 0.2 to 5 N, 2 to 20 cm/s (Tanaka et al.,
+"Contact force and scanning velocity during active roughness perception", PLoS One 9,
+2014).
 """
 
 from collections.abc import Callable
@@ -36,7 +39,8 @@ SLIPS = 0.06
 class Script:
     """A list of moves under construction, one motion after another.
 
-    ``x`` and ``y`` are the finger's place at the start in m; ``rng`` draws tremor, drift and pauses.
+    ``x`` and ``y`` are the finger's place at the start in m; ``rng`` draws tremor,
+    drift and pauses.
     """
 
     def __init__(
@@ -126,7 +130,8 @@ class Script:
 def take_moves(
     take: Take, placed: PlacedObject, *, duration: float, rng: np.random.Generator
 ) -> list[Move]:
-    """Script one of the paper's takes on an object; `SLIPS` of the strokes run over an edge."""
+    """Script one of the paper's takes on an object; `SLIPS` of the strokes run over an
+    edge."""
     middle, depth = placed.centre
     script = Script(rng, x=middle, y=depth)
     while script.time < duration:
@@ -172,7 +177,8 @@ def _wiggle(script: Script, _: PlacedObject, force: float, speed: float) -> None
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    """Draw between bounds, uniformly in the logarithm, as people perceive force and speed."""
+    """Draw between bounds, uniformly in the logarithm, as people perceive force and
+    speed."""
     return float(np.exp(rng.uniform(*np.log(bounds))))
 
 
@@ -192,7 +198,8 @@ def _ease(phase: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """How an object is explored: duration (s), force (N), peak speed (m/s), and whether the finger slips off it."""
+    """How an object is explored: duration (s), force (N), peak speed (m/s), and whether
+    the finger slips off it."""
 
     duration: float
     force: float
@@ -201,7 +208,8 @@ class Visit:
 
 
 def explore(script: Script, placed: PlacedObject, visit: Visit) -> None:
-    """Hover to an object, stroke it, and leave it: by lifting off, or by slipping off its right edge."""
+    """Hover to an object, stroke it, and leave it: by lifting off, or by slipping off
+    its right edge."""
     middle = placed.centre[0]
     script.hover(script.rng.uniform(0.8, 1.8), x=middle, y=_lane(script.rng, placed))
     begin = script.time

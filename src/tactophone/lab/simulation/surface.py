@@ -1,19 +1,23 @@
 """Surfaces as statistics of their height, and the track of a fingertip over them.
 
-A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst exponent), grains, pits, periodic
-ridges, waviness, and a fine texture down to some micrometres. From these a periodic profile of 0.655 m is drawn, the
-same at every call for the same surface. All lengths in metres.
+A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst
+exponent), grains, pits, periodic ridges, waviness, and a fine texture down to some
+micrometres. From these a periodic profile of 0.655 m is drawn, the same at every call
+for the same surface. All lengths in metres.
 
-A fingertip of given radius and softness has a track over a surface: height, and friction along the way. A round tip
-never reaches the floor of a groove narrower than itself: its centre follows the envelope of the profile, the grey
-dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth arcs
-joined by downward cusps, where the tip leaves one asperity and meets the next: its normal speed jumps by ``v l / R``
-(``v`` slip, ``l`` distance of the two summits, ``R`` the tip's radius). So the rate and strength of the impacts
-follow from the heights; nothing is drawn for an impact.
+A fingertip of given radius and softness has a track over a surface: height, and
+friction along the way. A round tip never reaches the floor of a groove narrower than
+itself: its centre follows the envelope of the profile, the grey dilation by a parabola
+(Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth
+arcs joined by downward cusps, where the tip leaves one asperity and meets the next: its
+normal speed jumps by ``v l / R`` (``v`` slip, ``l`` distance of the two summits, ``R``
+the tip's radius). So the rate and strength of the impacts follow from the heights;
+nothing is drawn for an impact.
 
-The contact patch then averages over its own width, which grows with load: Remington's filter, ``|H|^2 = 1 / (1 +
-(pi/4) (k a)^3)`` with the patch radius ``a`` (Remington, "Wheel/rail rolling noise", J. Acoust. Soc. Am. 81, 1805,
-1987), of :mod:`~tactophone.lab.simulation.mechanics`.
+The contact patch then averages over its own width, which grows with load: Remington's
+filter, ``|H|^2 = 1 / (1 + (pi/4) (k a)^3)`` with the patch radius ``a`` (Remington,
+"Wheel/rail rolling noise", J. Acoust. Soc. Am. 81, 1805, 1987), of
+:mod:`~tactophone.lab.simulation.mechanics`.
 """
 
 import functools
@@ -33,25 +37,30 @@ from tactophone.lab.simulation.mechanics import (
 Profile = NDArray[np.float64]
 
 HEIGHT_SPACING = 1.25e-6
-"""Metres between two samples of a profile: a third of the finest wavelength, a step of the contact at 0.12 m/s."""
+"""Metres between two samples of a profile: a third of the finest wavelength, a step of
+the contact at 0.12 m/s."""
 
 SIZE = 1 << 19
 """Samples of a profile: 0.655 m, longer than any stroke, and quick to transform."""
 
 FINEST = 20e-6
-"""Shortest wavelength in m of the coarse part of a surface; the fine texture goes on from there."""
+"""Shortest wavelength in m of the coarse part of a surface; the fine texture goes on
+from there."""
 
 FINEST_TEXTURE = 4e-6
-"""Shortest wavelength in m of the fine texture: a third of the smallest patch, of steel on steel."""
+"""Shortest wavelength in m of the fine texture: a third of the smallest patch, of steel
+on steel."""
 
 _TEXTURE_ROLLOFF = 50.0, 10e-6, 300e-6
-"""The fine texture's roll-off by its rms height, and bounds in m: an rms slope of about 0.1 and an RSm of about 50 Rq,
-as ground, honed and cast surfaces have them (Persson et al. 2005, section 2; Thomas, *Rough Surfaces*, 1999)."""
+"""The fine texture's roll-off by its rms height, and bounds in m: an rms slope of about
+0.1 and an RSm of about 50 Rq, as ground, honed and cast surfaces have them (Persson et
+al. 2005, section 2; Thomas, *Rough Surfaces*, 1999)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grains:
-    """Rounded grains, one about every ``spacing``; heights are log-normal about ``height``, of ``spread``."""
+    """Rounded grains, one about every ``spacing``; heights are log-normal about
+    ``height``, of ``spread``."""
 
     spacing: float
     height: float
@@ -61,7 +70,8 @@ class Grains:
 
 @dataclass(frozen=True, slots=True)
 class Pits:
-    """Rounded pits strewn at random, one every ``spacing`` on average, up to ``width`` in half-width."""
+    """Rounded pits strewn at random, one every ``spacing`` on average, up to ``width``
+    in half-width."""
 
     spacing: float
     depth: float
@@ -70,7 +80,8 @@ class Pits:
 
 @dataclass(frozen=True, slots=True)
 class Ridges:
-    """Periodic ridges, one every ``period``, as of a weave, a mesh or a brushed sheet; ``height`` is the amplitude."""
+    """Periodic ridges, one every ``period``, as of a weave, a mesh or a brushed sheet;
+    ``height`` is the amplitude."""
 
     period: float
     height: float
@@ -85,7 +96,8 @@ class Surface:
     - ``rolloff``: wavelength in m beyond which the self-affine spectrum is flat; the correlation length is about a
       sixth of it.
     - ``hurst``: Hurst exponent, from 0 (jagged) to 1 (smooth); 0.8 is usual for fractured and worn surfaces (Persson et
-      al., "On the nature of surface roughness", J. Phys.: Condens. Matter 17, R1, 2005).
+      al., "On the nature of surface roughness", J. Phys.: Condens. Matter 17, R1,
+      2005).
     - ``waviness``: rms height in m of form and waviness, of wavelengths between 3 and 20 mm.
     - ``fine_height``: rms height in m of the fine texture, a self-affine part down to `FINEST_TEXTURE`.
     - ``grains``, ``pits``, ``ridges``: features added to the profile.
@@ -104,7 +116,8 @@ class Surface:
 
 
 def height_profile(surface: Surface) -> Profile:
-    """Draw the surface's height along a line, in m, of mean 0; periodic, and the same at every call."""
+    """Draw the surface's height along a line, in m, of mean 0; periodic, and the same
+    at every call."""
     rng = np.random.default_rng(np.random.SeedSequence([0x5EED, surface.seed]))
     height = np.zeros(SIZE)
     if surface.grains:
@@ -141,11 +154,14 @@ def self_affine(
     rng: np.random.Generator,
     finest: float = FINEST,
 ) -> Profile:
-    """Draw a self-affine profile of this rms, whose spectrum falls as ``(1 + (q/q_r)^2)^-(H + 1/2)``.
+    """Draw a self-affine profile of this rms, whose spectrum falls as ``(1 +
+    (q/q_r)^2)^-(H + 1/2)``.
 
-    That is the one-dimensional spectrum of a self-affine surface with roll-off ``q_r`` (Persson et al., section 3).
+    That is the one-dimensional spectrum of a self-affine surface with roll-off ``q_r``
+    (Persson et al., section 3).
     """
-    # Only the waves that are drawn: half a million numbers for each part would take most of the time.
+    # Only the waves that are drawn: half a million numbers for each part would take
+    # most of the time.
     frequency = np.arange(int(SIZE * HEIGHT_SPACING / finest) + 1) / (
         SIZE * HEIGHT_SPACING
     )
@@ -215,12 +231,14 @@ class Material:
 
     - ``modulus``: plane-strain modulus ``E / (1 - nu^2)`` in Pa, from handbooks; hardness follows from it by class.
     - ``kinetic``, ``static``: friction coefficients of the default tip's skin on it, at speed and at rest. The
-      difference is what lets a tip stick and slip; it is *largest* on polished surfaces, where the true contact area is
-      large (Persson, J. Chem. Phys. 115, 3840, 2001). It, the patches and the hiss scale with the area of another tip.
+      difference is what lets a tip stick and slip; it is *largest* on polished
+      surfaces, where the true contact area is large (Persson, J. Chem. Phys. 115, 3840,
+      2001). It, the patches and the hiss scale with the area of another tip.
     - ``stribeck_speed``: in m/s; how fast friction falls from the one to the other.
     - ``patchiness``: relative rms of the friction coefficient along the surface.
     - ``hiss``: relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of
-      speed. It reaches the piezo and hardly the air microphone: sliding sideways moves no air.
+      speed. It reaches the piezo and hardly the air microphone: sliding sideways moves
+      no air.
     - ``snag_spacing``, ``snag_strength``: mean distance in m between places that hold the tip and suddenly release it,
       and the loss of friction there.
     """
@@ -237,8 +255,8 @@ class Material:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """The tip's path over a surface: heights in m under light and heavy load, the slope that friction meets, and the
-    contact's mechanics."""
+    """The tip's path over a surface: heights in m under light and heavy load, the slope
+    that friction meets, and the contact's mechanics."""
 
     light: NDArray[np.float32]
     heavy: NDArray[np.float32]
@@ -273,12 +291,14 @@ def track(
 def mechanics_of(
     height: Profile, material: Material, tip_radius: float, tip_modulus: float
 ) -> ContactMechanics:
-    """Compute the contact of a tip with a profile: waves longer than ten patches are form, which it follows."""
+    """Compute the contact of a tip with a profile: waves longer than ten patches are
+    form, which it follows."""
     patch = hertz_patch(tip_radius, reduced_modulus(tip_modulus, material.modulus))
     spectrum = np.fft.rfft(height) * (
         np.fft.rfftfreq(height.size, HEIGHT_SPACING) > 1 / (10 * patch)
     )
-    # Parseval: a one-sided spectrum holds half of the power, the constant and Nyquist terms aside.
+    # Parseval: a one-sided spectrum holds half of the power, the constant and Nyquist
+    # terms aside.
     rq = float(np.sqrt(2 * np.sum(np.abs(spectrum) ** 2)) / height.size)
     return tip_on_body(tip_radius, tip_modulus, material.modulus, rq=rq)
 
@@ -294,7 +314,8 @@ def patch_filter(height: Profile, radius: float) -> Profile:
 
 
 def _averaged(spectrum: NDArray[np.complex128], radius: float) -> Profile:
-    """Average the profile of this spectrum, of an even number of samples, over a contact patch."""
+    """Average the profile of this spectrum, of an even number of samples, over a
+    contact patch."""
     size = 2 * (spectrum.size - 1)
     wavenumber = 2 * np.pi * np.fft.rfftfreq(size, HEIGHT_SPACING)
     passed = (wavenumber < 2 * np.pi / FINEST_TEXTURE) / np.sqrt(
@@ -309,7 +330,8 @@ def _friction(
     mechanics: ContactMechanics,
     rng: np.random.Generator,
 ) -> Profile:
-    """Tangential over normal force beyond plain friction: slope, patches of friction, and snags.
+    """Tangential over normal force beyond plain friction: slope, patches of friction,
+    and snags.
 
     ``spectrum`` is that of the traced profile.
     """
@@ -340,10 +362,12 @@ def _snags(material: Material, rng: np.random.Generator) -> Profile:
 
 @compiled
 def _dilate(height: Profile, spacing: float, radius: float) -> Profile:
-    """Upper envelope of downward parabolas, one hanging from every height, in linear time.
+    """Upper envelope of downward parabolas, one hanging from every height, in linear
+    time.
 
-    After Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions", Theory of Computing 8, 415 (2012),
-    for a periodic function: the profile is continued at both ends by as far as a parabola can reach.
+    After Felzenszwalb and Huttenlocher, "Distance transforms of sampled functions",
+    Theory of Computing 8, 415 (2012), for a periodic function: the profile is continued
+    at both ends by as far as a parabola can reach.
     """
     size = height.size
     reach = min(
@@ -360,7 +384,8 @@ def _dilate(height: Profile, spacing: float, radius: float) -> Profile:
         start = -np.inf
         while count > 0:
             last = apex[count - 1]
-            # Right of this place the new parabola is the higher one; left of it, the last.
+            # Right of this place the new parabola is the higher one; left of it, the
+            # last.
             start = 0.5 * (i + last) - (top - height[(last - reach) % size]) / (
                 2 * bend * (i - last)
             )

@@ -1,6 +1,7 @@
 """The paper's seven takes by name, and the order of the competition's stones.
 
-Separate from strokes and scenes, so that neither numba nor scipy is needed: `tactophone record` asks a person for them.
+Separate from strokes and scenes, so that neither numba nor scipy is needed: `tactophone
+record` asks a person for them.
 """
 
 from typing import NamedTuple
@@ -11,7 +12,8 @@ from tactophone.core.types import Touch
 
 
 class Take(NamedTuple):
-    """One of the paper's recordings of an object: ``stroke`` is long, short or wiggle."""
+    """One of the paper's recordings of an object: ``stroke`` is long, short or
+    wiggle."""
 
     stroke: str
     pressure: str

@@ -1,1 +1,2 @@
-"""Training of detectors: recipes, features, the paper's network, fine-tuning, model files."""
+"""Training of detectors: recipes, features, the paper's network, fine-tuning, model
+files."""

@@ -1,8 +1,10 @@
-"""Copies of a take as other microphones, cables, hands and rooms would have recorded it.
+"""Copies of a take as other microphones, cables, hands and rooms would have recorded
+it.
 
-A training set holds a few microphones and rooms, and a shipped model meets all of them. What they do to rough sound,
-take its treble or fill the quiet between its clicks, makes it smooth to a model that learnt from clean sound alone
-(docs/research/detector.md). So the waveform is varied, before features: each copy has a speed, a gain and an equaliser
+A training set holds a few microphones and rooms, and a shipped model meets all of them.
+What they do to rough sound, take its treble or fill the quiet between its clicks, makes
+it smooth to a model that learnt from clean sound alone (docs/research/detector.md). So
+the waveform is varied, before features: each copy has a speed, a gain and an equaliser
 of its own, and half of them a low-pass, half noise, half a room.
 """
 
@@ -36,9 +38,11 @@ class Augmentation:
     equaliser_db: float = 3.5
     """The same of the equaliser, at each of its knots."""
     knots: int = 5
-    """Of the equaliser, evenly spaced over the logarithm of frequencies from 100 Hz; linear in dB between them."""
+    """Of the equaliser, evenly spaced over the logarithm of frequencies from 100 Hz;
+    linear in dB between them."""
     share: float = 0.5
-    """Of the copies that get a low-pass, of those that get noise, and of those that get a room."""
+    """Of the copies that get a low-pass, of those that get noise, and of those that get
+    a room."""
 
     def draw_speed(self, rng: np.random.Generator) -> float:
         return float(np.exp(rng.uniform(*np.log(self.speed))))
@@ -46,7 +50,8 @@ class Augmentation:
     def vary(
         self, sound: FloatArray, rate: int, rng: np.random.Generator
     ) -> FloatArray:
-        """Return sound ``(samples, channels)`` as another channel would have delivered it."""
+        """Return sound ``(samples, channels)`` as another channel would have delivered
+        it."""
         size = 1 << max(9, (len(sound) + round(_SLOWEST_ROOM * rate)).bit_length())
         frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), np.float64)
         low_pass, noise, room = rng.random(3) < self.share
@@ -88,14 +93,16 @@ class Augmentation:
 
 
 def _butterworth(frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the response of a low-pass at multiples of its cutoff: as a filter's, so that nothing rings before."""
+    """Return the response of a low-pass at multiples of its cutoff: as a filter's, so
+    that nothing rings before."""
     order = _LOW_PASS_ORDER
     poles = np.exp(1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order))
     return np.asarray(1 / np.prod(1j * frequency[:, None] - poles, axis=1))
 
 
 def _room(rate: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return an impulse response: the sound itself, and noise that decays, 0 to 12 dB under it."""
+    """Return an impulse response: the sound itself, and noise that decays, 0 to 12 dB
+    under it."""
     decay = np.exp(rng.uniform(*np.log((_FASTEST_ROOM, _SLOWEST_ROOM))))
     time = np.arange(round(decay * rate)) / rate
     tail = rng.standard_normal(len(time)) * np.exp(-np.log(1000) * time / decay)

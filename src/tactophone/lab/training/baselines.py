@@ -1,7 +1,8 @@
-"""The classifiers of the recipes on features by name, and the baselines: hand-made rules and standard classifiers.
+"""The classifiers of the recipes on features by name, and the baselines: hand-made
+rules and standard classifiers.
 
-The only place where level and median frequency are turned into detectors; their values come from
-:mod:`tactophone.lab.training.features`.
+The only place where level and median frequency are turned into detectors; their values
+come from :mod:`tactophone.lab.training.features`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +53,8 @@ RULE_FEATURES = (
 """Cues that vote; the median frequency is a recipe of its own."""
 
 VOTE_STEEPNESS = 8.0
-"""A cue's vote is a step, softened over an eighth of the distance between its class medians."""
+"""A cue's vote is a step, softened over an eighth of the distance between its class
+medians."""
 
 
 def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
@@ -82,7 +84,8 @@ def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
 
 
 def build_logistic(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit scikit-learn's logistic regression with its defaults, both classes weighted the same."""
+    """Fit scikit-learn's logistic regression with its defaults, both classes weighted
+    the same."""
     from sklearn.linear_model import LogisticRegression
 
     examples = training_set.examples.thinned()
@@ -95,7 +98,8 @@ def build_logistic(training_set: TrainingSet) -> onnx.ModelProto:
 
 
 def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
-    """Regress log Ra on the features; rough is what exceeds the middle between smooth and rough surfaces."""
+    """Regress log Ra on the features; rough is what exceeds the middle between smooth
+    and rough surfaces."""
     weights, centre, bias, spread = fit_height(training_set)
     rough, height = training_set.examples.rough, training_set.height
     boundary = float(
@@ -106,16 +110,19 @@ def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
             ]
         )
     )
-    # A normal error of this spread, taken as a logistic one (logistic scale = spread * sqrt(3) / pi).
+    # A normal error of this spread, taken as a logistic one (logistic scale = spread *
+    # sqrt(3) / pi).
     slope = np.pi / np.sqrt(3) / spread
     return build_linear(centre, slope * weights, float(slope * (bias - boundary)))
 
 
 def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]:
-    """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface weighted the same.
+    """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface
+    weighted the same.
 
-    Returns weights, centre, bias and spread: ``bias + (features - centre) @ weights`` is the estimate, and the spread
-    its root mean square error in training. Raises `DatasetError` if no recording has the property ``ra_um``.
+    Returns weights, centre, bias and spread: ``bias + (features - centre) @ weights``
+    is the estimate, and the spread its root mean square error in training. Raises
+    `DatasetError` if no recording has the property ``ra_um``.
     """
     from sklearn.linear_model import Ridge
 
@@ -160,18 +167,22 @@ BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyT
         "logistic": build_logistic,
     }
 )
-"""What fits the classifier of each recipe on features and returns the graph of a model file, by the recipe's name."""
+"""What fits the classifier of each recipe on features and returns the graph of a model
+file, by the recipe's name."""
 
 
 @dataclass(frozen=True, slots=True)
 class FeatureRecipe:
-    """A recipe on features with its options; see :class:`~tactophone.lab.training.recipes.ConfiguredRecipe`."""
+    """A recipe on features with its options; see
+    :class:`~tactophone.lab.training.recipes.ConfiguredRecipe`."""
 
     recipe: Recipe
     spec: FeatureSpec
-    """Which features, of which channels; the memory is that of the recipe for the tip."""
+    """Which features, of which channels; the memory is that of the recipe for the
+    tip."""
     codecs: tuple[Codec, ...] = ()
-    """A model file is trained on each recording as it is and once more through each of these codecs."""
+    """A model file is trained on each recording as it is and once more through each of
+    these codecs."""
     seed: int = 0
     """Of the augmentation."""
     tip: str = ""
@@ -187,7 +198,8 @@ class FeatureRecipe:
 
     @property
     def evaluated_spec(self) -> FeatureSpec:
-        """Features for a cross-validation: through the widest of the codecs, if there are any."""
+        """Features for a cross-validation: through the widest of the codecs, if there
+        are any."""
         return replace(self.spec, codec=self.codecs[-1]) if self.codecs else self.spec
 
     @property
@@ -198,7 +210,8 @@ class FeatureRecipe:
     def training_set(
         self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None
     ) -> TrainingSet:
-        """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
+        """Return what the recipe is trained with: for a cross-validation by default,
+        for a model file with codecs."""
         spec = self.evaluated_spec if codecs is None else self.spec
         tip = self.tip or tip_of(recordings)
         response = self.recipe.response_for(tip)
@@ -222,7 +235,8 @@ class FeatureRecipe:
     def train(
         self, path: Path, dataset: Dataset, *, report: Report = ignore, **_: object
     ) -> None:
-        """Train on a data set and write the model file, named after the file; it has no checkpoints and no log."""
+        """Train on a data set and write the model file, named after the file; it has no
+        checkpoints and no log."""
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
         through = [
@@ -261,14 +275,16 @@ class FeatureRecipe:
 
 
 def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:
-    """Return a recipe on features with its options: channels, microphone, tip, Opus bitrate and seed."""
+    """Return a recipe on features with its options: channels, microphone, tip, Opus
+    bitrate and seed."""
     kind = cast(FeatureKind, recipe.features)
     spec = FeatureSpec(kind, options.channels)
     if recipe.microphone or options.channels == 1:
         spec = replace(
             spec, channels=1, microphone=recipe.microphone or options.microphone
         )
-    # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
+    # As the link sends it to the paper's network (4 kHz of bandwidth), and to these
+    # features (8 kHz).
     codecs = (
         options.codec(spec.channels, bandwidth=bandwidth)
         for bandwidth in (0.0, FEATURE_RATE / 2)

@@ -1,15 +1,19 @@
-"""Writes model files: ONNX graphs of the classifiers and the paper's network, with their cards.
+"""Writes model files: ONNX graphs of the classifiers and the paper's network, with
+their cards.
 
-A model's graph is two joined: one from sound to features (`lab.training.features`; the paper's is here), and a
-classifier's, which takes features and returns log-probabilities of none, smooth and rough. A channel whose features are
-NaN is missing; the regression of the remaining channels is used. *None* stands for sound unlike the training data.
+A model's graph is two joined: one from sound to features (`lab.training.features`; the
+paper's is here), and a classifier's, which takes features and returns log-probabilities
+of none, smooth and rough. A channel whose features are NaN is missing; the regression
+of the remaining channels is used. *None* stands for sound unlike the training data.
 
-The paper's network is written node by node: an exporter's graph is longer and harder to quantise. Its weights may be
-stored in 8 bits, a scale for each output: ``W = int8 * scale``. ONNX Runtime's operator ``MatMulNBits`` multiplies them
-as they are, which reads a quarter of the memory that float32 takes. An update comes every 10.67 ms, by when the weights
-have left the processor's caches, so that reading them is most of its time. The operator rounds a layer's input to 8
-bits too, block by block, each by the block's own maximum. Blocks of the spectrum are short, 32 bins of 3.9 Hz, so that
-mains hum (under 125 Hz) does not round all other bins to zero.
+The paper's network is written node by node: an exporter's graph is longer and harder to
+quantise. Its weights may be stored in 8 bits, a scale for each output: ``W = int8 *
+scale``. ONNX Runtime's operator ``MatMulNBits`` multiplies them as they are, which
+reads a quarter of the memory that float32 takes. An update comes every 10.67 ms, by
+when the weights have left the processor's caches, so that reading them is most of its
+time. The operator rounds a layer's input to 8 bits too, block by block, each by the
+block's own maximum. Blocks of the spectrum are short, 32 bins of 3.9 Hz, so that mains
+hum (under 125 Hz) does not round all other bins to zero.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -47,7 +51,8 @@ from tactophone.signal.perception.model_file import (
 Floats: TypeAlias = NDArray[np.float64]
 
 Weights: TypeAlias = Mapping[str, FloatArray]
-"""Each parameter of the paper's network by its torch name, such as ``layer_resnet.3.weight``, ``(outputs, inputs)``."""
+"""Each parameter of the paper's network by its torch name, such as
+``layer_resnet.3.weight``, ``(outputs, inputs)``."""
 
 Storage = Literal["int8", "float32"]
 
@@ -64,7 +69,8 @@ RESIDUALS = 10
 """Layers of the paper's network with a residual connection."""
 
 STEEPNESS = 10.0
-"""How fast sound becomes unknown around the limit: half known at it, 1 % at 1.5 times the limit."""
+"""How fast sound becomes unknown around the limit: half known at it, 1 % at 1.5 times
+the limit."""
 
 KNOWN = -20.0
 """Logit of *unknown* for classifiers that never abstain."""
@@ -73,7 +79,8 @@ _BYTES, _SCALE, _SCALES = ":uint8", ":scale", ":scales"
 _MICROSOFT = "com.microsoft"
 _ZERO_POINT = 128
 _INT8_ACTIVATIONS = 4
-"""``accuracy_level`` of 8-bit inputs; at level 1, float32 inputs, a run takes ten times as long."""
+"""``accuracy_level`` of 8-bit inputs; at level 1, float32 inputs, a run takes ten times
+as long."""
 
 _SPECTRUM_BLOCK, _BLOCK = 32, 128
 _LAST = "linear"
@@ -81,7 +88,8 @@ _LAST = "linear"
 
 
 def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
-    """Write a graph with its card, and the folder if needed; after a kill the file is the old or the new one."""
+    """Write a graph with its card, and the folder if needed; after a kill the file is
+    the old or the new one."""
     onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
     with atomic_write(path) as unfinished:
         onnx.save(model, str(unfinished))
@@ -98,7 +106,8 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
     graph.initializer.extend(before.initializer)
     graph.input.extend(before.input)
     graph.output.append(features)
-    # The first axis is the number of fingers, by the name that the front gives it, or 1.
+    # The first axis is the number of fingers, by the name that the front gives it, or
+    # 1.
     fingers = before.input[0].type.tensor_type.shape.dim[0]
     for state in (each for each in before.input if each.name == STATE):
         graph.output.append(state)
@@ -114,7 +123,8 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
 
 
 def magnitudes(channels: int) -> onnx.ModelProto:
-    """Return the graph of the paper's features: the magnitude of each channel's real FFT, one after another."""
+    """Return the graph of the paper's features: the magnitude of each channel's real
+    FFT, one after another."""
     tensors = {
         "rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]),
         "length": np.array(NETWORK_WINDOW_SIZE),
@@ -138,7 +148,8 @@ def magnitudes(channels: int) -> onnx.ModelProto:
 
 
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
-    """Write scores into a model file's card under a name; scores of the same name are replaced."""
+    """Write scores into a model file's card under a name; scores of the same name are
+    replaced."""
     card = read_model(path).card
     write_graph(
         path,
@@ -150,7 +161,8 @@ def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
 def set_decision(
     path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, out: Path
 ) -> None:
-    """Write a model file again with another decision rule; its scores go into the card as ``operating point``."""
+    """Write a model file again with another decision rule; its scores go into the card
+    as ``operating point``."""
     card = read_model(path).card
     scores = {**card.scores, "operating point": dict(scores)}
     write_graph(out, onnx.load(str(path)), replace(card, decision=rule, scores=scores))
@@ -175,7 +187,8 @@ def make_card(
 def write_model(
     path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8"
 ) -> None:
-    """Write a network and its card; after a kill the file is the old one or the new one, never half."""
+    """Write a network and its card; after a kill the file is the old one or the new
+    one, never half."""
     write_graph(
         path,
         join(magnitudes(channels_of(weights)), build_graph(weights, storage=storage)),
@@ -184,7 +197,8 @@ def write_model(
 
 
 def read_weights(path: Path) -> dict[str, FloatArray]:
-    """Read the parameters of the paper's network from a model file, to continue training.
+    """Read the parameters of the paper's network from a model file, to continue
+    training.
 
     Raises `ModelError` if the file holds no such network.
     """
@@ -204,7 +218,8 @@ def caveats_of(dataset: Dataset) -> dict[str, str]:
 
 
 def licence_of(dataset: Dataset) -> str:
-    """Return the licences of the training sound; whoever distributes the weights needs to know them."""
+    """Return the licences of the training sound; whoever distributes the weights needs
+    to know them."""
     if all(map(is_simulation, dataset.recordings)):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
     licences = sorted(
@@ -235,12 +250,14 @@ class LinearClassifier:
     """`centre` and `scale`: of the features, which are standardised first."""
     weights: Floats
     biases: Floats
-    """`weights` and `biases`: a logistic regression for each set of working channels, shape ``(sets, features)``: all,
-    then each alone."""
+    """`weights` and `biases`: a logistic regression for each set of working channels,
+    shape ``(sets, features)``: all, then each alone."""
     whitening: Floats
-    """Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance."""
+    """Shape ``(features, features)``: maps a channel's standardised features to
+    uncorrelated ones of unit variance."""
     limit: float
-    """Mean square of the working channels' whitened features over which sound is unknown."""
+    """Mean square of the working channels' whitened features over which sound is
+    unknown."""
 
 
 def build_classifier_graph(
@@ -248,7 +265,8 @@ def build_classifier_graph(
 ) -> onnx.ModelProto:
     """Build the graph of the recipe ``texture``'s classifier."""
     count, sets = len(classifier.centre), len(classifier.biases)
-    # Logits and whitened features are one matrix product; standardising is folded into its weights.
+    # Logits and whitened features are one matrix product; standardising is folded into
+    # its weights.
     whitening = classifier.whitening * np.sqrt(STEEPNESS / classifier.limit / count)
     weights = np.hstack((classifier.weights.T, whitening)) / classifier.scale[:, None]
     tensors = {
@@ -285,7 +303,8 @@ def build_classifier_graph(
 
 
 def build_linear(centre: Floats, weights: Floats, bias: float) -> onnx.ModelProto:
-    """Build the graph of a linear classifier, ``bias + (features - centre) @ weights``, that never abstains."""
+    """Build the graph of a linear classifier, ``bias + (features - centre) @ weights``,
+    that never abstains."""
     nodes = [
         *fill_missing("centre"),
         helper.make_node("Sub", ["whole", "centre"], ["off"]),
@@ -302,7 +321,8 @@ def build_known(
     *,
     features: int,
 ) -> onnx.ModelProto:
-    """Build the graph of a classifier that never abstains, from nodes that end in ``logit``, rough against smooth."""
+    """Build the graph of a classifier that never abstains, from nodes that end in
+    ``logit``, rough against smooth."""
     constants = {"zero": np.zeros(1), "known": np.array([KNOWN]), "one": np.array([1])}
     unknown = [
         # Of the logit's shape, and constant.
@@ -314,7 +334,8 @@ def build_known(
 
 
 def fill_missing(centre: str) -> list[NodeProto]:
-    """Replace missing features by their average; the result is ``whole``, and ``missing`` the mask."""
+    """Replace missing features by their average; the result is ``whole``, and
+    ``missing`` the mask."""
     return [
         helper.make_node("IsNaN", [FEATURES], ["missing"]),
         helper.make_node("Where", ["missing", centre, FEATURES], ["whole"]),
@@ -322,9 +343,11 @@ def fill_missing(centre: str) -> list[NodeProto]:
 
 
 def output_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
-    """Turn two logits, rough against smooth (l) and unknown against known (u), into log-probabilities.
+    """Turn two logits, rough against smooth (l) and unknown against known (u), into
+    log-probabilities.
 
-    None, smooth and rough are as (1 + e^l) e^u to 1 to e^l: the log-softmax of u + softplus(l), 0 and l.
+    None, smooth and rough are as (1 + e^l) e^u to 1 to e^l: the log-softmax of u +
+    softplus(l), 0 and l.
     """
     return [
         helper.make_node("Softplus", [logit], ["softly"]),
@@ -338,8 +361,9 @@ def output_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
 def _selection(channels: int) -> dict[str, NDArray[np.float64]]:
     """Constants that select the regression of the working channels.
 
-    ``gone @ votes + votes:whole``, negative values cut off, is 1 for that regression and 0 for the others; ``shares``
-    scales its distance up by the share of working channels. With no channel left all are 0.
+    ``gone @ votes + votes:whole``, negative values cut off, is 1 for that regression
+    and 0 for the others; ``shares`` scales its distance up by the share of working
+    channels. With no channel left all are 0.
     """
     if channels == 1:
         return {
@@ -347,7 +371,8 @@ def _selection(channels: int) -> dict[str, NDArray[np.float64]]:
             "votes:whole": np.ones(1),
             "shares": np.ones((1, 1)),
         }
-    # A missing channel votes against the regression of both and its own, and for that of the other channel.
+    # A missing channel votes against the regression of both and its own, and for that
+    # of the other channel.
     votes = np.hstack((np.full((2, 1), -1.0), 1 - 2 * np.eye(2)))
     return {
         "votes": votes,
@@ -362,7 +387,8 @@ def build(
     *,
     features: int,
 ) -> onnx.ModelProto:
-    """Build a checked model of nodes and the constants they use; integers keep their type, the rest is float32."""
+    """Build a checked model of nodes and the constants they use; integers keep their
+    type, the rest is float32."""
     used = {name for node in nodes for name in node.input}
     stored = [
         numpy_helper.from_array(
@@ -405,7 +431,8 @@ def _checked(
 
 
 def build_graph(weights: Weights, *, storage: Storage = "int8") -> onnx.ModelProto:
-    """Build the paper's network, from ``(1, 257 * channels)`` magnitudes to ``(1, 3)`` log-probabilities."""
+    """Build the paper's network, from ``(1, 257 * channels)`` magnitudes to ``(1, 3)``
+    log-probabilities."""
     tensors = (
         tensor
         for name, array in weights.items()
@@ -450,7 +477,8 @@ def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:
 def _tensors(
     name: str, array: FloatArray, storage: Storage
 ) -> Iterator[onnx.TensorProto]:
-    """Store one parameter; 8-bit weights have shape ``(outputs, blocks, block size)``, padded with zeros."""
+    """Store one parameter; 8-bit weights have shape ``(outputs, blocks, block size)``,
+    padded with zeros."""
     size = _block_size(name, storage)
     if not size:
         yield numpy_helper.from_array(array, name)
@@ -469,7 +497,8 @@ def _tensors(
 
 
 def _block_size(name: str, storage: Storage) -> int:
-    """Return the length of a block of 8-bit weights; 0 for parameters that stay in float32."""
+    """Return the length of a block of 8-bit weights; 0 for parameters that stay in
+    float32."""
     if storage == "float32" or not name.endswith(".weight") or name.startswith(_LAST):
         return 0
     return _SPECTRUM_BLOCK if name.startswith("layer1.") else _BLOCK
@@ -497,7 +526,8 @@ def _linear(
         yield helper.make_node("Gemm", [value, weight, bias], [out], transB=1)
         return
     outputs, inputs = weights[weight].shape
-    # The operator takes a scale for each block; a row has one for all, expanded once while loading.
+    # The operator takes a scale for each block; a row has one for all, expanded once
+    # while loading.
     yield helper.make_node(
         "Expand", [weight + _SCALE, f"{weight}:shape"], [weight + _SCALES]
     )

@@ -1,22 +1,28 @@
-"""The features of each kind of model, as torch modules that become part of the model's own graph.
+"""The features of each kind of model, as torch modules that become part of the model's
+own graph.
 
-``texture``: sixteen bands, spaced evenly in mel from 40 Hz to 7.6 kHz, as powers on a log scale, since rough and smooth
-surfaces differ more up there than under the paper's 1 kHz (docs/research/detector.md); and four values of the newest
-half of the window's waveform: its level, its crest (peak over RMS), its clicks (fourth moment of the slope over the
-squared second: 3 for Gaussian noise, more for separate impacts) and its steepness (power of the slope over power).
-Under a hard tip there is one value more, the unevenness of the treble: standard deviation over mean of its envelope in
-steps of a millisecond. Single strikes of a hard tip ring for a few milliseconds; a smooth surface's treble is even.
-`Statistics` turns these values into running statistics of a touch.
+``texture``: sixteen bands, spaced evenly in mel from 40 Hz to 7.6 kHz, as powers on a
+log scale, since rough and smooth surfaces differ more up there than under the paper's 1
+kHz (docs/research/detector.md); and four values of the newest half of the window's
+waveform: its level, its crest (peak over RMS), its clicks (fourth moment of the slope
+over the squared second: 3 for Gaussian noise, more for separate impacts) and its
+steepness (power of the slope over power). Under a hard tip there is one value more, the
+unevenness of the treble: standard deviation over mean of its envelope in steps of a
+millisecond. Single strikes of a hard tip ring for a few milliseconds; a smooth
+surface's treble is even. `Statistics` turns these values into running statistics of a
+touch.
 
-``paper``: the magnitudes of a window's spectrum. They are not normalised (paper, section III-C): the level of the air
-microphone relative to the contact microphone separates rough from smooth. `tactophone.lab.training.export` writes that
-graph by hand, as it writes the network.
+``paper``: the magnitudes of a window's spectrum. They are not normalised (paper,
+section III-C): the level of the air microphone relative to the contact microphone
+separates rough from smooth. `tactophone.lab.training.export` writes that graph by hand,
+as it writes the network.
 
-``cues``: level, crest and transients are the paper's hand-made classifier (section III-B: rough is louder and more
-transient); the median frequency of a microphone's signal drives the stimulus in Svensson et al. (2021).
+``cues``: level, crest and transients are the paper's hand-made classifier (section
+III-B: rough is louder and more transient); the median frequency of a microphone's
+signal drives the stimulus in Svensson et al. (2021).
 
-Live code runs the exported graph alone (`front`). Training runs the same modules, exported in two parts (`describe`,
-`run_statistics`).
+Live code runs the exported graph alone (`front`). Training runs the same modules,
+exported in two parts (`describe`, `run_statistics`).
 """
 
 import functools
@@ -56,7 +62,8 @@ from tactophone.signal.perception.model_file import (
 )
 
 LOWEST, HIGHEST = 40.0, 7600.0
-"""Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own noise floor."""
+"""Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own
+noise floor."""
 
 POWER_FLOOR = 1e-9
 """Power added to each band, -90 dBFS: what is under it is the converter's noise."""
@@ -68,23 +75,27 @@ TREBLE_FROM = 2000.0
 """Hz: lowest frequency of the treble whose unevenness is measured."""
 
 _TREBLE_TAPS = 33
-"""Of its high-pass: 2 ms, short beside a window; it falls from -1 to -30 dB between 2.4 and 1.3 kHz at 16 kHz."""
+"""Of its high-pass: 2 ms, short beside a window; it falls from -1 to -30 dB between 2.4
+and 1.3 kHz at 16 kHz."""
 
 _ENVELOPE_STEP = 1e-3
 """Seconds of a step of its envelope."""
 
 LEAST_POWER, LEAST_SHARE = 1e-14, 1e-6
-"""Of the treble, and of its variance over its squared mean: silence and a steady tone have finite logarithms."""
+"""Of the treble, and of its variance over its squared mean: silence and a steady tone
+have finite logarithms."""
 
 _SHAPE_MATRIX = np.array([[1, -0.5, 0, -1], [0, 0, -2, 1], [0, 0, 1, 0], [0, 1, 0, 0]])
-"""From the logarithms of four measures (rows: power, the slope's power and fourth moment, peak) to the four shapes
-(columns: level, crest, clicks, steepness)."""
+"""From the logarithms of four measures (rows: power, the slope's power and fourth
+moment, peak) to the four shapes (columns: level, crest, clicks, steepness)."""
 
 
 def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
-    """Return triangular bands that overlap by half; shape ``(size // 2 + 1, BAND_COUNT)``, each column sums to 1.
+    """Return triangular bands that overlap by half; shape ``(size // 2 + 1,
+    BAND_COUNT)``, each column sums to 1.
 
-    Source: the mel scale of O'Shaughnessy, "Speech Communication" (1987), 2595 log10(1 + f / 700).
+    Source: the mel scale of O'Shaughnessy, "Speech Communication" (1987), 2595 log10(1
+    + f / 700).
     """
     lowest, highest = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
     edges = 700 * (10 ** (np.linspace(lowest, highest, BAND_COUNT + 2) / 2595) - 1)
@@ -102,7 +113,8 @@ def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
 
 
 def _design_high_pass(sample_rate: int) -> NDArray[np.float64]:
-    """Return the taps of a linear-phase high-pass: a windowed sinc (Hamming), of unit gain at the highest frequency."""
+    """Return the taps of a linear-phase high-pass: a windowed sinc (Hamming), of unit
+    gain at the highest frequency."""
     place = np.arange(_TREBLE_TAPS) - _TREBLE_TAPS // 2
     cutoff = 2 * TREBLE_FROM / sample_rate
     taps = ((place == 0) - cutoff * np.sinc(cutoff * place)) * np.hamming(_TREBLE_TAPS)
@@ -112,8 +124,9 @@ def _design_high_pass(sample_rate: int) -> NDArray[np.float64]:
 class _Module(nn.Module):
     """A module whose constants are given as arrays.
 
-    A node of a graph costs 2 to 3 µs once caches are cold, most of them more than their sums. So sizes are integers
-    known beforehand, which need no nodes; only the number of windows or fingers is open.
+    A node of a graph costs 2 to 3 µs once caches are cold, most of them more than their
+    sums. So sizes are integers known beforehand, which need no nodes; only the number
+    of windows or fingers is open.
     """
 
     def __init__(self, **constants: NDArray[Any]) -> None:
@@ -130,13 +143,16 @@ class Bands(_Module):
     bank: Tensor
 
     def __init__(self, size: int, sample_rate: int) -> None:
-        # The window's power and that of the two sides of a real spectrum are divided out, so that the bands of white
-        # noise show its power per bin at any size. Under 15.2 kHz the highest bands stay empty.
+        # The window's power and that of the two sides of a real spectrum are divided
+        # out, so that the bands of white noise show its power per bin at any size.
+        # Under 15.2 kHz the highest bands stay empty.
         taper = np.hanning(size + 1)[:-1]
         bank = design_bands(size, sample_rate) / (np.square(taper).sum() * size / 2)
-        # The real part of a spectrum depends on x[n] + x[size - n] alone, the imaginary one on x[n] - x[size - n]. So
-        # a tapered DFT takes two matrices of a quarter each; the runtime's own transform takes two to three times as
-        # long. Sample 0 is 0 after the taper; the middle one is its own partner, and would count twice.
+        # The real part of a spectrum depends on x[n] + x[size - n] alone, the imaginary
+        # one on x[n] - x[size - n]. So a tapered DFT takes two matrices of a quarter
+        # each; the runtime's own transform takes two to three times as long. Sample 0
+        # is 0 after the taper; the middle one is its own partner, and would count
+        # twice.
         dft = np.fft.rfft(np.diag(taper))[1 : size // 2 + 1]
         dft[-1] /= 2
         heard = np.flatnonzero(bank.any(axis=1))
@@ -151,7 +167,8 @@ class Bands(_Module):
         self.middle = size // 2
 
     def forward(self, sound: Tensor) -> Tensor:
-        """Return ``(windows, channels, BAND_COUNT)`` of sound ``(windows, channels, samples)``."""
+        """Return ``(windows, channels, BAND_COUNT)`` of sound ``(windows, channels,
+        samples)``."""
         first, last = (
             sound[..., 1 : self.middle + 1],
             sound[..., self.middle :].flip(-1),
@@ -161,7 +178,8 @@ class Bands(_Module):
 
 
 class Texture(_Module):
-    """Describes windows by the values of kind ``texture``, with or without the unevenness of the treble.
+    """Describes windows by the values of kind ``texture``, with or without the
+    unevenness of the treble.
 
     >>> Texture(512, 16_000)(torch.zeros(1, 2, 512)).shape
     torch.Size([1, 2, 20])
@@ -203,7 +221,8 @@ class Texture(_Module):
         )
 
     def forward(self, sound: Tensor) -> Tensor:
-        """Return log10 of the power in each band, the four shapes, and the unevenness: ``(windows, channels, values)``.
+        """Return log10 of the power in each band, the four shapes, and the unevenness:
+        ``(windows, channels, values)``.
 
         Sound has the shape ``(windows, channels, samples)``.
         """
@@ -237,29 +256,35 @@ PRIOR_WINDOWS = 3.0
 """Windows that the prior is worth at the start of a touch."""
 
 NEWEST = 3.0
-"""Windows by which the newest mean fades: two of 32 ms hardly overlap at this distance."""
+"""Windows by which the newest mean fades: two of 32 ms hardly overlap at this
+distance."""
 
 BEFORE = 5
-"""Windows by which the running mean precedes the newest mean that it is compared with, or an edge would be in both."""
+"""Windows by which the running mean precedes the newest mean that it is compared with,
+or an edge would be in both."""
 
 STATISTICS_SETTLED = 6
 """Windows that the running mean holds at least before a change can be detected."""
 
 
 class Statistics(_Module):
-    """Running statistics of a touch, restarted where the surface changes; their state is an input and an output.
+    """Running statistics of a touch, restarted where the surface changes; their state
+    is an input and an output.
 
-    A window of 32 ms is quick but holds little information; the paper's of 256 ms holds more, but also still the last
-    surface. So each short window is described, and the exponentially weighted mean and deviation of these descriptions
-    are the features. A touch starts with a *prior*, the moments of an average touch, worth a few windows: the first
-    prediction is uncertain, and the first evidence changes it at once.
+    A window of 32 ms is quick but holds little information; the paper's of 256 ms holds
+    more, but also still the last surface. So each short window is described, and the
+    exponentially weighted mean and deviation of these descriptions are the features. A
+    touch starts with a *prior*, the moments of an average touch, worth a few windows:
+    the first prediction is uncertain, and the first evidence changes it at once.
 
-    An edge under a finger that does not lift is a new surface without a new touch, and the old one would linger in the
-    statistics. So the newest windows are compared with the statistics before them: where they differ more than a
-    finger's changes of speed and pressure ever make them differ, the statistics restart with the newest windows.
+    An edge under a finger that does not lift is a new surface without a new touch, and
+    the old one would linger in the statistics. So the newest windows are compared with
+    the statistics before them: where they differ more than a finger's changes of speed
+    and pressure ever make them differ, the statistics restart with the newest windows.
 
-    Everything is in double precision: a variance is a small difference of large numbers. Of the state, see `parts`, all
-    zeros are the state before a touch. What training finds are inputs here, and constants in a model file.
+    Everything is in double precision: a variance is a small difference of large
+    numbers. Of the state, see `parts`, all zeros are the state before a touch. What
+    training finds are inputs here, and constants in a model file.
     """
 
     spread: Tensor
@@ -294,14 +319,16 @@ class Statistics(_Module):
         change_metric: Tensor,
         fading: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Add a window's description ``(fingers, channels, values)``; without contact (0, else 1) it is left out.
+        """Add a window's description ``(fingers, channels, values)``; without contact
+        (0, else 1) it is left out.
 
-        ``prior`` is mean and mean square of the average touch's descriptions, ``(2, channels, values)``; for
-        ``change_metric`` see :data:`lab.training.tracks.ChangeMetric`; ``fading`` is in windows: after so many,
-        the weight of one has fallen to 1/e.
+        ``prior`` is mean and mean square of the average touch's descriptions, ``(2,
+        channels, values)``; for ``change_metric`` see
+        :data:`lab.training.tracks.ChangeMetric`; ``fading`` is in windows: after so
+        many, the weight of one has fallen to 1/e.
 
-        Returns the features, ``(fingers, channels * 2 * values)``: for each channel means, then deviations; and the
-        state after it.
+        Returns the features, ``(fingers, channels * 2 * values)``: for each channel
+        means, then deviations; and the state after it.
         """
         touching = contact[:, None] > 0
         added = self._add(
@@ -336,8 +363,9 @@ class Statistics(_Module):
         sizes = [2 * entry, (BEFORE - 2) * entry, 1, one, one + entry, 1, 1]
         old, _, evidence, before, _, count, quiet = torch.split(state, sizes, 1)
         window = touching, description, description * description
-        # A plain average over the first windows (of which the prior is worth PRIOR_WINDOWS), exponential afterwards.
-        # Both averages have one count: a restart does not bring the newest one's weight over its least.
+        # A plain average over the first windows (of which the prior is worth
+        # PRIOR_WINDOWS), exponential afterwards. Both averages have one count: a
+        # restart does not bring the newest one's weight over its least.
         least = torch.stack((torch.full_like(fading, 1 / NEWEST), 1 / fading))
         weights = torch.maximum(1 / (count + self.ages), least) @ self.spread
         moved = old + weights * (torch.cat((*window, *window), 1) - old)
@@ -348,8 +376,9 @@ class Statistics(_Module):
         changed = ((distance * distance).sum((2, 3)).amax(1, keepdim=True) > 1) & (
             count >= BEFORE + STATISTICS_SETTLED
         )
-        # Another surface: the newest moments replace the running ones, as if only their windows had been in the touch.
-        # The prior counts again as it would after so few, or the first guess would be too certain.
+        # Another surface: the newest moments replace the running ones, as if only their
+        # windows had been in the touch. The prior counts again as it would after so
+        # few, or the first guess would be too certain.
         running = torch.where(
             changed, NEWEST / (NEWEST + PRIOR_WINDOWS) * newest, running
         )
@@ -363,10 +392,11 @@ class Statistics(_Module):
 def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
     """Return the named parts of states, each ``(fingers, numbers)``.
 
-    ``newest`` and ``running``: two sets of moments (means, then mean squares) that fade side by side, the prior
-    counting as zero. Each follows its evidence, the weight that the prior has lost. ``between``: the running ones and
-    their evidence of the last windows, newest first, up to those ``before``, `BEFORE` windows ago. ``count``: windows
-    since a restart. ``quiet``: windows without contact.
+    ``newest`` and ``running``: two sets of moments (means, then mean squares) that fade
+    side by side, the prior counting as zero. Each follows its evidence, the weight that
+    the prior has lost. ``between``: the running ones and their evidence of the last
+    windows, newest first, up to those ``before``, `BEFORE` windows ago. ``count``:
+    windows since a restart. ``quiet``: windows without contact.
     """
     sizes = _sizes(channels * values)
     ends = np.cumsum(list(sizes.values())).tolist()
@@ -389,7 +419,8 @@ def _sizes(one: int) -> dict[str, int]:
 
 
 def shift_of(state: Mapping[str, Any]) -> Any:
-    """Return the newest mean less the running mean before it, ``(fingers, channels * values)``."""
+    """Return the newest mean less the running mean before it, ``(fingers, channels *
+    values)``."""
     one = state["newest"].shape[1] // 2
     return (
         state["newest"][:, :one] - state["before"][:, :one] / state["evidence before"]
@@ -400,14 +431,16 @@ CUES_FROM = 100.0
 """Hz; hum and motors are under it."""
 
 PIECE_DURATION = 0.004
-"""Seconds over which a transient's level is measured: a tap on stone rings for about so long."""
+"""Seconds over which a transient's level is measured: a tap on stone rings for about so
+long."""
 
 FAINT_POWER = 1e-10
 """Power, -100 dBFS, added to every power: it counts as silence."""
 
 
 class Cues(_Module):
-    """The values :data:`tactophone.lab.training.options.CUES` of a window; all but the last are of the contact channel.
+    """The values :data:`tactophone.lab.training.options.CUES` of a window; all but the
+    last are of the contact channel.
 
     >>> sine = torch.sin(2 * torch.pi * 500 * torch.arange(4096) / 16_000)[None, None]
     >>> round(float(Cues(4096, 16_000)(sine)[0, 1]), 1)
@@ -452,7 +485,8 @@ class Cues(_Module):
         ).float()
 
     def _transients(self, contact: Tensor) -> Tensor:
-        """Return the power of the loudest pieces (one in twenty) over that of the median piece."""
+        """Return the power of the loudest pieces (one in twenty) over that of the
+        median piece."""
         count = self.size // self.piece
         pieces = (
             contact[:, : count * self.piece].reshape(-1, count, self.piece).mean(-1)
@@ -467,7 +501,8 @@ class Cues(_Module):
         return loud / (order[:, (count - 1) // 2] + order[:, count // 2]) * 2
 
     def _frequencies(self, contact: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the centroid of the power spectrum, and the frequency with half of the power on either side."""
+        """Return the centroid of the power spectrum, and the frequency with half of the
+        power on either side."""
         size, taper = self.size, self.taper.double()
         parts = torch.stft(
             contact,
@@ -486,7 +521,8 @@ class Cues(_Module):
 
 
 class Whole(_Module):
-    """All that stands before a texture model's classifier; the features of a channel without signal are NaN."""
+    """All that stands before a texture model's classifier; the features of a channel
+    without signal are NaN."""
 
     columns: Tensor
 
@@ -497,7 +533,8 @@ class Whole(_Module):
         self.texture, self.statistics = texture, statistics
 
     def forward(self, sound: Tensor, *others: Tensor) -> tuple[Tensor, Tensor]:
-        """Return features ``(fingers, features)`` and state, of sound and what `Statistics` takes besides."""
+        """Return features ``(fingers, features)`` and state, of sound and what
+        `Statistics` takes besides."""
         features, after = self.statistics(self.texture(sound), *others)
         missing = (sound * sound).sum(-1) < SILENT_POWER * self.texture.size
         return torch.where(missing[:, self.columns], math.nan, features), after
@@ -510,7 +547,8 @@ CONSTANTS = ("prior", "change_metric", "fading")
 def front(
     spec: FeatureSpec, constants: Mapping[str, NDArray[np.float64]]
 ) -> onnx.ModelProto:
-    """Return the graph from sound to the features of a specification, with its `CONSTANTS` if it is of kind texture."""
+    """Return the graph from sound to the features of a specification, with its
+    `CONSTANTS` if it is of kind texture."""
     part: Part = "whole" if spec.kind == "texture" else "description"
     graph = onnx.load_from_string(
         _exported(part, spec.kind, spec.channels, spec.unevenness)
@@ -526,7 +564,8 @@ def front(
 
 
 def describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
-    """Describe windows ``(windows, samples, channels)``; of texture ``(windows, channels, values)``, else features."""
+    """Describe windows ``(windows, samples, channels)``; of texture ``(windows,
+    channels, values)``, else features."""
     session = _session("description", spec.kind, spec.channels, spec.unevenness)
     pieces = [
         windows[at : at + _AT_ONCE].swapaxes(1, 2)
@@ -545,7 +584,8 @@ def run_statistics(
     *,
     fading: float,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """Run the statistics over whole recordings, several at once; yields the `parts` of each one's states.
+    """Run the statistics over whole recordings, several at once; yields the `parts` of
+    each one's states.
 
     A recording's descriptions have the shape ``(windows, channels, values)``.
     """
@@ -603,7 +643,8 @@ def _session(
 
 @functools.lru_cache
 def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) -> bytes:
-    """Return the ONNX file of a part, whose first axis, the number of windows or fingers, is open."""
+    """Return the ONNX file of a part, whose first axis, the number of windows or
+    fingers, is open."""
     size, _ = WINDOWS[kind]
     texture = kind == "texture"
     module: nn.Module = (

@@ -1,10 +1,13 @@
-"""Fine-tuning: a few minutes of training that teach a general model new objects without forgetting the old.
+"""Fine-tuning: a few minutes of training that teach a general model new objects without
+forgetting the old.
 
-New sound alone makes a network forget the old (McCloskey & Cohen, Psychol. Learn. Motiv. 24, 109, 1989). So the
-strategy ``blend`` trains on both, and then mixes the parameters with those before: on the line between the two lie
-networks nearly as good on the new objects as the trained one and nearly as good on the old as the first (Wortsman et
-al., "Robust fine-tuning of zero-shot models", CVPR 2022). The share is chosen on surfaces that are neither trained on
-nor reported on. The other strategy is the paper's own fine-tuning, which mixes nothing.
+New sound alone makes a network forget the old (McCloskey & Cohen, Psychol. Learn.
+Motiv. 24, 109, 1989). So the strategy ``blend`` trains on both, and then mixes the
+parameters with those before: on the line between the two lie networks nearly as good on
+the new objects as the trained one and nearly as good on the old as the first (Wortsman
+et al., "Robust fine-tuning of zero-shot models", CVPR 2022). The share is chosen on
+surfaces that are neither trained on nor reported on. The other strategy is the paper's
+own fine-tuning, which mixes nothing.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,15 +29,17 @@ from tactophone.signal.perception.model_file import Gate, read_model
 Strategy = Literal["blend", "fine-tuned"]
 
 FINETUNE_SHARES = (0.5, 0.25)
-"""Shares of the trained network in the mixture, tried in this order. Three quarters gained 2 points more on new
-objects, and lost 3 on others."""
+"""Shares of the trained network in the mixture, tried in this order. Three quarters
+gained 2 points more on new objects, and lost 3 on others."""
 
 STEPS = 300
-"""Batches of 500: half a minute on two cores, after which new objects gained no more."""
+"""Batches of 500: half a minute on two cores, after which new objects gained no
+more."""
 
 BATCH_SIZE = 500
 LEARNING_RATE = 3e-5
-"""A third of the recipe's, which gained as much on new objects (10 points) and lost half as much on the others."""
+"""A third of the recipe's, which gained as much on new objects (10 points) and lost
+half as much on the others."""
 
 HOLD_OUT = 3
 """Of this many takes of a new object, one is held out for testing."""
@@ -50,14 +55,16 @@ class FinetuningData:
     replay: tuple[Recording, ...]
     validation: tuple[Recording, ...]
     test: tuple[Recording, ...]
-    """`replay`, `validation` and `test`: of the general set, by surface: trained on again, used to choose the mixture,
-    and reported on."""
+    """`replay`, `validation` and `test`: of the general set, by surface: trained on
+    again, used to choose the mixture, and reported on."""
 
 
 def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Split the takes of each object: two thirds to train on, one third, evenly drawn, to test with.
+    """Split the takes of each object: two thirds to train on, one third, evenly drawn,
+    to test with.
 
-    Raises `DatasetError` if there are fewer than two objects, or an object has one take only.
+    Raises `DatasetError` if there are fewer than two objects, or an object has one take
+    only.
     """
     takes_of: dict[str, list[Recording]] = {}
     for recording in dataset.recordings:
@@ -99,11 +106,13 @@ def finetuning_recipe(
     seed: int = 0,
     calibration: Calibration | None = None,
 ) -> NetworkRecipe:
-    """Return the recipe of a fine-tuning that begins with a model file of kind ``paper``.
+    """Return the recipe of a fine-tuning that begins with a model file of kind
+    ``paper``.
 
-    A calibration of the set-up that the new objects were recorded with says where contact begins, for the labels and
-    for the model's gate; by default the recipe and the first model do. Raises `ModelError` if the model is of another
-    kind: those train anew in a minute.
+    A calibration of the set-up that the new objects were recorded with says where
+    contact begins, for the labels and for the model's gate; by default the recipe and
+    the first model do. Raises `ModelError` if the model is of another kind: those train
+    anew in a minute.
     """
     card = read_model(start).card
     if card.kind != "paper":
@@ -178,7 +187,8 @@ def write_finetuned(
     *,
     facts: dict[str, object],
 ) -> None:
-    """Write the fine-tuned model: the first one's card, with the facts of the fine-tuning added."""
+    """Write the fine-tuned model: the first one's card, with the facts of the
+    fine-tuning added."""
     if recipe.start is None:
         raise ValueError("a fine-tuning starts from a model")
     card = read_model(recipe.start).card

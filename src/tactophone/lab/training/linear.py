@@ -1,9 +1,11 @@
-"""The classifier of the recipe ``texture``: few weights, calibrated probabilities, and *none* for unknown sound.
+"""The classifier of the recipe ``texture``: few weights, calibrated probabilities, and
+*none* for unknown sound.
 
-There is one logistic regression for each set of working channels, every kind of surface and either class weighted the
-same, regularised until its confidence on held-out surfaces equals its accuracy there (docs/research/detector.md). Sound
-unlike the training data is detected by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance (2004); the
-threshold is what one held-out window in two hundred exceeds.
+There is one logistic regression for each set of working channels, every kind of surface
+and either class weighted the same, regularised until its confidence on held-out
+surfaces equals its accuracy there (docs/research/detector.md). Sound unlike the
+training data is detected by the Mahalanobis distance, with Ledoit and Wolf's shrunken
+covariance (2004); the threshold is what one held-out window in two hundred exceeds.
 """
 
 from dataclasses import replace
@@ -23,11 +25,12 @@ from tactophone.lab.training.options import CREST_INDEX
 from tactophone.lab.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 
 STRENGTH = 0.005
-"""Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
+"""Inverse of the L2 penalty, per unit of mean loss times windows;
+docs/research/detector.md has others' scores."""
 
 IMPULSES = (CREST_INDEX, CREST_INDEX + 1)
-"""Under a hard tip each regression is the mean of one on all features and one on crest and clicks, which grow with
-roughness by geometry (docs/research/detector.md)."""
+"""Under a hard tip each regression is the mean of one on all features and one on crest
+and clicks, which grow with roughness by geometry (docs/research/detector.md)."""
 
 KNOWN_SHARE = 0.995
 """Share of held-out windows that count as known sound."""
@@ -54,7 +57,8 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
 def fit_classifier(
     examples: Examples, *, channels: int, hard_tip: bool = False
 ) -> LinearClassifier:
-    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes."""
+    """Fit the regressions and the limit of known sound on windows of several surfaces
+    of both classes."""
     thinned = examples.thinned()
     centre, scale = thinned.moments()
     standard = replace(
@@ -82,7 +86,8 @@ def fit_classifier(
 
 
 def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> Floats:
-    """Fit a logistic regression on some columns; return all weights, those of the others 0, and the bias."""
+    """Fit a logistic regression on some columns; return all weights, those of the
+    others 0, and the bias."""
     from sklearn.linear_model import LogisticRegression
 
     model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)
@@ -97,7 +102,8 @@ def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> Floats:
 
 
 def _whitening(standard: FloatArray, channels: int) -> Floats:
-    """Whiten each channel by itself: then the distance of those that work does not depend on those that do not."""
+    """Whiten each channel by itself: then the distance of those that work does not
+    depend on those that do not."""
     from sklearn.covariance import LedoitWolf
 
     whitening = np.zeros((standard.shape[1], standard.shape[1]))
@@ -113,7 +119,8 @@ def _whitening(standard: FloatArray, channels: int) -> Floats:
 
 
 def _held_out_distances(examples: Examples, channels: int) -> Floats:
-    # Distances need no classes: of one smooth and one rough surface each can be held out in turn.
+    # Distances need no classes: of one smooth and one rough surface each can be held
+    # out in turn.
     folds = list(inner_folds(examples.rough, examples.surface)) or [
         examples.surface == number for number in np.unique(examples.surface)
     ]

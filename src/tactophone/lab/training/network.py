@@ -1,12 +1,15 @@
-"""The paper's network in torch, layer names as in its authors' published models, and the windows that it is trained on.
+"""The paper's network in torch, layer names as in its authors' published models, and
+the windows that it is trained on.
 
-Fifteen hidden layers: 1024, 512 and 256 wide, then ten of 256 with residual connections ``x + relu(W x + b)``, then
-128 and 64; three outputs, log-softmax. On two channels it has 1,882,755 parameters (Pätzold et al. 2023, section
-III-C; names from github.com/AIS-Bonn/Roughness_Sensing).
+Fifteen hidden layers: 1024, 512 and 256 wide, then ten of 256 with residual connections
+``x + relu(W x + b)``, then 128 and 64; three outputs, log-softmax. On two channels it
+has 1,882,755 parameters (Pätzold et al. 2023, section III-C; names from
+github.com/AIS-Bonn/Roughness_Sensing).
 
-Training windows are indices into one shared signal. The authors' code copies every window of 512 samples at a hop of
-one, 34 GB for their 70 minutes of sound. Here a window is the index of its first sample; the loudness of all windows
-comes from one running sum.
+Training windows are indices into one shared signal. The authors' code copies every
+window of 512 samples at a hop of one, 34 GB for their 70 minutes of sound. Here a
+window is the index of its first sample; the loudness of all windows comes from one
+running sum.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,7 +37,8 @@ from tactophone.signal.perception.levels import LoudnessRule
 class PaperNetwork(nn.Module):
     """The paper's residual MLP, from spectral magnitudes to log-probabilities.
 
-    ``channels`` are 2 as in the paper, or 1 for its piezo-only variant; each has as many magnitudes as ``bins``.
+    ``channels`` are 2 as in the paper, or 1 for its piezo-only variant; each has as
+    many magnitudes as ``bins``.
 
     >>> sum(parameter.numel() for parameter in PaperNetwork().parameters())
     1882755
@@ -53,7 +57,8 @@ class PaperNetwork(nn.Module):
         self.linear = nn.Linear(64, len(Touch))
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape ``(windows, 257 * channels)``."""
+        """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape
+        ``(windows, 257 * channels)``."""
         hidden = torch.relu(self.layer1(features))
         hidden = torch.relu(self.layer2(hidden))
         hidden = torch.relu(self.layer3(hidden))
@@ -72,9 +77,11 @@ def weights_of(network: nn.Module) -> dict[str, FloatArray]:
 
 
 def with_weights(weights: Weights) -> PaperNetwork:
-    """Build the network with these parameters, for as many channels as they were trained on.
+    """Build the network with these parameters, for as many channels as they were
+    trained on.
 
-    Raises `RuntimeError` if a layer is missing, unknown or of another shape; torch names it.
+    Raises `RuntimeError` if a layer is missing, unknown or of another shape; torch
+    names it.
     """
     network = PaperNetwork(channels=channels_of(weights))
     network.load_state_dict(
@@ -87,7 +94,8 @@ def with_weights(weights: Weights) -> PaperNetwork:
 
 
 def magnitudes(windows: torch.Tensor) -> torch.Tensor:
-    """Return the magnitude of each channel's real FFT, ``(windows, 257 * channels)``; unnormalised.
+    """Return the magnitude of each channel's real FFT, ``(windows, 257 * channels)``;
+    unnormalised.
 
     Windows have the shape ``(windows, samples, channels)``.
     """
@@ -102,7 +110,8 @@ class Windows:
     signal: FloatArray
     """All recordings concatenated at 2 kHz, float32, shape ``(samples, channels)``."""
     starts: NDArray[np.int32]
-    """First sample of each window at a hop of one; no window crosses a recording's end."""
+    """First sample of each window at a hop of one; no window crosses a recording's
+    end."""
     labels: NDArray[np.int8]
     """A ``Touch`` for each start."""
     size: int = SIZE
@@ -119,7 +128,8 @@ class Windows:
         return f"{len(self)} windows, {', '.join(shares)}"
 
     def take(self, which: NDArray[np.intp]) -> FloatArray:
-        """Copy the windows with these numbers: float32, shape ``(windows, size, channels)``."""
+        """Copy the windows with these numbers: float32, shape ``(windows, size,
+        channels)``."""
         views = sliding_window_view(self.signal, self.size, axis=0)
         return np.ascontiguousarray(views[self.starts[which]].transpose(0, 2, 1))
 
@@ -131,7 +141,8 @@ def find_windows(
     rule: Labelling,
     size: int = SIZE,
 ) -> Windows:
-    """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that a labelling keeps.
+    """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that
+    a labelling keeps.
 
     Raises `DatasetError` if no window of a label is loud enough to count as contact.
     """
@@ -144,7 +155,8 @@ def find_windows(
     starts, window_labels, offset = [], [], 0
     for signal, touch, loud in zip(signals, labels, loudness, strict=True):
         contact = loud > thresholds[touch]
-        # Starts are counted within the recording, then moved to its place in the concatenated signal.
+        # Starts are counted within the recording, then moved to its place in the
+        # concatenated signal.
         kept = np.flatnonzero(contact | (rule.quiet_rough or touch is not Touch.ROUGH))
         starts.append((kept + offset).astype(np.int32))
         window_labels.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
@@ -160,7 +172,8 @@ def find_windows(
 
 
 def window_loudness(contact: FloatArray, kind: LoudnessRule, size: int) -> FloatArray:
-    """Loudness of the window at each start, from one running sum in double precision."""
+    """Loudness of the window at each start, from one running sum in double
+    precision."""
     power = (
         np.square(contact, dtype=np.float64)
         if kind == "rms"
@@ -206,7 +219,8 @@ def _require_contact(
 def grid(
     windows: Windows, *, hop: int, seed: int, epoch: int
 ) -> tuple[NDArray[np.intp], np.random.Generator]:
-    """Return the windows of an epoch, a grid of starts at a random phase, and the generator that shuffles them."""
+    """Return the windows of an epoch, a grid of starts at a random phase, and the
+    generator that shuffles them."""
     rng = np.random.default_rng((seed, epoch))
     return np.flatnonzero(windows.starts % hop == rng.integers(hop)), rng
 
@@ -214,7 +228,8 @@ def grid(
 def batches(
     windows: Windows, *, hop: int, size: int, seed: int, epoch: int
 ) -> Iterator[NDArray[np.intp]]:
-    """Yield an epoch's windows in shuffled batches; the same seed gives the same batches."""
+    """Yield an epoch's windows in shuffled batches; the same seed gives the same
+    batches."""
     which, rng = grid(windows, hop=hop, seed=seed, epoch=epoch)
     rng.shuffle(which)
     for first in range(0, len(which), size):

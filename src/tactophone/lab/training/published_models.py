@@ -1,11 +1,13 @@
-"""Converts one of the authors' models, published or saved by their training notebook, into a model file.
+"""Converts one of the authors' models, published or saved by their training notebook,
+into a model file.
 
-They published TorchScript archives in three variants; the notebook saves a dictionary by ``torch.save``. A dictionary
-is opened by torch's restricted reader, which makes numbers, text, lists and tensors and refuses everything else.
+They published TorchScript archives in three variants; the notebook saves a dictionary
+by ``torch.save``. A dictionary is opened by torch's restricted reader, which makes
+numbers, text, lists and tensors and refuses everything else.
 
-Beware: a TorchScript archive is a program. It holds code in TorchScript's own language, which torch runs while
-loading. So import only files from a source you trust; the ONNX file made of it holds numbers alone, and the live side
-reads only that.
+Beware: a TorchScript archive is a program. It holds code in TorchScript's own language,
+which torch runs while loading. So import only files from a source you trust; the ONNX
+file made of it holds numbers alone, and the live side reads only that.
 """
 
 import math
@@ -55,11 +57,12 @@ _FACTOR = LIVE_SAMPLE_RATE // NETWORK_RATE
 
 
 def import_published(source: Path, target: Path) -> None:
-    """Write the ONNX file of a TorchScript model or of the notebook's ``model.pt``, weights unrounded.
+    """Write the ONNX file of a TorchScript model or of the notebook's ``model.pt``,
+    weights unrounded.
 
-    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds. Raises `ModelError` if the file
-    is missing or damaged, holds anything but numbers and text, another network, or one for windows of another length or
-    rate.
+    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds.
+    Raises `ModelError` if the file is missing or damaged, holds anything but numbers
+    and text, another network, or one for windows of another length or rate.
     """
     held = _read(source)
     # Only parameters: a resampler's kernel, or another constant, is not a weight.
@@ -96,7 +99,8 @@ def import_published(source: Path, target: Path) -> None:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """Return what the notebook saves: the parameters under ``model``, or alone, and perhaps facts of the training."""
+    """Return what the notebook saves: the parameters under ``model``, or alone, and
+    perhaps facts of the training."""
     if not path.is_file():
         raise ModelError(f"{path}: no such file; give {_EXPECTED}")
     if not zipfile.is_zipfile(path):
@@ -136,7 +140,8 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def _require_structure(path: Path, found: Mapping[str, FloatArray]) -> None:
-    """Raise a ModelError unless parameters are those of the paper's network, for one or two microphones."""
+    """Raise a ModelError unless parameters are those of the paper's network, for one or
+    two microphones."""
     shapes = {name: value.shape for name, value in found.items()}
     expected = weights_of(
         PaperNetwork(

@@ -1,8 +1,9 @@
 """Recipes: every named way to train a detector.
 
-`train`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
-imports neither torch nor scikit-learn. A recipe with its options, :class:`ConfiguredRecipe`, can train; a recipe file
-(:class:`RecipeFile`) names both. CONTRIBUTING.md says how to add a detector.
+`train`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else
+lists them. Reading it imports neither torch nor scikit-learn. A recipe with its
+options, :class:`ConfiguredRecipe`, can train; a recipe file (:class:`RecipeFile`) names
+both. CONTRIBUTING.md says how to add a detector.
 """
 
 from collections.abc import Mapping
@@ -23,25 +24,28 @@ if TYPE_CHECKING:
     from tactophone.lab.training.trainer import NetworkRecipe
 
 ConfiguredRecipe: TypeAlias = "FeatureRecipe | NetworkRecipe"
-"""A recipe with its options: everything that decides a training but the recordings, and ``train``, which does it."""
+"""A recipe with its options: everything that decides a training but the recordings, and
+``train``, which does it."""
 
 _CONFIRMED = Response(
     DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5),
     memory=0.25,
     change_detection=False,
 )
-"""*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
-quickly. Statistics that restart cost 0.02 of accuracy on real kinds left out. The hysteresis lies evenly around a half:
-it ends the false bumps of sound at the boundary, for 0.003 of what is rendered right there
+"""*None* where sound is unknown, and rough must hold for 40 ms: that halves the false
+bumps of a prediction that moves quickly. Statistics that restart cost 0.02 of accuracy
+on real kinds left out. The hysteresis lies evenly around a half: it ends the false
+bumps of sound at the boundary, for 0.003 of what is rendered right there
 (docs/research/detector.md)."""
 
 _OF_PAD = Response(
     DecisionRule(rough_on=0.8, rough_off=0.5, confirm=3, abstain_from=0.5), memory=0.12
 )
-"""Under the pad a stroke that turns every 0.2 s moves the probability, as its level swings by 20 dB: so rough begins at
-0.8, held for 30 ms, as few smooth windows do. A longer memory scores no better there and reports edges
-later. Under a stylus, of real kinds left out, such a memory and 0.8 already cost 0.09 of what
-is rendered right (docs/research/detector.md)."""
+"""Under the pad a stroke that turns every 0.2 s moves the probability, as its level
+swings by 20 dB: so rough begins at 0.8, held for 30 ms, as few smooth windows do. A
+longer memory scores no better there and reports edges later. Under a stylus, of real
+kinds left out, such a memory and 0.8 already cost 0.09 of what is rendered right
+(docs/research/detector.md)."""
 
 _LISTED = (
     Recipe(
@@ -98,10 +102,11 @@ def configure(
     start: Path | None = None,
     calibration: Calibration | None = None,
 ) -> ConfiguredRecipe:
-    """Return the recipe of a name with its options, ready to train; imports what it needs.
+    """Return the recipe of a name with its options, ready to train; imports what it
+    needs.
 
-    ``start`` is a model file to continue from, and ``calibration`` replaces the contact threshold; both for the
-    paper's network alone.
+    ``start`` is a model file to continue from, and ``calibration`` replaces the contact
+    threshold; both for the paper's network alone.
     """
     recipe, options = RECIPES[name], options or TrainingOptions()
     if recipe.features == "magnitudes":
@@ -114,13 +119,15 @@ def configure(
 
 
 class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
-    """What a recipe file may hold: the name of a recipe, and the options that differ from its defaults."""
+    """What a recipe file may hold: the name of a recipe, and the options that differ
+    from its defaults."""
 
     recipe: str = "texture"
 
     @classmethod
     def read(cls, path: Path) -> "RecipeFile":
-        """Read a TOML file; raises `ConfigError` as `changed` does, or if it cannot be read."""
+        """Read a TOML file; raises `ConfigError` as `changed` does, or if it cannot be
+        read."""
         try:
             entries = msgspec.toml.decode(path.read_bytes())
         except (OSError, UnicodeError, msgspec.DecodeError) as error:
@@ -128,9 +135,11 @@ class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
         return cls().changed(entries, where=str(path))
 
     def changed(self, entries: Mapping[str, Any], *, where: str) -> "RecipeFile":
-        """Return the recipe with other entries; a number or a switch may be given as text.
+        """Return the recipe with other entries; a number or a switch may be given as
+        text.
 
-        Raises `ConfigError`, which begins with ``where``, for an unknown recipe or key, or a value out of range.
+        Raises `ConfigError`, which begins with ``where``, for an unknown recipe or key,
+        or a value out of range.
         """
         try:
             changed = msgspec.convert(
@@ -159,5 +168,6 @@ class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
     def configured(
         self, *, start: Path | None = None, calibration: Calibration | None = None
     ) -> ConfiguredRecipe:
-        """Return the recipe, which can train; ``start`` and ``calibration`` as in :func:`configure`."""
+        """Return the recipe, which can train; ``start`` and ``calibration`` as in
+        :func:`configure`."""
         return configure(self.recipe, self, start=start, calibration=calibration)

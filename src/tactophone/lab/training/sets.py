@@ -1,4 +1,5 @@
-"""Training sets of classifiers on features: contact threshold, average touch, change metric, labelled windows."""
+"""Training sets of classifiers on features: contact threshold, average touch, change
+metric, labelled windows."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,20 +31,22 @@ from tactophone.net.link.codec import Codec
 HARD_TIPS = tuple(tip.name for tip in TIPS.values() if tip.hard)
 
 FALSE_CHANGES = 0.01
-"""Share of windows on one surface where the change detection would fire: once a second. At a tenth of that, simulated
-edges are decided after 212 ms (p50) and not after 82; it would gain 0.005 of AUC on real kinds left out
-(docs/research/detector.md)."""
+"""Share of windows on one surface where the change detection would fire: once a second.
+At a tenth of that, simulated edges are decided after 212 ms (p50) and not after 82; it
+would gain 0.005 of AUC on real kinds left out (docs/research/detector.md)."""
 
 RIDGE = 1e-3
-"""Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen directions from dominating."""
+"""Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen
+directions from dominating."""
 
 SIMULATED_IMPORTANCE = 0.05
-"""Weight of a simulated surface beside a real one, where a set holds both. Simulated sound adds surfaces of which there
-is no recording, but it is not real: at the same weight it costs 0.04 of AUC on real kinds left out
-(docs/research/detector.md)."""
+"""Weight of a simulated surface beside a real one, where a set holds both. Simulated
+sound adds surfaces of which there is no recording, but it is not real: at the same
+weight it costs 0.04 of AUC on real kinds left out (docs/research/detector.md)."""
 
 MOST_WINDOWS = 12_000
-"""Windows trained on, evenly drawn: neighbours are nearly the same, and more change no score."""
+"""Windows trained on, evenly drawn: neighbours are nearly the same, and more change no
+score."""
 
 INNER_FOLDS = 5
 
@@ -59,7 +62,8 @@ class Examples:
     surface: NDArray[np.intp]
     """Number of the surface, shape ``(windows,)``; kin have the same."""
     importance: Floats | None = None
-    """Weight of each window's surface beside others, shape ``(windows,)``; none: all weigh the same."""
+    """Weight of each window's surface beside others, shape ``(windows,)``; none: all
+    weigh the same."""
 
     def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
         """Return the windows of a mask or with these numbers."""
@@ -78,12 +82,14 @@ class Examples:
         return even_weights(self.rough, self.surface, self.importance)
 
     def moments(self) -> tuple[Floats, Floats]:
-        """Return mean and standard deviation of each feature, missing values left out."""
+        """Return mean and standard deviation of each feature, missing values left
+        out."""
         wide = self.features.astype(np.float64)
         return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
 
     def standardised(self, mean: Floats, scale: Floats) -> Floats:
-        """Return the features standardised; missing ones are taken as average, here as in the graph."""
+        """Return the features standardised; missing ones are taken as average, here as
+        in the graph."""
         return np.asarray(np.nan_to_num((self.features - mean) / scale))
 
 
@@ -92,9 +98,11 @@ def even_weights(
     surface: NDArray[np.intp],
     importance: Floats | None = None,
 ) -> Floats:
-    """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1.
+    """Return weights of windows that give both classes, and in each class its surfaces,
+    the same weight; mean 1.
 
-    With an importance, ``(windows,)``, the surfaces of a class weigh as it says; it may differ within a surface.
+    With an importance, ``(windows,)``, the surfaces of a class weigh as it says; it may
+    differ within a surface.
     """
     weights = (
         np.ones(len(rough)) if importance is None else importance.astype(np.float64)
@@ -110,7 +118,8 @@ def even_weights(
 def inner_folds(
     rough: NDArray[np.bool_], surface: NDArray[np.intp]
 ) -> Iterator[NDArray[np.bool_]]:
-    """Yield masks of the windows held out in each inner fold: whole surfaces, of both classes where possible."""
+    """Yield masks of the windows held out in each inner fold: whole surfaces, of both
+    classes where possible."""
     fold_of = {
         int(number): place % INNER_FOLDS
         for label in (True, False)
@@ -142,12 +151,14 @@ class TrainingSet:
     examples: Examples
     """Windows in contact."""
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    """log10 of the surface's Ra in micrometres for each example; NaN where it is unknown."""
+    """log10 of the surface's Ra in micrometres for each example; NaN where it is
+    unknown."""
     tip: str = ""
     """What touches; empty if unknown."""
 
     def features(self, tracks: Sequence[FeatureTrack]) -> list[FloatArray]:
-        """Return the features that the model's graph computes, shape ``(windows, features)`` for each track."""
+        """Return the features that the model's graph computes, shape ``(windows,
+        features)`` for each track."""
         if self.spec.kind != "texture":
             return [track.description for track in tracks]
         moments = accumulate(
@@ -185,12 +196,15 @@ def build_training_set(
 ) -> TrainingSet:
     """Extract features from labelled recordings and select the windows to train on.
 
-    Each recording is used once more through each of the codecs: a classifier that was never trained without the band
-    that the link removes fails there (docs/research/benchmark.md). An augmentation adds varied copies, drawn by the
-    seed, of texture features alone. Raises `DatasetError` if there is no contact in all rough or all smooth recordings.
+    Each recording is used once more through each of the codecs: a classifier that was
+    never trained without the band that the link removes fails there
+    (docs/research/benchmark.md). An augmentation adds varied copies, drawn by the seed,
+    of texture features alone. Raises `DatasetError` if there is no contact in all rough
+    or all smooth recordings.
     """
     plain = tracks = extract_features(recordings, spec)
-    # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
+    # Opus works at one rate. Where some recordings have it, those go through; where
+    # none has, reading one says so.
     at_rate = (
         [
             each
@@ -231,7 +245,8 @@ def build_training_set(
         change_metric = fit_change_metric(
             mean_shifts(tracks, threshold_dbfs, fading=spec.fading)
         )
-    # The features of the examples follow from the prior and the metric, so these come first.
+    # The features of the examples follow from the prior and the metric, so these come
+    # first.
     unfilled = TrainingSet(
         spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip
     )
@@ -262,12 +277,14 @@ def build_training_set(
 
 
 def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
-    """Fit the metric in which a shift of the mean longer than 1 means a change of surface.
+    """Fit the metric in which a shift of the mean longer than 1 means a change of
+    surface.
 
-    A Mahalanobis distance, in each channel by itself so that a dead channel does not affect the other: directions in
-    which a finger's speed and pressure often shift the mean count little. The shifts are those of
-    :func:`lab.training.tracks.mean_shifts`. The metric has the shape ``(channels, values, values)``; zeros, so
-    that no change is detected, without shifts.
+    A Mahalanobis distance, in each channel by itself so that a dead channel does not
+    affect the other: directions in which a finger's speed and pressure often shift the
+    mean count little. The shifts are those of :func:`lab.training.tracks.mean_shifts`.
+    The metric has the shape ``(channels, values, values)``; zeros, so that no change is
+    detected, without shifts.
     """
     moved = np.concatenate(shifts).astype(np.float64)
     if not len(moved):
@@ -276,7 +293,8 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
     variance = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / moved.shape[2]
     ridge = (RIDGE * variance + MIN_VARIANCE) * np.eye(moved.shape[2])
     whitening = np.linalg.cholesky(np.linalg.inv(covariance + ridge))
-    # Of each window the larger of its channels' distances counts, as in the live detection.
+    # Of each window the larger of its channels' distances counts, as in the live
+    # detection.
     distance = (
         np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
     )

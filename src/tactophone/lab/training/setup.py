@@ -1,12 +1,15 @@
-"""Fits a shipped model to one set-up from a minute of its own sound: `tactophone setup`.
+"""Fits a shipped model to one set-up from a minute of its own sound: `tactophone
+setup`.
 
-The shipped boundary stays unless the objects just recorded prove it wrong (`proves_wrong`): objects differ more than
-set-ups do, and a boundary fitted to a pair of them is often the worse one for others. Otherwise little is fitted, which
-score to use and its boundary. There are three scores: the shipped model's own logit; the *impulses*, crest and clicks,
-which under a hard tip grow with roughness by geometry (docs/reference/simulator.md), whatever the room and the gain;
-and their mean. The tip says which to use; another is taken only if it is clearly better on objects left out one at a
-time, as two objects of a kind say little. Weights on all features, from two smooth and two rough objects, learn those
-objects (docs/research/set-up.md).
+The shipped boundary stays unless the objects just recorded prove it wrong
+(`proves_wrong`): objects differ more than set-ups do, and a boundary fitted to a pair
+of them is often the worse one for others. Otherwise little is fitted, which score to
+use and its boundary. There are three scores: the shipped model's own logit; the
+*impulses*, crest and clicks, which under a hard tip grow with roughness by geometry
+(docs/reference/simulator.md), whatever the room and the gain; and their mean. The tip
+says which to use; another is taken only if it is clearly better on objects left out one
+at a time, as two objects of a kind say little. Weights on all features, from two smooth
+and two rough objects, learn those objects (docs/research/set-up.md).
 """
 
 import math
@@ -30,38 +33,47 @@ from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import Gate, Model
 
 SCORES = {"impulses": (2.0, 0.0), "both": (1.0, 1.0), "model": (0.0, 2.0)}
-"""Weights of the standardised impulses and of the shipped model's standardised logit."""
+"""Weights of the standardised impulses and of the shipped model's standardised
+logit."""
 
 LARGEST_SHIFT = 4.0
 """Standard deviations at which features are cut off: a knock must not decide."""
 
 LOGIT_LIMIT = 6.0
-"""Bound of the shipped model's logit, which is far too certain where everything is strange to it."""
+"""Bound of the shipped model's logit, which is far too certain where everything is
+strange to it."""
 
 MOST_UNKNOWN = 0.05
-"""Share of a finger's own sound that may be unknown to the shipped model before its abstention is switched off."""
+"""Share of a finger's own sound that may be unknown to the shipped model before its
+abstention is switched off."""
 
 BOUNDARY_MARGIN = 0.1
-"""By which the share that is right on objects left out must be larger for another score than the tip's own."""
+"""By which the share that is right on objects left out must be larger for another score
+than the tip's own."""
 
 BOUNDARY_ERROR = 0.02
-"""Probability, at most, that a set-up changes a boundary that is right for half of each object's pieces or more."""
+"""Probability, at most, that a set-up changes a boundary that is right for half of each
+object's pieces or more."""
 
 MOST_WRONG = 0.75
-"""Share of pieces that must be wrong besides: with more seconds less is proven, but a boundary that is wrong for little
-more than half of an object is seldom wrong for others (docs/research/set-up.md)."""
+"""Share of pieces that must be wrong besides: with more seconds less is proven, but a
+boundary that is wrong for little more than half of an object is seldom wrong for others
+(docs/research/set-up.md)."""
 
 FIT_PIECE = 50
-"""Windows that are one piece of evidence: half a second, twice the memory of the running statistics."""
+"""Windows that are one piece of evidence: half a second, twice the memory of the
+running statistics."""
 
 SHIPPED_BOUNDARY = "shipped"
 """Score of a set-up that keeps the shipped boundary."""
 
 FIT_TAIL = 0.1
-"""Share of an object's windows that lies beyond the quantile that faces the other class."""
+"""Share of an object's windows that lies beyond the quantile that faces the other
+class."""
 
 MIN_SCALE, MIN_LOGIT_SCALE = 1e-3, 0.5
-"""Least deviation of a feature and of a logit within an object: steadier sound is not known more precisely."""
+"""Least deviation of a feature and of a logit within an object: steadier sound is not
+known more precisely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +93,8 @@ class ObjectSound:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """The logit of a set-up: ``slope * shipped logit + weights @ standardised features + bias``."""
+    """The logit of a set-up: ``slope * shipped logit + weights @ standardised features
+    + bias``."""
 
     centre: Floats
     scale: Floats
@@ -105,9 +118,11 @@ class Correction:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Share of an object's windows that are right: by the shipped model, and fitted without this object (or NaN).
+    """Share of an object's windows that are right: by the shipped model, and fitted
+    without this object (or NaN).
 
-    Where the shipped boundary stays, nothing was fitted: both are that of the shipped model.
+    Where the shipped boundary stays, nothing was fitted: both are that of the shipped
+    model.
     """
 
     name: str
@@ -118,7 +133,8 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class SetUpFit:
-    """A correction, the score chosen, the estimate for each object left out, and the share of unknown sound."""
+    """A correction, the score chosen, the estimate for each object left out, and the
+    share of unknown sound."""
 
     correction: Correction
     score: str
@@ -127,7 +143,8 @@ class SetUpFit:
 
     @property
     def abstains(self) -> bool:
-        """Whether the model may still call sound unknown: not where this finger's own sound mostly is."""
+        """Whether the model may still call sound unknown: not where this finger's own
+        sound mostly is."""
         return self.unknown <= MOST_UNKNOWN
 
     @property
@@ -137,7 +154,8 @@ class SetUpFit:
 
     @property
     def balanced_accuracy(self) -> float:
-        """Mean over both classes of the objects left out; NaN where a class has one object only."""
+        """Mean over both classes of the objects left out; NaN where a class has one
+        object only."""
         return _balanced([(entry.rough, entry.after) for entry in self.left_out])
 
     @property
@@ -155,7 +173,8 @@ def collect(
     name: str,
     rough: bool,
 ) -> ObjectSound:
-    """Return the windows in contact of one object, whose sound has the shape ``(samples, channels)``.
+    """Return the windows in contact of one object, whose sound has the shape
+    ``(samples, channels)``.
 
     Raises `ModelError` if there is no contact.
     """
@@ -187,11 +206,13 @@ def collect(
 
 
 def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> SetUpFit:
-    """Fit the boundary to the objects of a set-up, by the tip's own score unless another is clearly better.
+    """Fit the boundary to the objects of a set-up, by the tip's own score unless
+    another is clearly better.
 
-    That of a hard tip is impulses, that of a soft one the model's logit. With one object of a class there is nothing to
-    choose by. The shipped boundary stays if most objects of either class do not prove it wrong. Raises `ValueError` if
-    there is no smooth or no rough object.
+    That of a hard tip is impulses, that of a soft one the model's logit. With one
+    object of a class there is nothing to choose by. The shipped boundary stays if most
+    objects of either class do not prove it wrong. Raises `ValueError` if there is no
+    smooth or no rough object.
     """
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
@@ -242,10 +263,11 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
 
 
 def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
-    """Whether more pieces of an object's sound are on the wrong side than chance explains, with at most this error.
+    """Whether more pieces of an object's sound are on the wrong side than chance
+    explains, with at most this error.
 
-    A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
-    `MOST_WRONG` of them must be besides.
+    A sign test: were the boundary right for this object, no more than every second
+    piece would be on the wrong side. `MOST_WRONG` of them must be besides.
     """
     pieces = np.array_split(
         (sound.logit > 0) != sound.rough, max(1, len(sound.logit) // FIT_PIECE)
@@ -262,9 +284,10 @@ def fit_boundary(
 ) -> Correction:
     """Fit the boundary of a score: midway between the facing tails of the two classes.
 
-    A mean of tails, each over the objects of a class, and deviations within an object: neither depends on how long an
-    object was slid over, nor on how far apart the objects lie. The tails, and not the middles, because rough sound
-    spreads several times as wide as smooth sound.
+    A mean of tails, each over the objects of a class, and deviations within an object:
+    neither depends on how long an object was slid over, nor on how far apart the
+    objects lie. The tails, and not the middles, because rough sound spreads several
+    times as wide as smooth sound.
     """
     impulses, model = SCORES[score]
     features = [np.nan_to_num(sound.features).astype(np.float64) for sound in sounds]
@@ -293,7 +316,8 @@ def fit_boundary(
 
 
 def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
-    """Return the columns of crest and clicks, of the air microphone where there are two.
+    """Return the columns of crest and clicks, of the air microphone where there are
+    two.
 
     Their means alone: deviations, over 250 ms, are of too few windows to be steady.
 
@@ -317,7 +341,8 @@ def _leave_out(
 ) -> LeftOut:
     before, after = _share(sound.logit, sound.rough), math.nan
     rest = [other for other in sounds if other is not sound]
-    # Without this object all others may be smooth, or all rough: then there is no boundary to fit.
+    # Without this object all others may be smooth, or all rough: then there is no
+    # boundary to fit.
     if {other.rough for other in rest} == {False, True}:
         after = _share(
             fit_boundary(rest, score, channels=channels).logit(sound), sound.rough
@@ -342,7 +367,8 @@ def _bounded(logit: Floats) -> Floats:
 
 
 def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
-    """Return the graph of a classifier of kind texture with a correction in place of its logit."""
+    """Return the graph of a classifier of kind texture with a correction in place of
+    its logit."""
     changed = ModelProto()
     changed.CopyFrom(graph)
     readers = [node for node in changed.graph.node if "logit" in node.input]
@@ -360,7 +386,8 @@ def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
     nodes = [
         helper.make_node("Clip", ["logit", "own:low", "own:high"], ["own:bounded"]),
         helper.make_node("Mul", ["own:bounded", "own:slope"], ["own:scaled"]),
-        # The features of a missing channel are this set-up's average, so that they add nothing.
+        # The features of a missing channel are this set-up's average, so that they add
+        # nothing.
         helper.make_node("Where", ["missing", "own:centre", "whole"], ["own:whole"]),
         helper.make_node("Sub", ["own:whole", "own:centre"], ["own:off"]),
         helper.make_node("Div", ["own:off", "own:scale"], ["own:wide"]),
@@ -398,7 +425,8 @@ def write_set_up(
     threshold_dbfs: float,
     tip: str,
 ) -> None:
-    """Write the model of a set-up: that of ``start``, with tip, contact threshold, boundary and scores changed."""
+    """Write the model of a set-up: that of ``start``, with tip, contact threshold,
+    boundary and scores changed."""
     card = model.card
     facts = {
         "from": card.name,

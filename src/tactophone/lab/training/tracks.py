@@ -1,7 +1,9 @@
-"""Sound and features of whole recordings, by the live stages: resampler, windows, running statistics.
+"""Sound and features of whole recordings, by the live stages: resampler, windows,
+running statistics.
 
-The running statistics of texture features start with the moments of the average touch, which are known only once the
-training recordings are chosen. Their weight at each window is known in advance, so they are added afterwards.
+The running statistics of texture features start with the moments of the average touch,
+which are known only once the training recordings are chosen. Their weight at each
+window is known in advance, so they are added afterwards.
 """
 
 import functools
@@ -33,8 +35,9 @@ Moments = NDArray[np.float64]
 """Mean and mean square of descriptions, shape ``(2, channels, values)``."""
 
 ChangeMetric = NDArray[np.float64]
-"""A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
-than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
+"""A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of
+the mean to a vector longer than 1 for one window in a hundred on one and the same
+surface; zeros never detect a change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,8 +47,9 @@ class FeatureTrack:
     recording: Recording
     """Where they come from."""
     description: NDArray[np.float32]
-    """Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, values)``; of
-    other kinds: the features, shape ``(windows, features)``."""
+    """Of kind ``texture``: descriptions before the running statistics, shape
+    ``(windows, channels, values)``; of other kinds: the features, shape ``(windows,
+    features)``."""
     level_dbfs: NDArray[np.float64]
     """Banded level of the contact channel."""
     start: NDArray[np.float64]
@@ -59,8 +63,9 @@ class FeatureTrack:
     def loud(self, threshold_dbfs: float) -> NDArray[np.bool_]:
         """Whether each window is contact by a threshold.
 
-        A recording without segments is contact throughout; another set's noise says nothing about its level. A copy has
-        another gain and other noise, which the live threshold would follow.
+        A recording without segments is contact throughout; another set's noise says
+        nothing about its level. A copy has another gain and other noise, which the live
+        threshold would follow.
         """
         if not self.recording.segments:
             threshold_dbfs = ALWAYS_DBFS
@@ -69,7 +74,8 @@ class FeatureTrack:
         return self.level_dbfs >= threshold_dbfs
 
     def touching(self) -> NDArray[np.bool_]:
-        """Whether the segments label each window's end as contact; true throughout where there are no segments."""
+        """Whether the segments label each window's end as contact; true throughout
+        where there are no segments."""
         return (
             self._in_contact(self.end)
             if self.recording.segments
@@ -77,7 +83,8 @@ class FeatureTrack:
         )
 
     def quiet(self) -> NDArray[np.bool_]:
-        """Whether each window lies in a segment without contact; false where there are no segments."""
+        """Whether each window lies in a segment without contact; false where there are
+        no segments."""
         quiet = [each for each in self.recording.segments if not each.contact]
         inside = [(self.start >= each.start) & (self.end <= each.end) for each in quiet]
         return np.asarray(
@@ -101,11 +108,14 @@ class RunningMoments:
     """Weight of the average touch, shape ``(windows,)``."""
 
     def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
-        """Return what the model's graph computes with this prior, shape ``(windows, features)``.
+        """Return what the model's graph computes with this prior, shape ``(windows,
+        features)``.
 
-        ``prior`` has shape ``(2, channels, values)``; ``present`` is :attr:`FeatureTrack.present`.
+        ``prior`` has shape ``(2, channels, values)``; ``present`` is
+        :attr:`FeatureTrack.present`.
         """
-        # (windows, 1, 1) * (2, 1, channels, values): each window's share of the prior, for both moments.
+        # (windows, 1, 1) * (2, 1, channels, values): each window's share of the prior,
+        # for both moments.
         mean, square = self.moments + self.prior_weight[:, None, None] * prior[:, None]
         deviation = np.sqrt(np.maximum(square - mean * mean, MIN_VARIANCE))
         features = np.concatenate((mean, deviation), axis=-1).astype(np.float32)
@@ -122,12 +132,14 @@ def read_signals(
     microphone: str = "contact",
     report: Callable[[int], None] = ignore,
 ) -> list[FloatArray]:
-    """Read usable recordings at a model's sample rate in Hz; those read before come from a cache.
+    """Read usable recordings at a model's sample rate in Hz; those read before come
+    from a cache.
 
-    The sound passes through the codec first, as it does on the link. ``microphone`` is the one to read where
-    ``channels`` is 1; the file's first, if it has none of that name. ``report`` is called with the number read. Returns
-    float32 of shape ``(samples, channels)`` for each, channel 0 contact. Raises `DatasetError` if a file cannot be
-    read, has too few channels, or not the sample rate of the codec.
+    The sound passes through the codec first, as it does on the link. ``microphone`` is
+    the one to read where ``channels`` is 1; the file's first, if it has none of that
+    name. ``report`` is called with the number read. Returns float32 of shape
+    ``(samples, channels)`` for each, channel 0 contact. Raises `DatasetError` if a file
+    cannot be read, has too few channels, or not the sample rate of the codec.
     """
     signals = []
     for done, recording in enumerate(recordings, 1):
@@ -138,7 +150,8 @@ def read_signals(
     return signals
 
 
-# A cross-validation reads every file in every fold; at 2 kHz the paper's whole set takes 67 MB.
+# A cross-validation reads every file in every fold; at 2 kHz the paper's whole set
+# takes 67 MB.
 @functools.lru_cache(maxsize=1 << 14)
 def _read(
     recording: Recording,
@@ -168,15 +181,18 @@ def _read_at(
             raise DatasetError(
                 f"{recording.path}: {sample_rate} Hz, but Opus works at {LIVE_SAMPLE_RATE} Hz; leave out opus_bitrate"
             )
-        # The codec's state runs through the whole recording, so it gets it in one piece.
+        # The codec's state runs through the whole recording, so it gets it in one
+        # piece.
         pieces = [encode_and_decode(np.concatenate(pieces), codec)]
-    # As if recorded at another rate; in whole kHz, as kernels of two rates without a common divisor are huge.
+    # As if recorded at another rate; in whole kHz, as kernels of two rates without a
+    # common divisor are huge.
     played = sample_rate if speed == 1 else round(speed * sample_rate / 1000) * 1000
     resampler = Resampler(played, rate, channels=channels)
     signal = np.concatenate([*map(resampler.push, pieces), resampler.flush()])
     gain_db = float(recording.known("gain_db") or 0)
     if gain_db and (channels > 1 or microphone == "contact"):
-        # Rendered more quietly so that it does not clip; models expect the preamplifier's usual gain.
+        # Rendered more quietly so that it does not clip; models expect the
+        # preamplifier's usual gain.
         signal[:, CONTACT] *= 10 ** (-gain_db / 20)
     return signal
 
@@ -228,7 +244,8 @@ def _extract_track(
         )
     size, hop = WINDOWS[spec.kind]
     count = max(0, int((len(signal) - size) / hop) + 1)
-    # The hop may be a fraction of a sample; each start is rounded down, as in the live stage.
+    # The hop may be a fraction of a sample; each start is rounded down, as in the live
+    # stage.
     starts = np.arange(count) * hop.numerator // hop.denominator
     windows = sliding_window_view(
         np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0
@@ -251,7 +268,8 @@ def _extract_track(
 
 
 def banded_levels(windows: FloatArray) -> NDArray[np.float64]:
-    """Return :func:`signal.perception.levels.banded_dbfs` of many windows ``(windows, samples)``, at once."""
+    """Return :func:`signal.perception.levels.banded_dbfs` of many windows ``(windows,
+    samples)``, at once."""
     size = windows.shape[1]
     taper = np.hanning(size + 1)[:-1].astype(np.float32)
     spectra = (
@@ -273,11 +291,13 @@ FALSE_CONTACTS = 0.01
 """Share of windows without contact that pass the gate's threshold."""
 
 ALWAYS_DBFS = -120.0
-"""Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
+"""Threshold where the recordings hold no silence to learn one from: every window counts
+as contact."""
 
 
 def noise_level(tracks: Sequence[FeatureTrack]) -> float:
-    """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
+    """Return the banded level, in whole dBFS, that one quiet window in a hundred
+    exceeds."""
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     return (
         float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS)))
@@ -298,7 +318,8 @@ def accumulate(
     for track, (_, states) in zip(
         tracks, _run(tracks, threshold_dbfs, change_metric, fading), strict=True
     ):
-        # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
+        # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows,
+        # ...).
         moments = states["running"].reshape(-1, 2, *track.description.shape[1:])
         found.append(
             RunningMoments(
@@ -311,7 +332,8 @@ def accumulate(
 def mean_shifts(
     tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading: float
 ) -> list[NDArray[np.float32]]:
-    """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
+    """Return how far the newest mean lies from the running one on one surface,
+    ``(windows, channels, values)``."""
     from tactophone.lab.training.features import BEFORE, STATISTICS_SETTLED, shift_of
 
     channels, values = tracks[0].description.shape[1:]

@@ -1,7 +1,7 @@
 """Trains the paper's network from a data set to a model file, with checkpoints.
 
-The network's arithmetic takes 97 % of a batch's time. So the levers are fewer windows, and matrix products in oneDNN's
-kernels (docs/guide/training.md).
+The network's arithmetic takes 97 % of a batch's time. So the levers are fewer windows,
+and matrix products in oneDNN's kernels (docs/guide/training.md).
 """
 
 import hashlib
@@ -59,14 +59,16 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
 
 CHECKPOINT_EVERY = 10.0
-"""Seconds between checkpoints, so the most that a kill costs; writing one of 22 MB takes about 0.05 s."""
+"""Seconds between checkpoints, so the most that a kill costs; writing one of 22 MB
+takes about 0.05 s."""
 
 _SMOOTHING = 0.98
 """Weight of the past in the loss shown: about the last 50 batches."""
 
 
 FEW_BATCHES = 150
-"""Fewer end far from convergence: the loss still falls steeply (docs/guide/training.md)."""
+"""Fewer end far from convergence: the loss still falls steeply
+(docs/guide/training.md)."""
 
 CPU_FLAGS = Path("/proc/cpuinfo")
 """Where Linux names the processor's instructions."""
@@ -74,7 +76,8 @@ CPU_FLAGS = Path("/proc/cpuinfo")
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Batches done and in total; ``loss`` is averaged over about the last 50 batches."""
+    """Batches done and in total; ``loss`` is averaged over about the last 50
+    batches."""
 
     steps: int
     total: int
@@ -84,10 +87,11 @@ class Progress:
 class Run:
     """A training run: each iteration trains on one batch.
 
-    The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
-    interrupted or not. The seed draws the first parameters, unless there are ``initial`` ones, the order of the windows
-    and the noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run continues from it.
-    ``make_network`` makes another network than the paper's.
+    The same windows, recipe, seed and number of threads give the same bits on the same
+    machine, whether the run was interrupted or not. The seed draws the first
+    parameters, unless there are ``initial`` ones, the order of the windows and the
+    noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run
+    continues from it. ``make_network`` makes another network than the paper's.
 
     ``network`` is that after the last batch.
     """
@@ -151,14 +155,16 @@ class Run:
     def complete(
         self, report: Callable[[Progress], None] = ignore
     ) -> dict[str, FloatArray]:
-        """Train to the end, calling ``report`` after each batch; return the network's parameters."""
+        """Train to the end, calling ``report`` after each batch; return the network's
+        parameters."""
         for progress in self:
             report(progress)
         return weights_of(self.network)
 
     def _train_batch(self, which: NDArray[np.intp], step: int) -> float:
         samples = self._windows.take(which)
-        # Random numbers need no state in a checkpoint: each step's follow from the seed and the step's number.
+        # Random numbers need no state in a checkpoint: each step's follow from the seed
+        # and the step's number.
         rng = np.random.Generator(np.random.SFC64((self._seed, step)))
         samples += self._settings.noise * rng.standard_normal(samples.shape, np.float32)
         labels = torch.from_numpy(self._windows.labels[which].astype(np.int64))
@@ -188,7 +194,8 @@ class Run:
             )
 
     def _restore(self) -> int:
-        """Continue from the checkpoint, if there is one; return the batches done before it.
+        """Continue from the checkpoint, if there is one; return the batches done before
+        it.
 
         Raises `ModelError` if the file cannot be read, or belongs to another run.
         """
@@ -244,16 +251,18 @@ def _identity(
 
 
 def fastest_precision() -> Precision:
-    """Return bfloat16 where the processor multiplies in it, otherwise float32, which is then many times faster."""
+    """Return bfloat16 where the processor multiplies in it, otherwise float32, which is
+    then many times faster."""
     flags = _flags()
     return "bfloat16" if "avx512_bf16" in flags or "amx_bf16" in flags else "float32"
 
 
 def float32_products() -> str:
-    """Return torch's precision of products (``torch.set_float32_matmul_precision``) that is fast and still float32.
+    """Return torch's precision of products (``torch.set_float32_matmul_precision``)
+    that is fast and still float32.
 
-    ``medium`` sends them to oneDNN, twice as fast as torch's default on AMD; on processors with AMX it would round
-    their inputs to bfloat16.
+    ``medium`` sends them to oneDNN, twice as fast as torch's default on AMD; on
+    processors with AMX it would round their inputs to bfloat16.
     """
     return "highest" if "amx_bf16" in _flags() else "medium"
 
@@ -267,7 +276,8 @@ def _flags() -> str:
 
 @dataclass(frozen=True, slots=True)
 class NetworkRecipe:
-    """The paper's network with its options; see :class:`~tactophone.lab.training.recipes.ConfiguredRecipe`."""
+    """The paper's network with its options; see
+    :class:`~tactophone.lab.training.recipes.ConfiguredRecipe`."""
 
     settings: NetworkSettings
     seed: int = 0
@@ -277,7 +287,8 @@ class NetworkRecipe:
     start: Path | None = None
     """Model file to continue from; random parameters by default."""
     gate: Gate | None = None
-    """The contact gate of the model; by default that of the paper or of its reference code."""
+    """The contact gate of the model; by default that of the paper or of its reference
+    code."""
 
     @property
     def name(self) -> str:
@@ -295,7 +306,8 @@ class NetworkRecipe:
 
     @property
     def effective_gate(self) -> Gate:
-        """The gate that the model will have: the paper's level, or its authors' test threshold."""
+        """The gate that the model will have: the paper's level, or its authors' test
+        threshold."""
         return self.gate or (
             REFERENCE_GATE if self.settings.reference_code else Gate(LABEL_LEVEL_DBFS)
         )
@@ -319,8 +331,9 @@ class NetworkRecipe:
     ) -> dict[str, FloatArray]:
         """Train on windows; see :class:`Run`.
 
-        Raises `ModelError` if the model to continue from has another number of channels, and `DatasetError` if the
-        windows of a new model are of one class alone.
+        Raises `ModelError` if the model to continue from has another number of
+        channels, and `DatasetError` if the windows of a new model are of one class
+        alone.
         """
         initial = read_weights(self.start) if self.start else None
         if (
@@ -349,7 +362,8 @@ class NetworkRecipe:
     def write(
         self, path: Path, weights: dict[str, FloatArray], dataset: Dataset
     ) -> None:
-        """Write the model file, named after the file, with the facts of its training."""
+        """Write the model file, named after the file, with the facts of its
+        training."""
         facts: dict[str, Any] = {
             "recipe": self.settings.name,
             "settings": asdict(self.settings),
@@ -413,7 +427,8 @@ def network_recipe(
     start: Path | None = None,
     calibration: Calibration | None = None,
 ) -> NetworkRecipe:
-    """Return ``paper`` or ``paper-fast`` with its options, which name a variant and change settings."""
+    """Return ``paper`` or ``paper-fast`` with its options, which name a variant and
+    change settings."""
     names = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
     changes = {
         name: value for name in names if (value := getattr(options, name)) is not None

@@ -1,6 +1,8 @@
-"""Where the vibration goes: the actuator's amplifier behind JACK or PortAudio, a gamepad, a WAV file, or nothing.
+"""Where the vibration goes: the actuator's amplifier behind JACK or PortAudio, a
+gamepad, a WAV file, or nothing.
 
-An actuator requests the waveform, period by period, in a thread of its own, and plays it. All five obey one contract.
+An actuator requests the waveform, period by period, in a thread of its own, and plays
+it. All five obey one contract.
 """
 
 import time
@@ -25,14 +27,16 @@ from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
 
 Render: TypeAlias = Callable[[FloatArray], None]
-"""Writes the next samples of the waveform in place; its array has shape ``(samples,)``."""
+"""Writes the next samples of the waveform in place; its array has shape
+``(samples,)``."""
 
 RenderHand: TypeAlias = Callable[[Sequence[FloatArray]], None]
 """The same for all fingers of a hand: an array for each."""
 
 
 class Actuator(AbstractContextManager["Actuator", None]):
-    """Plays on a device what ``render`` writes. Once entered it never raises, and every fault is silence.
+    """Plays on a device what ``render`` writes. Once entered it never raises, and every
+    fault is silence.
 
     ``device``: with rate, delay, faults and counts.
     """
@@ -49,10 +53,11 @@ class Actuator(AbstractContextManager["Actuator", None]):
 
 
 class ClockedDevice(ThreadedDevice):
-    """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
+    """A device without hardware that requests one period after another in step with the
+    clock; into a WAV file, if any.
 
-    After a stall it catches up, so that the waveform keeps its length; after one over `_LONGEST_DELAY` s (the machine
-    slept), the periods before are lost and counted.
+    After a stall it catches up, so that the waveform keeps its length; after one over
+    `_LONGEST_DELAY` s (the machine slept), the periods before are lost and counted.
     """
 
     _LONGEST_DELAY = 2.0
@@ -114,7 +119,8 @@ def jack_hand_actuator(
     server: str = "",
     name: str = "tactophone-operator",
 ) -> Actuator:
-    """Play each finger on a JACK port, by the name of the client's own port; ``"-"`` leaves one unconnected."""
+    """Play each finger on a JACK port, by the name of the client's own port; ``"-"``
+    leaves one unconnected."""
     wires = {own: port.removeprefix("-") for own, port in ports.items()}
     process = _outputs(render, range(1, len(ports) + 1))
     return Actuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
@@ -123,11 +129,12 @@ def jack_hand_actuator(
 def portaudio_hand_actuator(
     render: RenderHand, *, device: str = "", channels: Sequence[int]
 ) -> Actuator:
-    """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
+    """Play each finger on a channel of a PortAudio device, given by number or part of
+    its name; the others are silent.
 
-    ``channels``: counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by
-    their number: four are front and rear left and right, as a DualSense expects, but three would be left, right and
-    bass.
+    ``channels``: counted from 1. Beyond the first, channels are opened in pairs,
+    because sound servers name them by their number: four are front and rear left and
+    right, as a DualSense expects, but three would be left, right and bass.
     """
     highest = max(channels)
     process, opened = (
@@ -145,7 +152,8 @@ def gamepad_actuator(
     ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
 ) -> Actuator:
-    """Turn the motors of a gamepad; arguments as of `tactophone.live.audio.gamepad.GamepadDevice`."""
+    """Turn the motors of a gamepad; arguments as of
+    `tactophone.live.audio.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
     return Actuator(
         GamepadDevice(
@@ -157,17 +165,20 @@ def gamepad_actuator(
 def clocked_hand_actuator(
     render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None
 ) -> Actuator:
-    """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
+    """Request waveforms in step with the system clock; discard them, or write a WAV
+    file with a channel for each."""
     process = _outputs(render, range(1, fingers + 1))
     return Actuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
 
 
 def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:
-    """Return a device's process that renders to these channels, counted from 1, and is silent on all others."""
+    """Return a device's process that renders to these channels, counted from 1, and is
+    silent on all others."""
     places = [channel - 1 for channel in channels]
 
     def process(_: list[FloatArray], outputs: list[FloatArray]) -> None:
-        # A sound library reuses its buffers, so a channel that nobody writes would repeat old samples.
+        # A sound library reuses its buffers, so a channel that nobody writes would
+        # repeat old samples.
         if len(outputs) > len(places):
             for place, output in enumerate(outputs):
                 if place not in places:

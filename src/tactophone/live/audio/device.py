@@ -1,4 +1,5 @@
-"""The contract of a sound device, which calls periodically and may be lost at any time; and a page's microphone."""
+"""The contract of a sound device, which calls periodically and may be lost at any time;
+and a page's microphone."""
 
 import threading
 import time
@@ -12,24 +13,28 @@ from tactophone.core.errors import DeviceError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 
 SILENT_AFTER = 1.0
-"""Seconds without a message after which the sender of a `StreamDevice` counts as absent."""
+"""Seconds without a message after which the sender of a `StreamDevice` counts as
+absent."""
 
 _WAIT = 0.1
 """Seconds between two checks for the end of a `StreamDevice`."""
 
 Process: TypeAlias = Callable[[list[FloatArray], list[FloatArray]], None]
-"""What a device calls each period, with one array of shape ``(samples,)`` for each input and each output.
+"""What a device calls each period, with one array of shape ``(samples,)`` for each
+input and each output.
 
-It runs in the device's own thread: it copies the input or renders the output, and returns. If it raises, the period is
-silent and counted, and the next one is requested as usual.
+It runs in the device's own thread: it copies the input or renders the output, and
+returns. If it raises, the period is silent and counted, and the next one is requested
+as usual.
 """
 
 
 class Device(Protocol):
     """A sound device behind JACK or PortAudio.
 
-    A device never raises after `open`. When it is lost, its ``fault`` says so, the process is no longer called and the
-    output is silent; `revive`, called regularly, reconnects it as soon as it is available.
+    A device never raises after `open`. When it is lost, its ``fault`` says so, the
+    process is no longer called and the output is silent; `revive`, called regularly,
+    reconnects it as soon as it is available.
     """
 
     process_faults: int
@@ -56,7 +61,8 @@ class Device(Protocol):
         """What is wrong now and what to do; empty when nothing is."""
 
     def open(self) -> None:
-        """Start; raises `DeviceError` with the candidates when the device is missing or unsuitable."""
+        """Start; raises `DeviceError` with the candidates when the device is missing or
+        unsuitable."""
 
     def revive(self) -> None:
         """Try to reconnect, if lost."""
@@ -66,7 +72,8 @@ class Device(Protocol):
 
 
 def open_at_live_rate(device: Device) -> None:
-    """Open a device; raises `DeviceError`, with the device closed, if it does not run at `LIVE_SAMPLE_RATE`."""
+    """Open a device; raises `DeviceError`, with the device closed, if it does not run
+    at `LIVE_SAMPLE_RATE`."""
     device.open()
     if (found := device.sample_rate) != LIVE_SAMPLE_RATE:
         device.close()
@@ -106,7 +113,8 @@ class ThreadedDevice:
         raise NotImplementedError
 
     def _render(self, waveform: FloatArray) -> None:
-        """Render a period, shape ``(outputs, samples)``: as of a sound card, one that fails is silent and counted."""
+        """Render a period, shape ``(outputs, samples)``: as of a sound card, one that
+        fails is silent and counted."""
         try:
             self._process([], list(waveform))
         except Exception:
@@ -115,9 +123,11 @@ class ThreadedDevice:
 
 
 class StreamDevice(ThreadedDevice):
-    """A microphone in another process, as a page: fed by messages of a uint32 position and float32 samples.
+    """A microphone in another process, as a page: fed by messages of a uint32 position
+    and float32 samples.
 
-    Both are little-endian. ``absent`` is what to do while no sound arrives: the text of the fault.
+    Both are little-endian. ``absent`` is what to do while no sound arrives: the text of
+    the fault.
     """
 
     latency = 0.0

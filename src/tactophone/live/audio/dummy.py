@@ -1,4 +1,5 @@
-"""A private JACK server without a sound card, for measurements, demonstrations and tests."""
+"""A private JACK server without a sound card, for measurements, demonstrations and
+tests."""
 
 import ctypes
 import os
@@ -18,8 +19,8 @@ _BETWEEN_ATTEMPTS = 0.025
 """Seconds; `jack_wait` checks only once a second."""
 
 _MOST_PORTS = "128"
-"""Ports of all clients: a hand of ten fingers has 40 at both ends. JACK's default, 2048, makes memory for 105 MB, which
-it locks in every client; this is 42 MB."""
+"""Ports of all clients: a hand of ten fingers has 40 at both ends. JACK's default,
+2048, makes memory for 105 MB, which it locks in every client; this is 42 MB."""
 
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
 """Linux alone has it; looked up here, as a forked child must not load libraries."""
@@ -33,8 +34,9 @@ class DummyServer:
     - ``synchronous``: whether a period ends only when all clients are done. JACK's default is false: it goes on without
       a late client, and repeats that client's last period.
 
-    The dummy driver delivers each period at its beginning, a sound card at its end. A process can be a client of only
-    one server at a time: libjack keeps the server in global variables.
+    The dummy driver delivers each period at its beginning, a sound card at its end. A
+    process can be a client of only one server at a time: libjack keeps the server in
+    global variables.
     """
 
     def __init__(
@@ -60,7 +62,8 @@ class DummyServer:
         self.stop()
 
     def start(self) -> None:
-        """Start the server and wait until clients can join; with real-time scheduling where that is allowed."""
+        """Start the server and wait until clients can join; with real-time scheduling
+        where that is allowed."""
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
@@ -141,7 +144,8 @@ class DummyServer:
 
 
 def _end_with_parent() -> None:
-    """Have the kernel end this process when its parent ends, however that ends (Linux: PR_SET_PDEATHSIG)."""
+    """Have the kernel end this process when its parent ends, however that ends (Linux:
+    PR_SET_PDEATHSIG)."""
     if _PRCTL is not None:
         _PRCTL(1, signal.SIGTERM)
 

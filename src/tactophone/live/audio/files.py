@@ -1,4 +1,5 @@
-"""Recordings as sources: any format of libsndfile, at its own rate or the live one, alone or as a hand's fingers."""
+"""Recordings as sources: any format of libsndfile, at its own rate or the live one,
+alone or as a hand's fingers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -24,7 +25,8 @@ FILE_LOWEST_RATE = 2000
 
 
 class FileSource:
-    """A recording as a `tactophone.core.types.Source`; memory does not grow with its length.
+    """A recording as a `tactophone.core.types.Source`; memory does not grow with its
+    length.
 
     Parameters
     ----------
@@ -38,8 +40,8 @@ class FileSource:
     Raises
     ------
     DatasetError
-        If the file is missing, empty, not a sound file, or of other channels or rates; while iterating, if it is
-        damaged.
+        If the file is missing, empty, not a sound file, or of other channels or rates;
+        while iterating, if it is damaged.
     """
 
     def __init__(
@@ -117,10 +119,11 @@ class FileSource:
 
 
 class RecordedSource(ChangedSource):
-    """A `tactophone.core.types.Source` that resamples a recording of ``duration`` s to `LIVE_SAMPLE_RATE`.
+    """A `tactophone.core.types.Source` that resamples a recording of ``duration`` s to
+    `LIVE_SAMPLE_RATE`.
 
-    ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
-    s of the recording, or -1 where it is unknown.
+    ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at``
+    returns the touch at a time in s of the recording, or -1 where it is unknown.
     """
 
     def __init__(
@@ -154,7 +157,8 @@ class RecordedSource(ChangedSource):
 
 
 class CombinedSource:
-    """Sources of one rate and block size as one, with contact and air of each in turn; it ends with the first of them.
+    """Sources of one rate and block size as one, with contact and air of each in turn;
+    it ends with the first of them.
 
     A source of a single channel has silence for air.
     """

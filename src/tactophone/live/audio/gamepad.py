@@ -1,8 +1,9 @@
-"""The two motors of a gamepad, by force feedback of Linux (`evdev`), as a device that requests the waveform.
+"""The two motors of a gamepad, by force feedback of Linux (`evdev`), as a device that
+requests the waveform.
 
-Each effect lasts `EFFECT` and is refreshed every `REFRESH`, so a process that dies leaves a pad that falls silent by
-itself. The strength comes from the rendered waveform, behind every limit, fade and stop; roughness only divides it
-between the motors.
+Each effect lasts `EFFECT` and is refreshed every `REFRESH`, so a process that dies
+leaves a pad that falls silent by itself. The strength comes from the rendered waveform,
+behind every limit, fade and stop; roughness only divides it between the motors.
 """
 
 import contextlib
@@ -23,7 +24,8 @@ REFRESH = 0.05
 """Seconds between two effects; a motor takes about as long to change its speed."""
 
 EXPONENT = 0.4
-"""The faint end of the paper's profile, -25 dB of the ceiling, becomes -10 dB, a third of it, at which motors turn."""
+"""The faint end of the paper's profile, -25 dB of the ceiling, becomes -10 dB, a third
+of it, at which motors turn."""
 
 _PERIOD = round(REFRESH * LIVE_SAMPLE_RATE / 10)
 _FULL = 0xFFFF
@@ -32,7 +34,8 @@ _FULL = 0xFFFF
 def motor_levels(
     amplitude: float, roughness: float, ceiling: float
 ) -> tuple[float, float]:
-    """Return the levels, 0 to 1, of the strong (slow) motor and of the weak (fast) one; never above the ceiling.
+    """Return the levels, 0 to 1, of the strong (slow) motor and of the weak (fast) one;
+    never above the ceiling.
 
     Rough turns the strong motor, smooth the weak one, and both share what lies between.
 
@@ -124,7 +127,8 @@ class GamepadDevice(ThreadedDevice):
                 self.xruns += 1
                 due = now
             self._render(waveform)
-            # A fault in the waveform is silence, as everywhere: `max` would keep what is not finite.
+            # A fault in the waveform is silence, as everywhere: `max` would keep what
+            # is not finite.
             rendered = float(np.abs(waveform).max())
             peak = max(peak, rendered if np.isfinite(rendered) else 0.0)
             due += _PERIOD / LIVE_SAMPLE_RATE
@@ -133,7 +137,8 @@ class GamepadDevice(ThreadedDevice):
                 peak, refreshed = 0.0, now
 
     def _play(self, strong: float, weak: float) -> None:
-        """Start an effect in place of the last one; a pad that is gone is a fault, not an error."""
+        """Start an effect in place of the last one; a pad that is gone is a fault, not
+        an error."""
         pad = self._pad
         if pad is None:
             return
@@ -144,7 +149,8 @@ class GamepadDevice(ThreadedDevice):
                 ff_rumble_effect=ff.Rumble(round(strong * _FULL), round(weak * _FULL))
             )
             replay = ff.Replay(round(1000 * EFFECT), 0)
-            # An upload with the id of a playing effect replaces it; playing it again starts its time anew.
+            # An upload with the id of a playing effect replaces it; playing it again
+            # starts its time anew.
             effect = ff.Effect(
                 ecodes.FF_RUMBLE, self._effect, 0, ff.Trigger(0, 0), replay, rumble
             )

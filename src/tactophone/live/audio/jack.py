@@ -1,14 +1,18 @@
 """JACK clients that outlive their server.
 
-How JACK fails was measured (docs/research/attack.md) and explains this file. A process callback that raises is never
-called again, without a message: so no exception may leave it. A server calls back once on shutdown; afterwards the
-client returns stale values: so that client is closed, and a new one made when the server is back. The last period of a
-client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.live.runtime.watchdog`.
+How JACK fails was measured (docs/research/attack.md) and explains this file. A process
+callback that raises is never called again, without a message: so no exception may leave
+it. A server calls back once on shutdown; afterwards the client returns stale values: so
+that client is closed, and a new one made when the server is back. The last period of a
+client that *stalls* is repeated for ever: only another process can help, see
+:mod:`tactophone.live.runtime.watchdog`.
 
-libjack 1.9.21 cancels the threads of a client that it closes, asynchronously: in the middle of Python, or waiting for
-its lock, a thread would keep that lock for ever, or crash. So its second thread, which reads what the server tells,
-never enters Python (`_Counter`), and its first, which calls the process, ends by itself before the client is closed
-(`_leave`). After a loss, the next client of the process would close all others: so they are closed first.
+libjack 1.9.21 cancels the threads of a client that it closes, asynchronously: in the
+middle of Python, or waiting for its lock, a thread would keep that lock for ever, or
+crash. So its second thread, which reads what the server tells, never enters Python
+(`_Counter`), and its first, which calls the process, ends by itself before the client
+is closed (`_leave`). After a loss, the next client of the process would close all
+others: so they are closed first.
 """
 
 import contextlib
@@ -31,28 +35,34 @@ from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import SILENT_AFTER, Process
 
 _OPEN: set["JackClient"] = set()
-"""Clients of this process; kept until they are closed, as the binding would close them at garbage collection."""
+"""Clients of this process; kept until they are closed, as the binding would close them
+at garbage collection."""
 
 _LEAVING: list[threading.Thread] = []
 """Threads that close clients, and go on where a server does not answer in time."""
 
 _LEAVING_LIMIT = 0.7
-"""Seconds to wait for a client to leave; a server in order lets it go within some periods."""
+"""Seconds to wait for a client to leave; a server in order lets it go within some
+periods."""
 
 _CHECK_INTERVAL = 0.01
 """Seconds between two looks at the thread of a client that leaves."""
 
 _QUIET_CHECKS = 5
-"""Looks in a row that find the thread of a lost client outside Python: the server has let it go after 6 to 20 ms."""
+"""Looks in a row that find the thread of a lost client outside Python: the server has
+let it go after 6 to 20 ms."""
 
 _FUTEX_PRIVATE = 128
-"""Flag in a wait for memory of this process alone, as for Python's lock; JACK's is shared with the server."""
+"""Flag in a wait for memory of this process alone, as for Python's lock; JACK's is
+shared with the server."""
 
 _PIDFD_GETFD = 438
-"""Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
+"""Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has
+no function for it."""
 
 _SOCKET_NAME = "/jack_"
-"""Part of the path of every socket between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
+"""Part of the path of every socket between jackd and its clients, as in
+``/dev/shm/jack_default_0_0``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +75,8 @@ class JackPort:
 
 
 class _Counter:
-    """Counts calls of libjack by a function of the C library, without Python and its lock."""
+    """Counts calls of libjack by a function of the C library, without Python and its
+    lock."""
 
     def __init__(self) -> None:
         self._memory = (
@@ -77,7 +88,8 @@ class _Counter:
         return self._memory[0] & 0xFFFF_FFFF
 
     def count(self, client: Any, registration: str) -> None:
-        """Count what libjack calls back for a client; ``registration`` is libjack's function that registers it."""
+        """Count what libjack calls back for a client; ``registration`` is libjack's
+        function that registers it."""
         jack = _jack()
         increment = _address(
             "OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post"
@@ -90,7 +102,8 @@ class _Counter:
 
 
 class JackClient:
-    """A JACK client with named ports, each connected to another client's port or left free.
+    """A JACK client with named ports, each connected to another client's port or left
+    free.
 
     - ``name``: its name in the JACK graph.
     - ``process``: called each period, see `tactophone.live.audio.device.Process`; None for a client that only inspects
@@ -154,7 +167,8 @@ class JackClient:
     def open(self) -> None:
         """Join the graph and connect the ports.
 
-        Raises `DeviceError` when there is no server, or a port to connect to does not exist.
+        Raises `DeviceError` when there is no server, or a port to connect to does not
+        exist.
         """
         jack = _jack()
         self._rate = 0
@@ -178,8 +192,8 @@ class JackClient:
     def revive(self) -> None:
         """Join again if the server was lost, and connect again what is not connected.
 
-        A successor of another sample rate is a fault, and the client takes no part in it: it would render other
-        frequencies, and read others.
+        A successor of another sample rate is a fault, and the client takes no part in
+        it: it would render other frequencies, and read others.
         """
         if self._lost:
             self.close()
@@ -294,7 +308,8 @@ class JackClient:
 
 
 class _Cycle:
-    """The callback of one client of a `JackClient`; once ``asked``, it writes silence, and its thread ends."""
+    """The callback of one client of a `JackClient`; once ``asked``, it writes silence,
+    and its thread ends."""
 
     def __init__(
         self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays"
@@ -328,7 +343,8 @@ class _Cycle:
         return self._shutdowns.value > 0
 
     def outside(self) -> bool:
-        """Whether the thread has ended or, of a lost client, waits for the server: anywhere but in Python (Linux)."""
+        """Whether the thread has ended or, of a lost client, waits for the server:
+        anywhere but in Python (Linux)."""
         if not self._thread:
             return self.lost
         try:
@@ -352,8 +368,9 @@ def _leave(client: Any, cycle: _Cycle | None) -> None:
 class _Arrays:
     """The sound of some ports as arrays, in each period.
 
-    A port has one of a few buffers, which JACK names anew in each period. The array of a buffer is made once: the
-    binding's own call makes it each time and takes six times as long.
+    A port has one of a few buffers, which JACK names anew in each period. The array of
+    a buffer is made once: the binding's own call makes it each time and takes six times
+    as long.
     """
 
     def __init__(self, jack: Any, ports: Iterable[Any]) -> None:
@@ -362,7 +379,8 @@ class _Arrays:
         self._arrays: dict[Any, FloatArray] = {}
 
     def now(self, size: int) -> list[FloatArray]:
-        """Return an array of ``size`` samples for each port; call it in the process callback only."""
+        """Return an array of ``size`` samples for each port; call it in the process
+        callback only."""
         found = []
         for port in self._ports:
             buffer = self._buffer_of(port, size)
@@ -377,7 +395,8 @@ class _Arrays:
 
 @functools.cache
 def _jack() -> Any:
-    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages."""
+    """Import the JACK binding, which needs an extra and the system library, and silence
+    the library's messages."""
     try:
         import jack
     except ImportError:
@@ -388,7 +407,8 @@ def _jack() -> Any:
         raise DeviceError(
             "libjack is not installed: `apt install jackd2`, or choose portaudio"
         ) from None
-    # A function of the C library that does nothing: libjack's threads call it too, and must not enter Python.
+    # A function of the C library that does nothing: libjack's threads call it too, and
+    # must not enter Python.
     for name in ("jack_set_error_function", "jack_set_info_function"):
         getattr(ctypes.CDLL(jack._libname), name)(_address("strlen"))
     return jack
@@ -404,15 +424,19 @@ def _address(name: str) -> ctypes.c_void_p:
 
 
 def disconnect_from_jack(pid: int) -> bool:
-    """Disconnect another process from its JACK server, without its help (Linux); returns whether that could be done.
+    """Disconnect another process from its JACK server, without its help (Linux);
+    returns whether that could be done.
 
-    The server repeats the last period of a client that stands still. It cannot be disconnected port by port meanwhile:
-    the server would wait for the client to take note (measured, jackd 1.9.21). So its *sockets* to the server are shut
-    down, as the system does when a process dies: the server removes the client and its ports, silent after 6 to 20 ms.
-    A client that goes on later finds its server gone, and joins it again (`JackClient.revive`).
+    The server repeats the last period of a client that stands still. It cannot be
+    disconnected port by port meanwhile: the server would wait for the client to take
+    note (measured, jackd 1.9.21). So its *sockets* to the server are shut down, as the
+    system does when a process dies: the server removes the client and its ports, silent
+    after 6 to 20 ms. A client that goes on later finds its server gone, and joins it
+    again (`JackClient.revive`).
 
-    The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
-    callback, it may later write the rest of one period into memory that is another client's by then.
+    The process must be of the same user, and this one or a child of it. If it was
+    stopped in the middle of its callback, it may later write the rest of one period
+    into memory that is another client's by then.
     """
     if sys.platform != "linux":
         return False

@@ -1,4 +1,5 @@
-"""The time of recorded or simulated sound: each block is delivered when a microphone would deliver it."""
+"""The time of recorded or simulated sound: each block is delivered when a microphone
+would deliver it."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,16 +9,18 @@ from msgspec.structs import replace
 from tactophone.core.types import AudioBlock, Source
 
 LONGEST_DELAY = 0.06
-"""Seconds behind the clock up to which missed sound is hurried through; older sound would be stale on arrival
-(`link.stream.SOUND_STALE_AFTER`)."""
+"""Seconds behind the clock up to which missed sound is hurried through; older sound
+would be stale on arrival (`link.stream.SOUND_STALE_AFTER`)."""
 
 LONGEST_SKIP = 2.0
-"""Seconds spent on reading past missed sound, after which its times are moved instead."""
+"""Seconds spent on reading past missed sound, after which its times are moved
+instead."""
 
 MAX_SLOW_READS = 8
-"""Blocks in a row that took longer to read than to play, after which their times are moved instead. A busy machine may
-interrupt a fast source at any block, but not at each: 0.1 s of reading, the limit before, could pass in one
-interruption, and everything after it lay beside its labels."""
+"""Blocks in a row that took longer to read than to play, after which their times are
+moved instead. A busy machine may interrupt a fast source at any block, but not at each:
+0.1 s of reading, the limit before, could pass in one interruption, and everything after
+it lay beside its labels."""
 
 
 def paced(
@@ -29,12 +32,14 @@ def paced(
 ) -> Iterator[AudioBlock]:
     """Yield each block at the time of its last sample.
 
-    After a stall of more than `LONGEST_DELAY` the times of the blocks (``start``) jump, as a microphone's do: time
-    passes for them while nobody reads. A source that only *resumed* would lie behind its own times for ever, and the
-    operator would take all of its sound for delayed by the network.
+    After a stall of more than `LONGEST_DELAY` the times of the blocks (``start``) jump,
+    as a microphone's do: time passes for them while nobody reads. A source that only
+    *resumed* would lie behind its own times for ever, and the operator would take all
+    of its sound for delayed by the network.
 
-    ``skip``: whether sound that was missed is left out: right for a recording, whose times belong to its labels.
-    Otherwise the source goes on where it stopped, at later times: right for a simulation, which is slow to compute.
+    ``skip``: whether sound that was missed is left out: right for a recording, whose
+    times belong to its labels. Otherwise the source goes on where it stopped, at later
+    times: right for a simulation, which is slow to compute.
     """
     due = asked = clock()
     moved = slow = 0

@@ -1,7 +1,7 @@
 """PortAudio streams that reconnect, for systems without JACK.
 
-The block size is left to PortAudio (``blocksize=0``): requesting the device's own period costs one period more
-(measured: 128 samples become 256).
+The block size is left to PortAudio (``blocksize=0``): requesting the device's own
+period costs one period more (measured: 128 samples become 256).
 """
 
 import contextlib
@@ -28,7 +28,8 @@ class PortAudioDevice:
 
 
 class PortAudioStream:
-    """One direction of a PortAudio device, given by number or part of its name; empty is the system's default."""
+    """One direction of a PortAudio device, given by number or part of its name; empty
+    is the system's default."""
 
     sample_rate = LIVE_SAMPLE_RATE
 
@@ -64,7 +65,8 @@ class PortAudioStream:
         return ""
 
     def open(self) -> None:
-        """Start the stream; raises `DeviceError` when no device matches; the message lists the candidates."""
+        """Start the stream; raises `DeviceError` when no device matches; the message
+        lists the candidates."""
         sound = _sounddevice()
         chosen = self._choose(sound)
         try:
@@ -78,9 +80,11 @@ class PortAudioStream:
         self._stream, self._system = stream, chosen.system
 
     def revive(self) -> None:
-        """Open again if the stream has stopped; PortAudio must be initialised again to find a device that came back.
+        """Open again if the stream has stopped; PortAudio must be initialised again to
+        find a device that came back.
 
-        On top of JACK this is impossible: PortAudio aborts the whole process when it ends after its JACK server.
+        On top of JACK this is impossible: PortAudio aborts the whole process when it
+        ends after its JACK server.
         """
         if (
             self._stream is not None and self._stream.active
@@ -103,7 +107,8 @@ class PortAudioStream:
                 stream.close()
 
     def _choose(self, sound: Any) -> PortAudioDevice:
-        """Return the only device that matches; several or none are an error that lists them."""
+        """Return the only device that matches; several or none are an error that lists
+        them."""
         known = [
             device
             for device in devices()

@@ -1,7 +1,9 @@
-"""Live microphones as sources: on JACK ports, a PortAudio device or a page; with losses and overflows counted.
+"""Live microphones as sources: on JACK ports, a PortAudio device or a page; with losses
+and overflows counted.
 
-The device's own thread copies a period into a queue and returns; the iterator takes it out. When the queue holds more
-than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by the time it is rendered.
+The device's own thread copies a period into a queue and returns; the iterator takes it
+out. When the queue holds more than `LONGEST_WAIT`, new sound is dropped and counted, as
+it would be stale by the time it is rendered.
 """
 
 import queue
@@ -33,7 +35,8 @@ from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.portaudio import PortAudioStream
 
 LONGEST_WAIT = 0.06
-"""Seconds of sound that may be queued: older sound is stale on arrival (`link.stream.SOUND_STALE_AFTER`)."""
+"""Seconds of sound that may be queued: older sound is stale on arrival
+(`link.stream.SOUND_STALE_AFTER`)."""
 
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""
@@ -67,7 +70,8 @@ class LiveSource:
     ) -> None:
         self.overflows = self.period = 0
         self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
-        # Each is written by one thread alone: samples queued by the device's, samples taken by the reader's.
+        # Each is written by one thread alone: samples queued by the device's, samples
+        # taken by the reader's.
         self._queued = self._taken = 0
         self._position = 0
         self._held: list[AudioBlock] = []
@@ -100,10 +104,12 @@ class LiveSource:
             yield from blocks
 
     def joined(self, needed: Callable[[], int] = _any) -> Iterator[AudioBlock]:
-        """Iterate, with all blocks that wait in one: a reader that was late is in step again at once.
+        """Iterate, with all blocks that wait in one: a reader that was late is in step
+        again at once.
 
-        ``needed``: returns the samples without which the reader has nothing to do: it is not woken for fewer. Called in
-        the device's thread, and only while the reader waits.
+        ``needed``: returns the samples without which the reader has nothing to do: it
+        is not woken for fewer. Called in the device's thread, and only while the reader
+        waits.
         """
         self._needed = needed
         for arrived in self._arrivals():
@@ -136,7 +142,8 @@ class LiveSource:
         return blocks
 
     def _enqueue(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
-        # The position advances for dropped sound too, so that ``start`` jumps by what was lost.
+        # The position advances for dropped sound too, so that ``start`` jumps by what
+        # was lost.
         start, self.period = self._position, len(inputs[0])
         self._position = start + self.period
         if self._queued - self._taken > LONGEST_WAIT * self.sample_rate:
@@ -171,7 +178,8 @@ def jack_source(
     air
         Likewise; empty makes a one-channel source.
     fingers
-        Of a hand: contact and air of each finger by its name, in place of the two above; an empty air port is silence.
+        Of a hand: contact and air of each finger by its name, in place of the two
+        above; an empty air port is silence.
     server
         The JACK server's name; empty for the default one.
     """
@@ -204,8 +212,8 @@ def portaudio_source(
     channels
         How many of its first channels: 1 (contact) or 2 (contact, air).
     fingers
-        Of a hand: contact and air channel of each finger, counted from 1, in place of the first two; an air channel of
-        0 is silence.
+        Of a hand: contact and air channel of each finger, counted from 1, in place of
+        the first two; an air channel of 0 is silence.
     """
     order = [channel - 1 for pair in fingers for channel in pair] or list(
         range(channels)
@@ -220,14 +228,16 @@ def portaudio_source(
 
 
 def browser_source(sound: Connection) -> LiveSource:
-    """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
+    """Open the air microphone of the page whose messages ``sound`` delivers (a
+    `StreamDevice`)."""
     return LiveSource(
         lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1
     )
 
 
 def open_device(settings: Settings) -> Source:
-    """Open the microphones; `tactophone.app.sources` opens recordings and the simulated finger too.
+    """Open the microphones; `tactophone.app.sources` opens recordings and the simulated
+    finger too.
 
     Those of a hand are at one JACK server, or on one PortAudio device.
     """
@@ -269,7 +279,8 @@ def open_device(settings: Settings) -> Source:
 
 
 def _channel(text: str) -> int:
-    """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
+    """Return the number of a device's channel; the default, a JACK port, stands for the
+    channel of its number."""
     number = text.removeprefix("system:capture_")
     if not number.isdecimal() or not int(number):
         raise ConfigError(

@@ -1,4 +1,5 @@
-"""Lists the sound devices, and whether each is suitable for two microphones or for an actuator."""
+"""Lists the sound devices, and whether each is suitable for two microphones or for an
+actuator."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -11,13 +12,15 @@ from tactophone.live.audio.jack import JackClient, is_pipewire
 from tactophone.live.audio.portaudio import PortAudioDevice, devices
 
 SURVEY_TOO_SLOW = 0.02
-"""Delay of a device in s above which it is called slow: a third of what is noticed in texture."""
+"""Delay of a device in s above which it is called slow: a third of what is noticed in
+texture."""
 
 DUALSENSE = re.compile(r"dual[ _-]?sense|wireless controller", re.IGNORECASE)
 """Names under which ALSA, PipeWire and JACK list Sony's DualSense gamepad over USB."""
 
 DUALSENSE_CHANNEL = 3
-"""Left voice coil: of its four channels the front pair is the headphone jack, the rear pair the two voice coils."""
+"""Left voice coil: of its four channels the front pair is the headphone jack, the rear
+pair the two voice coils."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,8 @@ def _jack(server: str) -> SurveyedDevice:
         client.open()
     except DeviceError as error:
         return _missing("JACK", server or "default server", str(error))
-    # A sink or source that is no sound card, as PipeWire offers without one, is better than none.
+    # A sink or source that is no sound card, as PipeWire offers without one, is better
+    # than none.
     ports = [port for port in client.ports() if port.physical] or client.ports()
     rate, period = client.sample_rate, client.period
     coil = _dualsense_port([port.name for port in client.ports() if not port.is_output])
@@ -130,9 +134,11 @@ _DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
 
 
 def _dualsense_port(names: Sequence[str]) -> str:
-    """Return the port of a DualSense's left voice coil among playback ports; empty without one."""
+    """Return the port of a DualSense's left voice coil among playback ports; empty
+    without one."""
     ports = [name for name in names if DUALSENSE.search(name)]
-    # PipeWire calls the ports rear left (surround profile) or AUX2 (Pro Audio); other servers number them.
+    # PipeWire calls the ports rear left (surround profile) or AUX2 (Pro Audio); other
+    # servers number them.
     return next((name for name in ports if re.search(r"(_RL|AUX2|_3)$", name)), "")
 
 

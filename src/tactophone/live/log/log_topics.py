@@ -1,7 +1,9 @@
-"""The topics of a log (MCAP) and of a live view (Foxglove), each with its schema; those of ROS 2 are in `ros_topics`.
+"""The topics of a log (MCAP) and of a live view (Foxglove), each with its schema; those
+of ROS 2 are in `ros_topics`.
 
-Messages are JSON, which every viewer plots and every language reads; bytes in them are base64. Sound is protobuf in
-Foxglove's own schemas, as its Audio panel plays nothing else.
+Messages are JSON, which every viewer plots and every language reads; bytes in them are
+base64. Sound is protobuf in Foxglove's own schemas, as its Audio panel plays nothing
+else.
 """
 
 import functools
@@ -19,7 +21,8 @@ from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is that of the schema."""
+    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is that of the
+    schema."""
 
     name: str
     encoding: str
@@ -32,7 +35,8 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic with its schema, the line that explains it, and the number of its finger."""
+    """A topic with its schema, the line that explains it, and the number of its
+    finger."""
 
     name: str
     schema: Schema
@@ -79,7 +83,8 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Content of a message of `EVENTS`, Foxglove's ``Log``; level 2 is information, 3 a warning."""
+    """Content of a message of `EVENTS`, Foxglove's ``Log``; level 2 is information, 3 a
+    warning."""
 
     timestamp: Stamp
     level: int
@@ -92,7 +97,8 @@ class Event:
 def _json_schema(name: str, content: Any) -> Schema:
     """Return the schema of a type, as simple as Foxglove and Lichtblick need it.
 
-    They refuse references, alternatives such as a number or null, objects without properties, and lists of bytes.
+    They refuse references, alternatives such as a number or null, objects without
+    properties, and lists of bytes.
     """
     (described,), parts = msgspec.json.schema_components([content])
 
@@ -135,7 +141,8 @@ def fixed32(number: int, value: int) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    """Encode a whole number, seven bits a byte (protobuf.dev/programming-guides/encoding).
+    """Encode a whole number, seven bits a byte
+    (protobuf.dev/programming-guides/encoding).
 
     >>> _varint(300).hex()
     'ac02'
@@ -148,13 +155,15 @@ def _varint(value: int) -> bytes:
 
 
 _FIELD_TYPES = {"int64": 3, "int32": 5, "fixed32": 7, "string": 9, "bytes": 12}
-"""By their numbers in ``FieldDescriptorProto.Type``; every other name is that of a message, number 11."""
+"""By their numbers in ``FieldDescriptorProto.Type``; every other name is that of a
+message, number 11."""
 
 
 def _describe(
     package: str, message: str, fields: Mapping[str, str], imports: Sequence[str] = ()
 ) -> bytes:
-    """Return a file of one message as an entry of a ``FileDescriptorSet``, which is several of them joined."""
+    """Return a file of one message as an entry of a ``FileDescriptorSet``, which is
+    several of them joined."""
     described = octets(1, message.encode())
     for number, (name, kind) in enumerate(fields.items(), 1):
         field = (
@@ -254,7 +263,8 @@ TOPICS = (
 )
 
 SOUND = (CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
-"""Topics that a log does not hold, as they follow from its packets (`tactophone.live.log.sound`)."""
+"""Topics that a log does not hold, as they follow from its packets
+(`tactophone.live.log.sound`)."""
 
 
 @functools.cache
@@ -273,7 +283,8 @@ def of_finger(topic: Topic, finger: int, name: str) -> Topic:
 
 
 def topics_of(names: Sequence[str], *, sound: bool) -> tuple[Topic, ...]:
-    """Return the topics of a run with fingers of these names; one empty name where there is no hand."""
+    """Return the topics of a run with fingers of these names; one empty name where
+    there is no hand."""
     each = (PREDICTION_TOPIC, *SOUND) if sound else (PREDICTION_TOPIC,)
     common = [topic for topic in TOPICS if topic not in (PREDICTION_TOPIC, *SOUND)]
     return (

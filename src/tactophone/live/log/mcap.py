@@ -1,6 +1,8 @@
-"""Logs of runs as MCAP files: written from outside the run's process, and read back in the order of writing.
+"""Logs of runs as MCAP files: written from outside the run's process, and read back in
+the order of writing.
 
-A file is read as a stream, so that one whose writer was killed is read to its last chunk.
+A file is read as a stream, so that one whose writer was killed is read to its last
+chunk.
 """
 
 import json
@@ -31,10 +33,12 @@ from tactophone.live.log.reader import RunReader
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 LOG_READ_INTERVAL = 0.2
-"""Seconds between two reads: telemetry keeps 10 s of packets and over a minute of predictions."""
+"""Seconds between two reads: telemetry keeps 10 s of packets and over a minute of
+predictions."""
 
 CHUNK_INTERVAL = 4
-"""Reads in one chunk, 0.8 s: the disk then lacks under 1 s after a kill, and a chunk is long enough to compress."""
+"""Reads in one chunk, 0.8 s: the disk then lacks under 1 s after a kill, and a chunk is
+long enough to compress."""
 
 FORMAT = "tactophone 5"
 """Profile in the header of the file; a later layout gets a later number."""
@@ -42,12 +46,13 @@ FORMAT = "tactophone 5"
 MAGIC = b"\x89MCAP0\r\n"
 
 LARGEST_CHUNK = 64 << 20
-"""Bytes of a chunk once it is decompressed, and of a record outside of chunks; the writer's own have 1 MB or little
-more. Nothing of a larger one is made."""
+"""Bytes of a chunk once it is decompressed, and of a record outside of chunks; the
+writer's own have 1 MB or little more. Nothing of a larger one is made."""
 
 
 class _ChunkSize(int):
-    """The library's limit of a chunk in bytes, which a chunk also passes once it is ``due``."""
+    """The library's limit of a chunk in bytes, which a chunk also passes once it is
+    ``due``."""
 
     due = False
 
@@ -56,7 +61,8 @@ class _ChunkSize(int):
 
 
 class LogFile(AbstractContextManager["LogFile", None]):
-    """An MCAP file of the library's own writer, with chunks (zstd) and an index; a context manager.
+    """An MCAP file of the library's own writer, with chunks (zstd) and an index; a
+    context manager.
 
     Raises `OSError` when the file cannot be written.
     """
@@ -89,7 +95,8 @@ class LogFile(AbstractContextManager["LogFile", None]):
         self._file.flush()
 
     def __exit__(self, *_: object) -> None:
-        # A full disk has been reported by `end_chunk`; the index is then missing, and the chunks are there.
+        # A full disk has been reported by `end_chunk`; the index is then missing, and
+        # the chunks are there.
         with suppress(OSError, ValueError):
             self._add_newest()
             self._writer.add_metadata("tactophone", self.metadata)
@@ -102,8 +109,10 @@ class LogFile(AbstractContextManager["LogFile", None]):
         self._newest = message
 
     def end_chunk(self) -> None:
-        """Hand what was written so far to the system, so that it outlives this process."""
-        # The library ends a chunk only when a message makes it too long, so the newest one is kept for that.
+        """Hand what was written so far to the system, so that it outlives this
+        process."""
+        # The library ends a chunk only when a message makes it too long, so the newest
+        # one is kept for that.
         self._chunk_size.due = True
         self._add_newest()
         self._chunk_size.due = False
@@ -150,7 +159,8 @@ class McapLog:
         return sum(self._reader.missed.values())
 
     def read(self) -> None:
-        """Write what is new; raises `ConfigError` when the disk is full or gone: the log ends, not the run."""
+        """Write what is new; raises `ConfigError` when the disk is full or gone: the
+        log ends, not the run."""
         try:
             for message in self._reader.read():
                 self._log.write(message)
@@ -165,7 +175,8 @@ class McapLog:
 
 @dataclass(frozen=True, slots=True)
 class LoggedPrediction:
-    """A prediction and its command, of one finger; the command is NaN where there was none."""
+    """A prediction and its command, of one finger; the command is NaN where there was
+    none."""
 
     prediction: Prediction
     command: HapticCommand
@@ -174,7 +185,8 @@ class LoggedPrediction:
 
 @dataclass(frozen=True, slots=True)
 class LogEnd:
-    """The end of the file; ``complete`` if its writer ended in order, ``missed`` what it could not read in time."""
+    """The end of the file; ``complete`` if its writer ended in order, ``missed`` what
+    it could not read in time."""
 
     complete: bool
     missed: int = 0
@@ -194,8 +206,8 @@ def is_mcap(path: Path) -> bool:
 def read_log(path: Path) -> Iterator[LogEntry]:
     """Return the entries of a log, in their order.
 
-    Raises `DatasetError` if the file is missing, no MCAP, or not of this program, or holds a message that cannot be
-    read.
+    Raises `DatasetError` if the file is missing, no MCAP, or not of this program, or
+    holds a message that cannot be read.
     """
     for message in read_messages(path):
         if isinstance(message, LogEnd):
@@ -300,7 +312,8 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
 
 
 def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
-    """Return the records of a file, those in chunks too: the library would make of a chunk whatever it claims to be."""
+    """Return the records of a file, those in chunks too: the library would make of a
+    chunk whatever it claims to be."""
     from mcap.exceptions import EndOfFile
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
@@ -327,7 +340,8 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
 
 
 def _decompressed(chunk: Any) -> bytes:
-    """Return at most one byte more than `LARGEST_CHUNK` of a chunk; raises `ValueError` for a damaged one."""
+    """Return at most one byte more than `LARGEST_CHUNK` of a chunk; raises `ValueError`
+    for a damaged one."""
     if chunk.compression == "zstd":
         import zstandard
 
@@ -366,7 +380,8 @@ def _check_profile(path: Path, profile: str) -> None:
 
 
 def _prediction_of(entries: dict[str, Any], finger: int) -> LoggedPrediction:
-    """Return a prediction and its command again; a number left out is NaN, a level left out silence."""
+    """Return a prediction and its command again; a number left out is NaN, a level left
+    out silence."""
     row = (
         dict.fromkeys((field.name for field in PREDICTION_FIELDS), math.nan)
         | {"level_dbfs": -math.inf}

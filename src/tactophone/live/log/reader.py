@@ -1,4 +1,5 @@
-"""What is new in a run: as messages for a log and a live view, or every prediction for buses and middleware."""
+"""What is new in a run: as messages for a log and a live view, or every prediction for
+buses and middleware."""
 
 import math
 import time
@@ -24,24 +25,29 @@ SETTLED_DB = 1.0
 """Threshold changes below this (dB) are not reported."""
 
 READER_SILENCE = 0.1
-"""Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
+"""Seconds without a new prediction after which a finger counts as silent: a run that
+ends leaves nothing vibrating."""
 
 READER_BACKLOG = 100
-"""Predictions of a finger that may wait for their reader, about a second; older ones are of no use to a device."""
+"""Predictions of a finger that may wait for their reader, about a second; older ones
+are of no use to a device."""
 
 FASTEST_DRIFT = 1e-4
-"""Largest relative drift between the microphone's clock and ours: cheap quartzes stay within 100 ppm."""
+"""Largest relative drift between the microphone's clock and ours: cheap quartzes stay
+within 100 ppm."""
 
 _INFO, _WARNING = 2, 3
 
 
 def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
-    """Return a prediction and its command as JSON, exactly; what is NaN or infinite is left out."""
+    """Return a prediction and its command as JSON, exactly; what is NaN or infinite is
+    left out."""
     return _fitting(entries_of(prediction, command))
 
 
 def _fitting(entries: dict[str, Any]) -> bytes:
-    """Encode what fits the schema of a topic, which knows no null: JSON has neither NaN nor infinity."""
+    """Encode what fits the schema of a topic, which knows no null: JSON has neither NaN
+    nor infinity."""
     return msgspec.json.encode(
         {name: value for name, value in entries.items() if _is_known(value)}
     )
@@ -89,7 +95,8 @@ class RunReader:
         self._health_at = 0.0
 
     def _now(self) -> float:
-        """Return the time of the day, in s, by a clock that is never set: the one that stamps the packets."""
+        """Return the time of the day, in s, by a clock that is never set: the one that
+        stamps the packets."""
         return self._epoch + time.monotonic()
 
     def _session(self) -> Iterator[Message]:
@@ -112,7 +119,8 @@ class RunReader:
                 if not record.more:
                     arrivals.append(structs.replace(record, events=events))
                 continue
-            # Packets and controls keep their order in the file, as their order decides about the replay.
+            # Packets and controls keep their order in the file, as their order decides
+            # about the replay.
             yield from self._packets(arrivals)
             arrivals = []
             if isinstance(record, RunStart):
@@ -139,7 +147,8 @@ class RunReader:
                 )
             for row in rows:
                 prediction, command = prediction_of(row)
-                # A prediction carries the time of its stream, which is even; the time of reading is a staircase.
+                # A prediction carries the time of its stream, which is even; the time
+                # of reading is a staircase.
                 self._clocks[finger].follow(
                     self._epoch + float(row["made"]), prediction.end
                 )
@@ -198,7 +207,8 @@ class RunReader:
 
 
 def _settle(now: FingerState, before: FingerState) -> FingerState:
-    """Leave out what moves all the time: the noise floor, and a threshold that follows it."""
+    """Leave out what moves all the time: the noise floor, and a threshold that follows
+    it."""
     near = abs(now.threshold_dbfs - before.threshold_dbfs) < SETTLED_DB
     return replace(
         now,
@@ -223,18 +233,22 @@ def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
 
 
 class StreamClock:
-    """Turns times of a finger's stream into times of this machine, by the least delay seen.
+    """Turns times of a finger's stream into times of this machine, by the least delay
+    seen.
 
-    The least delay from the end of the sound to its prediction (capture, packet, network, detector) stays in it: by so
-    much a time is late. No clock of the other machine enters.
+    The least delay from the end of the sound to its prediction (capture, packet,
+    network, detector) stays in it: by so much a time is late. No clock of the other
+    machine enters.
     """
 
     def __init__(self) -> None:
         self._least, self._at = math.inf, 0.0
 
     def follow(self, made: float, end: float) -> None:
-        """Take a prediction of sound that ends at ``end`` (s of the stream), made at ``made`` (s of this machine)."""
-        # The least delay may grow again, as fast as two sound clocks part; else one lucky packet would hold for ever.
+        """Take a prediction of sound that ends at ``end`` (s of the stream), made at
+        ``made`` (s of this machine)."""
+        # The least delay may grow again, as fast as two sound clocks part; else one
+        # lucky packet would hold for ever.
         self._least = min(
             self._least + FASTEST_DRIFT * max(0.0, made - self._at), made - end
         )
@@ -247,7 +261,8 @@ class StreamClock:
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """A prediction of a finger, its command *as limited* (amplitude 0 where nothing vibrates), and its times.
+    """A prediction of a finger, its command *as limited* (amplitude 0 where nothing
+    vibrates), and its times.
 
     Times are in s since 1970, on the clock of this machine.
     """
@@ -260,7 +275,8 @@ class Passed:
     made: float
     """When the prediction and its command were computed."""
     rendered: float
-    """When the command is expected at the actuator, by the medians of the latency budget; NaN where nothing renders."""
+    """When the command is expected at the actuator, by the medians of the latency
+    budget; NaN where nothing renders."""
 
     @property
     def contact(self) -> bool:
@@ -272,7 +288,8 @@ class Passed:
         return self.prediction.roughness if self.contact else 0.0
 
     def ended(self, now: float) -> "Passed":
-        """Return the same without contact and vibration: what holds once predictions no longer come."""
+        """Return the same without contact and vibration: what holds once predictions no
+        longer come."""
         command = HapticCommand(0.0, self.command.frequency, self.command.time)
         return replace(
             self,
@@ -285,7 +302,8 @@ class Passed:
 class PredictionReader:
     """Reads every prediction of a run, and of the processes that replace it.
 
-    ``finger`` names the finger of a run that has a single one; those of a hand have names.
+    ``finger`` names the finger of a run that has a single one; those of a hand have
+    names.
 
     - ``fingers``: names of all fingers, in order.
     - ``missed``: predictions that were passed on to nobody: the oldest, where more than `READER_BACKLOG` were waiting.
@@ -307,7 +325,8 @@ class PredictionReader:
     def read(self) -> list[Passed]:
         """Return the predictions since the last call, oldest first for each finger.
 
-        A finger without one for `READER_SILENCE` is returned once more, without contact and with amplitude 0.
+        A finger without one for `READER_SILENCE` is returned once more, without contact
+        and with amplitude 0.
         """
         now = time.monotonic()
         found = self._read()
@@ -315,7 +334,8 @@ class PredictionReader:
         return found + self.silenced(before=now - READER_SILENCE)
 
     def silenced(self, *, before: float = math.inf) -> list[Passed]:
-        """Return each finger that touches or vibrates since its last prediction, read ``before`` a time, as silent."""
+        """Return each finger that touches or vibrates since its last prediction, read
+        ``before`` a time, as silent."""
         now = self._epoch + time.monotonic()
         ended = [
             passed.ended(now)

@@ -1,7 +1,9 @@
-"""Sound of received packets as Foxglove's audio messages of 20 ms: Opus is repackaged, never decoded.
+"""Sound of received packets as Foxglove's audio messages of 20 ms: Opus is repackaged,
+never decoded.
 
-The stream of each microphone is one that any Opus decoder plays. Sound that only redundancy or concealment would bring
-back is missing here; the packets in the log hold it.
+The stream of each microphone is one that any Opus decoder plays. Sound that only
+redundancy or concealment would bring back is missing here; the packets in the log hold
+it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,12 +44,14 @@ _PACKET, _CONNECTED = 0, 2
 # First byte of an event of the link.
 
 _CODE, _CELT = 3, 16
-# Bits with the number of frames; the first configuration of CELT (RFC 6716 section 3.1).
+# Bits with the number of frames; the first configuration of CELT (RFC 6716 section
+# 3.1).
 
 
 @dataclass(slots=True)
 class _Joined:
-    """Frames of one stream, or samples, that follow one another; ``head`` is the first byte of a frame."""
+    """Frames of one stream, or samples, that follow one another; ``head`` is the first
+    byte of a frame."""
 
     topic: Topic
     channels: int = 1
@@ -60,7 +64,8 @@ class _Joined:
 class SoundMessages:
     """Turns messages of a run into those of its sound.
 
-    Packets of another number of fingers than ``names`` has are left out, as the operator refuses them.
+    Packets of another number of fingers than ``names`` has are left out, as the
+    operator refuses them.
     """
 
     def __init__(self, names: Sequence[str] = ("",)) -> None:
@@ -174,9 +179,11 @@ def _split_pcm(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
 
 
 def _split_opus(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
-    """Return the Opus packet of each microphone and its samples; none if one is not a single CELT frame.
+    """Return the Opus packet of each microphone and its samples; none if one is not a
+    single CELT frame.
 
-    Our encoder makes nothing else. A hand is its fingers one after another, each as long.
+    Our encoder makes nothing else. A hand is its fingers one after another, each as
+    long.
     """
     fingers = fingers_of(channels)
     each = len(payload.content) // fingers

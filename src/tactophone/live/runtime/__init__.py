@@ -1,1 +1,2 @@
-"""Threads, processes, clocks and devices of the live system: the only room that reads the time."""
+"""Threads, processes, clocks and devices of the live system: the only room that reads
+the time."""

@@ -1,11 +1,14 @@
-"""The latency budget of a live run: how long sound spends in each stage, from the marks of both sides.
+"""The latency budget of a live run: how long sound spends in each stage, from the marks
+of both sides.
 
-A mark holds the time at which sound up to an RTP timestamp reached a stage. The clock is the machine's own, so the
-marks of robot and operator can be combined only where both run on one machine. Between two machines each side computes
-its own stages, and the network's part is half the round trip that the robot measures.
+A mark holds the time at which sound up to an RTP timestamp reached a stage. The clock
+is the machine's own, so the marks of robot and operator can be combined only where both
+run on one machine. Between two machines each side computes its own stages, and the
+network's part is half the round trip that the robot measures.
 
-For *capture* and *encode*, a live run computes the mean wait of a sample until its period and its packet are full: half
-of each. `tactophone latency` measures those stages too, with impulses.
+For *capture* and *encode*, a live run computes the mean wait of a sample until its
+period and its packet are full: half of each. `tactophone latency` measures those stages
+too, with impulses.
 """
 
 import math
@@ -20,13 +23,15 @@ from tactophone.net.link.codec import Codec
 _WRAP = 1 << 32
 
 _NEW_SESSION = 10 * LIVE_SAMPLE_RATE
-"""Samples between two marks of a stage from which a new session began between them: it starts at a random timestamp."""
+"""Samples between two marks of a stage from which a new session began between them: it
+starts at a random timestamp."""
 
 Marks = dict[str, NDArray[np.void]]
 
 
 class LocalPeer:
-    """The robot's run, watched from the operator's process, where both are on one machine; else ``name`` is empty."""
+    """The robot's run, watched from the operator's process, where both are on one
+    machine; else ``name`` is empty."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -51,7 +56,8 @@ class LocalPeer:
 def robot_stages(robot: Watcher, codec: Codec, *, period: int = 0) -> dict[str, float]:
     """Seconds in *capture* and *encode*; empty before there are two marks.
 
-    ``period`` is that of the device in samples, where there is one; else blocks are taken as they come.
+    ``period`` is that of the device in samples, where there is one; else blocks are
+    taken as they come.
     """
     captured, sent = robot.marks("captured"), robot.marks("sent")
     size = min(len(captured), len(sent))
@@ -72,12 +78,15 @@ def operator_stages(
     *,
     sound_delay: float = 0.0,
 ) -> dict[str, float]:
-    """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too.
+    """Seconds in all stages from *network* on, and ``total`` where the robot's stages
+    are known too.
 
-    ``robot`` is known where it runs on this machine. ``device_latency`` is of the actuator's device; ``sound_delay`` is
-    the delay in the clocked buffer and in the renderer, for profiles that render the sound itself.
+    ``robot`` is known where it runs on this machine. ``device_latency`` is of the
+    actuator's device; ``sound_delay`` is the delay in the clocked buffer and in the
+    renderer, for profiles that render the sound itself.
     """
-    # Only blocks that led to a command are followed: the others have no effect on the vibration.
+    # Only blocks that led to a command are followed: the others have no effect on the
+    # vibration.
     names = ("rendered", "received", "released", "decoded", "detected")
     times = follow({name: operator.marks(name) for name in names})
     stages = {
@@ -105,8 +114,9 @@ def operator_stages(
 def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     """Match the marks of each block of sound through the stages.
 
-    ``marks``: by stage. The blocks of the first stage are followed; a block has reached another stage when a mark at
-    its end or beyond has. Returns for each stage the times (s), one for each block that has reached them all.
+    ``marks``: by stage. The blocks of the first stage are followed; a block has reached
+    another stage when a mark at its end or beyond has. Returns for each stage the times
+    (s), one for each block that has reached them all.
     """
     first, marks = (
         next(iter(marks)),
@@ -118,7 +128,8 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     ends = _unwrapped(marks[first], reference)
     times, known = {}, np.ones(len(ends), bool)
     for name, found in marks.items():
-        # Packets may overtake each other: a stage has reached a position once it has reached a later one.
+        # Packets may overtake each other: a stage has reached a position once it has
+        # reached a later one.
         positions = np.maximum.accumulate(_unwrapped(found, reference))
         index = np.searchsorted(positions, ends)
         known &= (index < len(found)) & (positions[0] < ends + 1)
@@ -127,7 +138,8 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
 
 
 def _newest_session(found: NDArray[np.void]) -> NDArray[np.void]:
-    """Marks of one stage since its newest session began; those of an earlier one would match any later sound."""
+    """Marks of one stage since its newest session began; those of an earlier one would
+    match any later sound."""
     jumps = np.flatnonzero(abs(_wrapped(np.diff(found["position"]))) > _NEW_SESSION)
     return found[jumps[-1] + 1 :] if len(jumps) else found
 
@@ -138,7 +150,8 @@ def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:
 
 
 def _wrapped(differences: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Differences of RTP timestamps as the nearest that they can be: from half a wrap back to half a wrap ahead."""
+    """Differences of RTP timestamps as the nearest that they can be: from half a wrap
+    back to half a wrap ahead."""
     return (differences + _WRAP // 2) % _WRAP - _WRAP // 2
 
 

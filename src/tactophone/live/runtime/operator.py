@@ -1,10 +1,13 @@
-"""The operator's side: receives datagrams, runs the pipeline on their sound and drives the actuator.
+"""The operator's side: receives datagrams, runs the pipeline on their sound and drives
+the actuator.
 
-The network thread does everything from datagram to command, on arrival. The actuator's own thread renders the newest
-command. They share one slot, and neither ever waits for the other. The main thread updates telemetry, and applies the
-requests in telemetry's mailbox as far as the output gate allows.
+The network thread does everything from datagram to command, on arrival. The actuator's
+own thread renders the newest command. They share one slot, and neither ever waits for
+the other. The main thread updates telemetry, and applies the requests in telemetry's
+mailbox as far as the output gate allows.
 
-No lock is taken: each attribute that two threads share is written by one of them, in one assignment.
+No lock is taken: each attribute that two threads share is written by one of them, in
+one assignment.
 """
 
 import itertools
@@ -36,28 +39,34 @@ OPERATOR_HOUSEKEEPING = 0.02
 """Seconds between two checks of the mailbox."""
 
 COUNTING_INTERVAL = 0.1
-"""Seconds between two updates of counters, gauges and state: no page is drawn more often."""
+"""Seconds between two updates of counters, gauges and state: no page is drawn more
+often."""
 
 OPERATOR_RECEIVE = 0.007
-"""Seconds that the network thread waits for a datagram: more than from one packet of 5 ms to the next, which is 5.3 ms
-where a period has 128 samples."""
+"""Seconds that the network thread waits for a datagram: more than from one packet of 5
+ms to the next, which is 5.3 ms where a period has 128 samples."""
 
 OPERATOR_POLL = 0.005
-"""Seconds that the network thread waits for a datagram before it gives up on a missing packet: a packet's length."""
+"""Seconds that the network thread waits for a datagram before it gives up on a missing
+packet: a packet's length."""
 
 SESSION_INTERVAL = 0.025
-"""Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
+"""Seconds between two polls of the session while packets come in order: its own times
+are ten times as long."""
 
 LONGEST_CALL = 5.0
 """Seconds that a robot may take to connect before its absence is reported as a fault.
 
-A robot that starts at the same moment (`loopback`, `try`, `play`) takes 3 to 4 on a busy machine."""
+A robot that starts at the same moment (`loopback`, `try`, `play`) takes 3 to 4 on a
+busy machine."""
 
 SILENT_LINK = 0.5
-"""Seconds without sound or predictions after which the connected link is reported as silent."""
+"""Seconds without sound or predictions after which the connected link is reported as
+silent."""
 
 SENT_AWAY_SHOWN = 10.0
-"""Seconds for which a second robot is reported after its call; it calls every few seconds."""
+"""Seconds for which a second robot is reported after its call; it calls every few
+seconds."""
 
 START_ROBOT = (
     "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
@@ -106,7 +115,8 @@ class Operator(Side):
         )
         info.progress("opening the models")
         self._endpoint = wiring.open_endpoint(settings, self._session)
-        # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
+        # A process that replaces a failed one never vibrates by itself: its predecessor
+        # may have ended because of it.
         muted_because = (
             RESTARTED
             if info.restarts
@@ -176,7 +186,8 @@ class Operator(Side):
         self._resources.close()
 
     def stop(self) -> None:
-        """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
+        """Stop all fingers at once, and stay stopped until armed; may be called from a
+        signal handler."""
         for finger in self._fingers:
             finger.stop()
 
@@ -207,7 +218,8 @@ class Operator(Side):
         return self._session.session.hung_up if self._keeper else ""
 
     def _revive(self) -> bool:
-        """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
+        """Reconnect a lost device; what it rendered last is not taken up again. Returns
+        whether it was lost anew."""
         device = self._actuator.device
         lost = device.losses != self._losses
         if lost:
@@ -315,7 +327,8 @@ class Operator(Side):
             )
 
     def _why_silent(self) -> str:
-        """Return why no sound comes; empty until a page is the microphone for the first time."""
+        """Return why no sound comes; empty until a page is the microphone for the first
+        time."""
         if self._settings.capture.source != "browser":
             return "connected, but the robot sends no sound: check its microphones and the network"
         began = self._telemetry.counter("packets_received")
@@ -333,7 +346,8 @@ class Operator(Side):
         self._prepare_thread("tactophone-net", other_tip=self._tip_warning)
         checked_at = polled_at = 0.0
         while not self.ended.is_set():
-            # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
+            # Only a packet that waits for an earlier one makes it worth waking before
+            # the next arrives.
             datagrams = self._socket.receive(
                 OPERATOR_POLL if self._session.waiting else OPERATOR_RECEIVE
             )
@@ -350,8 +364,9 @@ class Operator(Side):
             if polled:
                 polled_at = received
                 steps = itertools.chain(steps, self._endpoint.poll(received))
-            # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
-            # moment at which its sound was decoded and free to be processed.
+            # Everything is decoded now. Each step is computed when the loop comes to
+            # it, so the time before is the moment at which its sound was decoded and
+            # free to be processed.
             decoded, origin = time.monotonic(), self._session.origin
             step: PipelineStep | None = None
             waited = False
@@ -373,10 +388,12 @@ class Operator(Side):
                 self._session.session.hang_up(
                     f"the operator cannot use this sound: {self._endpoint.refusal}"
                 )
-            # Sound is not answered; what else there is to send after sound may wait for the next poll.
+            # Sound is not answered; what else there is to send after sound may wait for
+            # the next poll.
             if polled or (step is None and not waited):
                 wiring.send_outgoing(self._session.session, self._socket)
-            # All that the commands did not need: here the thread would wait for the next packet.
+            # All that the commands did not need: here the thread would wait for the
+            # next packet.
             if self._recorder.due(received):
                 self._recorder.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
@@ -417,7 +434,8 @@ class Operator(Side):
         self._recorder.publish(bounded, now=now)
 
     def _pull(self, size: int) -> FloatArray:
-        """Return sound for a renderer of the sound itself; called in the actuator's thread."""
+        """Return sound for a renderer of the sound itself; called in the actuator's
+        thread."""
         return self._session.pull(size, now=time.monotonic())
 
     def _render(self, outs: Sequence[FloatArray]) -> None:
@@ -450,7 +468,8 @@ def run_operator(
     robot: str = "",
     keeper: Keeper | None = None,
 ) -> None:
-    """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency stop."""
+    """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency
+    stop."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
     if keeper is None:  # while a way is waited for, SIGTERM ends the process at once

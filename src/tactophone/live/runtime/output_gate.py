@@ -1,10 +1,13 @@
-"""Whether and how strongly anything may vibrate: the local machine decides, and no page or network can overrule it.
+"""Whether and how strongly anything may vibrate: the local machine decides, and no page
+or network can overrule it.
 
-Muting latches. It ends in one way only: a person arms, at the machine or through the mailbox that only this user's
-processes can write. Anyone who may send requests can lower the ceiling; nobody can raise it above the machine's own.
+Muting latches. It ends in one way only: a person arms, at the machine or through the
+mailbox that only this user's processes can write. Anyone who may send requests can
+lower the ceiling; nobody can raise it above the machine's own.
 
-The ceiling is stored once, in the `Limits` that a finger's gate, pipeline and renderer share: the gate bounds each
-command by it, the pipeline scales the profile to it, and the renderer bounds every sample.
+The ceiling is stored once, in the `Limits` that a finger's gate, pipeline and renderer
+share: the gate bounds each command by it, the pipeline scales the profile to it, and
+the renderer bounds every sample.
 """
 
 import math
@@ -33,8 +36,9 @@ LOWEST_THRESHOLD_DBFS = -120.0
 class OutputGate:
     """What the local machine allows.
 
-    ``limits`` hold the machine's own ceiling, 0-1 of full drive, and the one in force from then on. ``output_level`` is
-    a volume below it, 0-1. ``muted_because`` is why it starts muted; empty to start armed.
+    ``limits`` hold the machine's own ceiling, 0-1 of full drive, and the one in force
+    from then on. ``output_level`` is a volume below it, 0-1. ``muted_because`` is why
+    it starts muted; empty to start armed.
 
     >>> gate = OutputGate(Limits(ceiling=0.5))
     >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
@@ -59,24 +63,28 @@ class OutputGate:
     def stop(self) -> None:
         """Stop at once and stay stopped until armed; also the answer to SIGUSR1."""
         self._stop()
-        # Set last: `apply`, which this may have interrupted, looks at it when it has granted everything.
+        # Set last: `apply`, which this may have interrupted, looks at it when it has
+        # granted everything.
         self._stopped = True
 
     def apply(self, requests: Iterable[Request]) -> list[str]:
-        """Grant what may be granted; returns the actions refused. Call it regularly, also without requests.
+        """Grant what may be granted; returns the actions refused. Call it regularly,
+        also without requests.
 
-        Of a stop and an arming that arrive together, the stop wins, and so it does over an arming that waited when
-        `stop` was called, or is granted at that moment.
+        Of a stop and an arming that arrive together, the stop wins, and so it does over
+        an arming that waited when `stop` was called, or is granted at that moment.
         """
         stopped, self._stopped = self._stopped, False
-        # Armings come first, so that whatever mutes in the same moment has the last word.
+        # Armings come first, so that whatever mutes in the same moment has the last
+        # word.
         ordered = sorted(requests, key=lambda request: request.action != "arm")
         refused: list[str] = [
             request.action
             for request in ordered
             if (stopped and request.action == "arm") or not self._grant(request)
         ]
-        # A signal may have stopped while an arming was granted, which then undid the stop.
+        # A signal may have stopped while an arming was granted, which then undid the
+        # stop.
         if self._stopped:
             self._stop()
         return refused
@@ -102,17 +110,19 @@ class OutputGate:
         return True
 
     def bound(self, amplitude: float) -> float:
-        """Return an amplitude as it is now allowed, with the output level applied; 0 for one that is not finite."""
+        """Return an amplitude as it is now allowed, with the output level applied; 0
+        for one that is not finite."""
         if self.muted_because or not math.isfinite(amplitude):
             return 0.0
         return min(max(amplitude, 0.0) * self.output_level, self.limits.ceiling)
 
 
 class FingerOutput:
-    """From a pipeline's commands to what one actuator renders, and what of it may be changed during a run.
+    """From a pipeline's commands to what one actuator renders, and what of it may be
+    changed during a run.
 
-    The network thread calls `submit`, `changed` and `controls`, the main thread `apply` and `state`; a signal may call
-    `stop` at any time.
+    The network thread calls `submit`, `changed` and `controls`, the main thread `apply`
+    and `state`; a signal may call `stop` at any time.
 
     - ``settings``: of this finger (`tactophone.core.hand.of_finger`).
     - ``renderer``: drives the actuator, from another thread; its limits become the pipeline's too.
@@ -143,8 +153,8 @@ class FingerOutput:
         self._response = actuator_response(settings)
         self._endpoint = endpoint
         self._floor_dbfs = -math.inf
-        # `_changes` grows with each call that may have changed anything; `_changing` counts the calls under way, which
-        # may have changed part of it already.
+        # `_changes` grows with each call that may have changed anything; `_changing`
+        # counts the calls under way, which may have changed part of it already.
         self._changes = self._changing = 0
         self._seen: tuple[int, Hand | None] = 0, None
         self.pipeline.limits = renderer.limits
@@ -156,7 +166,8 @@ class FingerOutput:
 
     @property
     def profiles(self) -> tuple[str, ...]:
-        """Names of the profiles that may be requested; one that needs another renderer needs a restart."""
+        """Names of the profiles that may be requested; one that needs another renderer
+        needs a restart."""
         return (
             tuple(PROFILES)
             if isinstance(self.renderer, Oscillator)
@@ -164,7 +175,8 @@ class FingerOutput:
         )
 
     def submit(self, step: PipelineStep) -> PipelineStep:
-        """Pass the step's newest command to the renderer; returns the step with its commands as bounded by the gate."""
+        """Pass the step's newest command to the renderer; returns the step with its
+        commands as bounded by the gate."""
         if not step.predictions and not step.commands:
             return step
         bound = self.gate.bound
@@ -186,7 +198,8 @@ class FingerOutput:
         return PipelineStep(step.block, step.predictions, commands, step.finger)
 
     def stop(self) -> None:
-        """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
+        """Stop vibrating at once, and stay stopped until armed; may be called from a
+        signal handler."""
         self._changing += 1
         self.gate.stop()
         self.renderer.stop()
@@ -194,9 +207,11 @@ class FingerOutput:
         self._changing -= 1
 
     def apply(self, requests: list[Request]) -> list[str]:
-        """Grant what may be granted of the requests for this finger, or for all; returns the actions refused.
+        """Grant what may be granted of the requests for this finger, or for all;
+        returns the actions refused.
 
-        The gate decides on what limits the vibration; profile and threshold go to the pipeline.
+        The gate decides on what limits the vibration; profile and threshold go to the
+        pipeline.
         """
         requests = [
             request for request in requests if request.finger in (-1, self.index)
@@ -216,7 +231,8 @@ class FingerOutput:
         return refused
 
     def _adjust(self, request: Request) -> bool:
-        """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
+        """Change the pipeline's profile or threshold; false for one that does not exist
+        or is out of range."""
         try:
             if request.action == "profile" and request.text in self.profiles:
                 if (
@@ -237,15 +253,17 @@ class FingerOutput:
     def _enforce(self) -> None:
         if self.gate.armed:
             self.renderer.release()
-        # Asked again, not `else`: a signal may have stopped between the two, and the release would have undone it.
+        # Asked again, not `else`: a signal may have stopped between the two, and the
+        # release would have undone it.
         if not self.gate.armed:
             self.renderer.stop()
 
     def changed(self) -> bool:
-        """Whether `controls` may differ from those at the last call; true at the first, and while they change."""
-        # Asked twice a packet: comparing the controls themselves takes five times as long. With another robot comes
-        # another pipeline, in another hand.
-        # `_changing` is read first: a change that ends in between is then seen in `_changes`.
+        """Whether `controls` may differ from those at the last call; true at the first,
+        and while they change."""
+        # Asked twice a packet: comparing the controls themselves takes five times as
+        # long. With another robot comes another pipeline, in another hand. `_changing`
+        # is read first: a change that ends in between is then seen in `_changes`.
         changing, changes, hand = self._changing, self._changes, self._endpoint.hand
         if not changing and changes == self._seen[0] and hand is self._seen[1]:
             return False
@@ -253,7 +271,8 @@ class FingerOutput:
         return True
 
     def controls(self) -> tuple[bool, float, float, str, float | None]:
-        """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""
+        """Return what may be changed from outside the network thread, in the order of
+        `Controls` in the log."""
         gate, pipeline = self.gate, self.pipeline
         return (
             gate.armed,

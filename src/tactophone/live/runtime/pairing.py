@@ -1,4 +1,5 @@
-"""Robot and operator on one machine: two fresh identities, paired for one run, and the two processes."""
+"""Robot and operator on one machine: two fresh identities, paired for one run, and the
+two processes."""
 
 import os
 import shutil
@@ -27,7 +28,8 @@ _KEYS = "tactophone-keys-"
 def pair_on_one_machine(
     settings: Settings, folder: Path, *, name: str
 ) -> tuple[Settings, Settings]:
-    """Return the robot's and the operator's settings: keys in ``folder``, and a free port of the loopback.
+    """Return the robot's and the operator's settings: keys in ``folder``, and a free
+    port of the loopback.
 
     The operator's run is named ``name``, the robot's ``name-robot``.
     """
@@ -50,7 +52,8 @@ def pair_on_one_machine(
 
 @contextmanager
 def temporary_keys() -> Iterator[Path]:
-    """Yield a private folder for the keys of one run; it removes those that killed runs of this user left."""
+    """Yield a private folder for the keys of one run; it removes those that killed runs
+    of this user left."""
     for left in Path(tempfile.gettempdir()).glob(f"{_KEYS}*"):
         pid = left.name.removeprefix(_KEYS).partition("-")[0]
         with suppress(OSError):
@@ -82,8 +85,8 @@ def both_sides(
 ) -> Iterator[Sides]:
     """Run operator and robot, each in its process.
 
-    ``between`` opens what stands between the two, by the operator's settings, and yields the port that the robot calls;
-    ``report`` as of `Supervisor`.
+    ``between`` opens what stands between the two, by the operator's settings, and
+    yields the port that the robot calls; ``report`` as of `Supervisor`.
     """
     with temporary_keys() as folder, ExitStack() as stack:
         robot, operator = pair_on_one_machine(settings, folder, name=name)

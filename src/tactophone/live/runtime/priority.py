@@ -1,8 +1,9 @@
-"""Real-time priority and other measures against late sound; where the system refuses one, a warning says so once.
+"""Real-time priority and other measures against late sound; where the system refuses
+one, a warning says so once.
 
-Measured (docs/research/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO
-0.15 ms. A full garbage collection takes 42 ms after the imports and 2 us once they are frozen. Locking memory made no
-difference.
+Measured (docs/research/latency.md): under load an unprioritised network thread waits up
+to 93 ms, one with SCHED_FIFO 0.15 ms. A full garbage collection takes 42 ms after the
+imports and 2 us once they are frozen. Locking memory made no difference.
 """
 
 import contextlib
@@ -13,29 +14,33 @@ import threading
 from pathlib import Path
 
 SWITCH_INTERVAL = 100e-6
-"""Seconds for which a thread keeps the interpreter while another waits for it; Python's default is 5 ms, seven periods
-of 32 samples and more."""
+"""Seconds for which a thread keeps the interpreter while another waits for it; Python's
+default is 5 ms, seven periods of 32 samples and more."""
 
 MAIN_PRIORITY = 1
-"""Priority of the main thread, the lowest there is. It has little to do, but holds the interpreter while it works:
-without a priority it then waits for the machine, and the threads of the sound wait for it. At a load of 21 on two
-cores, packets then waited up to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
+"""Priority of the main thread, the lowest there is. It has little to do, but holds the
+interpreter while it works: without a priority it then waits for the machine, and the
+threads of the sound wait for it. At a load of 21 on two cores, packets then waited up
+to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
 
 COLLECTION_INTERVAL = 10.0
-"""Seconds between two collections of garbage: under 0.1 ms each once the imports are frozen. They also free the tuples
-that Python keeps for reuse, up to 2,000 of each size: a running operator filled these by 4 MB an hour for its first
-twenty minutes (counted with `sys._debugmallocstats`)."""
+"""Seconds between two collections of garbage: under 0.1 ms each once the imports are
+frozen. They also free the tuples that Python keeps for reuse, up to 2,000 of each size:
+a running operator filled these by 4 MB an hour for its first twenty minutes (counted
+with `sys._debugmallocstats`)."""
 
 
 def settle() -> None:
-    """Prepare a process that is set up: its garbage collections leave out all so far, and its threads wait less."""
+    """Prepare a process that is set up: its garbage collections leave out all so far,
+    and its threads wait less."""
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)
 
 
 def collect_garbage(last: float, now: float) -> float:
-    """Collect garbage if it is time to, at any interval of calls; returns when it was last done, in s."""
+    """Collect garbage if it is time to, at any interval of calls; returns when it was
+    last done, in s."""
     if now - last < COLLECTION_INTERVAL:
         return last
     gc.collect()
@@ -43,7 +48,8 @@ def collect_garbage(last: float, now: float) -> float:
 
 
 def name_thread(name: str) -> None:
-    """Give the calling thread a name of up to 15 letters in the kernel (Linux), which `top -H` shows."""
+    """Give the calling thread a name of up to 15 letters in the kernel (Linux), which
+    `top -H` shows."""
     with contextlib.suppress(OSError):
         Path(f"/proc/self/task/{threading.get_native_id()}/comm").write_text(name)
 

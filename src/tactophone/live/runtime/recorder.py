@@ -1,7 +1,9 @@
-"""What a running end leaves for watchers and for the log: collected while packets are processed, written later.
+"""What a running end leaves for watchers and for the log: collected while packets are
+processed, written later.
 
-Nothing on the way from a datagram to a command needs marks, the step's telemetry or the session log. Written packet by
-packet, each of these calls finds cold caches; ten in a row take the time of three (measured).
+Nothing on the way from a datagram to a command needs marks, the step's telemetry or the
+session log. Written packet by packet, each of these calls finds cold caches; ten in a
+row take the time of three (measured).
 """
 
 import hashlib
@@ -31,19 +33,22 @@ from tactophone.net.link.events import Event, write_event
 from tactophone.signal.perception.models import default_model, model_path
 
 LONGEST_DEFERRAL = 0.02
-"""Seconds for which the oldest step may wait without a prediction: as often as the main thread looks at telemetry."""
+"""Seconds for which the oldest step may wait without a prediction: as often as the main
+thread looks at telemetry."""
 
 _MOST_WAITING = 32
-"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it, as without any sound."""
+"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it,
+as without any sound."""
 
 _PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
 
 
 class SessionRecorder:
-    """Records what an end receives, what steers it and what it computes, after how its process was started.
+    """Records what an end receives, what steers it and what it computes, after how its
+    process was started.
 
-    Its calls belong to one thread, and nobody else publishes steps. Where another thread calls `arrival`, that call and
-    `write` stand under one lock.
+    Its calls belong to one thread, and nobody else publishes steps. Where another
+    thread calls `arrival`, that call and `write` stand under one lock.
     """
 
     def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
@@ -57,7 +62,8 @@ class SessionRecorder:
         self._log([describe_run(settings, role=role)])
 
     def mark(self, position: int, *reached: tuple[int, float]) -> None:
-        """Record that sound up to an RTP timestamp has reached each ``MARKS[index]``, and when (s)."""
+        """Record that sound up to an RTP timestamp has reached each ``MARKS[index]``,
+        and when (s)."""
         self._marks.append((position, reached))
 
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
@@ -65,13 +71,15 @@ class SessionRecorder:
         self._steps.append(
             (step, now, truth, self._telemetry.vibration_count(step.finger))
         )
-        # A prediction is shown once its packets are processed: bridges drive devices with each.
+        # A prediction is shown once its packets are processed: bridges drive devices
+        # with each.
         self._predicted = self._predicted or bool(step.predictions)
 
     def arrival(
         self, now: float, events: Sequence[Event], polled: bool = False
     ) -> None:
-        """Log events that are processed together at ``now`` (s), at the next `write`."""
+        """Log events that are processed together at ``now`` (s), at the next
+        `write`."""
         self._arrivals.append((now, list(events), polled))
         if len(self._arrivals) >= _MOST_WAITING:
             self._log_arrivals()
@@ -87,24 +95,29 @@ class SessionRecorder:
         step: int = 0,
         finger: int = 0,
     ) -> None:
-        """Log a finger's controls (see `Controls`) if they have changed, and the step of the last arrival meanwhile."""
-        # Called at each packet, so compared as they come: making a `Controls` takes longer than all else here.
+        """Log a finger's controls (see `Controls`) if they have changed, and the step
+        of the last arrival meanwhile."""
+        # Called at each packet, so compared as they come: making a `Controls` takes
+        # longer than all else here.
         controls = armed, ceiling, output_level, profile, threshold_dbfs
         if controls != self._controls.get(finger):
             self._controls[finger] = controls
             self._arrivals.append(Controls(*controls, step, finger))
 
     def due(self, now: float) -> bool:
-        """Whether enough has been collected, or has waited for long enough; ask at least every few milliseconds."""
+        """Whether enough has been collected, or has waited for long enough; ask at
+        least every few milliseconds."""
         if not self._steps and not self._arrivals:
             return False
-        # The wait begins when somebody first asks, so that the clock need not be read for each call above.
+        # The wait begins when somebody first asks, so that the clock need not be read
+        # for each call above.
         if self._since is None:
             self._since = now
         return self._predicted or now - self._since >= LONGEST_DEFERRAL
 
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
-        """Write everything in the order in which it came; ``truth_of`` a finger replaces the truth of its steps."""
+        """Write everything in the order in which it came; ``truth_of`` a finger
+        replaces the truth of its steps."""
         self._since, self._predicted = None, False
         # The log comes first: who reads a step finds what it was made of.
         self._log_arrivals()

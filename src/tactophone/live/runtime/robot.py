@@ -1,7 +1,8 @@
 """The robot's side: takes sound, encodes, encrypts and sends it.
 
-One thread follows the sound, and one for each operator the network. They share the sessions under one lock, each for
-well under a millisecond at a time, whatever arrives. The main thread does the housekeeping.
+One thread follows the sound, and one for each operator the network. They share the
+sessions under one lock, each for well under a millisecond at a time, whatever arrives.
+The main thread does the housekeeping.
 """
 
 import itertools
@@ -48,10 +49,12 @@ ROBOT_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram before it polls the session."""
 
 MOST_AT_ONCE = 8
-"""Datagrams of one operator that are processed before the sound may be sent: about half a millisecond."""
+"""Datagrams of one operator that are processed before the sound may be sent: about half
+a millisecond."""
 
 MOST_UNCHECKED = 1 << 14
-"""Blocks that may wait for the check of the microphones: seconds of them, where the main thread is late."""
+"""Blocks that may wait for the check of the microphones: seconds of them, where the
+main thread is late."""
 
 START_OPERATOR = "start `tactophone receive` there; or a router blocks the port: use `tactophone call`"
 """Advice where an operator never answers."""
@@ -115,8 +118,9 @@ class Robot(Side):
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
         wiring.rehearse_encoder(self._group.encoder.codec)
         wiring.rehearse_statistics()
-        # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
-        # other lock is taken under it, and no thread waits for the network or a device while it holds it.
+        # Guards the sessions, which the thread of the sound and those of the network
+        # share, and the log of both. No other lock is taken under it, and no thread
+        # waits for the network or a device while it holds it.
         self._lock = threading.Lock()
         self._moving = False  # as the newest request says
         self._unpublished: list[AudioBlock] = []
@@ -217,7 +221,8 @@ class Robot(Side):
             self._end_soon(now)
 
     def _link_faults(self) -> Iterator[Fault]:
-        """Yield which operators are not connected, and why, and which run another version."""
+        """Yield which operators are not connected, and why, and which run another
+        version."""
         for number, (member, (host, port)) in enumerate(
             zip(self._group.members, self._operators, strict=True), 1
         ):
@@ -249,7 +254,8 @@ class Robot(Side):
             self._await_operator()
         sound: Iterable[AudioBlock]
         if isinstance(self._source, LiveSource):
-            # Until a packet is complete there is nothing to do, unless predictions are made here.
+            # Until a packet is complete there is nothing to do, unless predictions are
+            # made here.
             sound = self._source.joined(
                 lambda: 1 if self._endpoint.detectors else self._group.encoder.missing
             )
@@ -261,7 +267,8 @@ class Robot(Side):
             self._send(block)
 
     def _await_operator(self) -> None:
-        """Hold a recording back until an operator is connected: unlike a microphone, it has a beginning."""
+        """Hold a recording back until an operator is connected: unlike a microphone, it
+        has a beginning."""
         while not self.ended.wait(ROBOT_HOUSEKEEPING):
             with self._lock:
                 if self._group.connected:
@@ -276,7 +283,8 @@ class Robot(Side):
             self._send_outgoing()
             origin = self._group.origin
         now = time.monotonic()
-        # A prediction is marked with the end of its window, the only time of it that the operator knows.
+        # A prediction is marked with the end of its window, the only time of it that
+        # the operator knows.
         ends = [
             round(step.predictions[-1].end * LIVE_SAMPLE_RATE)
             for step in steps
@@ -302,7 +310,8 @@ class Robot(Side):
         return [step for part in joined(blocks) for step in self._endpoint.steps(part)]
 
     def _log(self, event: Event) -> None:
-        """Log a packet or a change of the connection; called under the lock of the session."""
+        """Log a packet or a change of the connection; called under the lock of the
+        session."""
         self._recorder.arrival(round(time.monotonic(), ARRIVAL_DIGITS), [event])
 
     def _follow_network(self, operator: int) -> None:
@@ -312,7 +321,8 @@ class Robot(Side):
         while not self.ended.is_set():
             datagrams = socket.receive(ROBOT_RECEIVE)
             now = time.monotonic()
-            # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
+            # A few at a time: whatever an operator sends, the sound for the others
+            # waits for no more than these.
             for start in range(0, len(datagrams), MOST_AT_ONCE):
                 with self._lock:
                     self._group.receive(
@@ -336,7 +346,8 @@ def run_robot(
     open_source: OpenSource = open_device,
     keeper: Keeper | None = None,
 ) -> None:
-    """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
+    """Run the robot's side in this process until SIGTERM or the end of the sound, or
+    over a way of either side."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
     if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
@@ -352,8 +363,8 @@ def run_robot(
 class MicrophoneCheck:
     """Checks the microphones on the robot, where no codec has changed the sound yet.
 
-    The thread of the sound only collects blocks: to measure them takes as long as several packets, eight times a
-    second. ``channels`` are those of each finger.
+    The thread of the sound only collects blocks: to measure them takes as long as
+    several packets, eight times a second. ``channels`` are those of each finger.
     """
 
     def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
@@ -369,7 +380,8 @@ class MicrophoneCheck:
             self._waiting.append(step)
 
     def faults(self) -> Iterator[Fault]:
-        """Measure the sound since the last call, and yield what is wrong with each finger's microphones."""
+        """Measure the sound since the last call, and yield what is wrong with each
+        finger's microphones."""
         while self._waiting:
             step = self._waiting.popleft()
             if check := self._checks[step.finger]:

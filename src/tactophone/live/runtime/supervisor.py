@@ -1,8 +1,9 @@
 """Runs one side of the live system in a process of its own, and supervises it.
 
-Everything that computes beside the sound (terminal, logs, supervision) stays out of the process with the audio
-callback: a busy Python thread there delays the callback through the interpreter lock. A process that dies or is killed
-by the watchdog is replaced by a new one, which starts muted: nothing restores vibration by itself.
+Everything that computes beside the sound (terminal, logs, supervision) stays out of the
+process with the audio callback: a busy Python thread there delays the callback through
+the interpreter lock. A process that dies or is killed by the watchdog is replaced by a
+new one, which starts muted: nothing restores vibration by itself.
 
 ==========  ==============================================  ==========
 state       what happens                                    next state
@@ -55,26 +56,31 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
 RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 4.0
-"""Seconds between the end of a process and the next, which double with every process that lived less than
-`SHORT_LIFE`."""
+"""Seconds between the end of a process and the next, which double with every process
+that lived less than `SHORT_LIFE`."""
 
 SHORT_LIFE = 2.0
-"""Seconds after its start within which a process most likely ends for a reason that ends the next one too."""
+"""Seconds after its start within which a process most likely ends for a reason that
+ends the next one too."""
 
 SIDE_START_TIMEOUT = 20.0
-"""Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
+"""Seconds that a process may spend at its start without any progress: neither a message
+nor processor time."""
 
 LONGEST_START = 300.0
-"""Seconds that a start may take in all; compiling the simulation on a busy machine takes one minute."""
+"""Seconds that a start may take in all; compiling the simulation on a busy machine
+takes one minute."""
 
 SLOW_START = 5.0
-"""Seconds after which a line says what a slow start is at; the next comes after twice as long."""
+"""Seconds after which a line says what a slow start is at; the next comes after twice
+as long."""
 
 BUDGET_INTERVAL = 1.0
 """Seconds between two updates of the latency budget."""
 
 LAST_WORDS = 0.5
-"""Seconds for which a side whose call has ended still shows that: more than between two updates of a console."""
+"""Seconds for which a side whose call has ended still shows that: more than between two
+updates of a console."""
 
 MOVING = ", moving"
 """Added to the link of a robot that says that it moves."""
@@ -88,7 +94,8 @@ SIDE_END_TIMEOUT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class ProcessInfo:
-    """What a process gets at its start: the name of its run, and how many processes of the run ended before it."""
+    """What a process gets at its start: the name of its run, and how many processes of
+    the run ended before it."""
 
     name: str
     restarts: int = 0
@@ -97,7 +104,8 @@ class ProcessInfo:
 
 
 Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
-"""One side of the live system: runs until SIGTERM, or until its sound ends. Must be importable by a new process."""
+"""One side of the live system: runs until SIGTERM, or until its sound ends. Must be
+importable by a new process."""
 
 
 SideState = Literal["idle", "starting", "running", "restarting", "ended"]
@@ -117,10 +125,12 @@ SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType(
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
-    ``report`` is called with a line for people: why a process is restarted, or what a slow start is at, which ends in
-    ``"\\r"`` since the next such line replaces it; from another thread.
+    ``report`` is called with a line for people: why a process is restarted, or what a
+    slow start is at, which ends in ``"\\r"`` since the next such line replaces it; from
+    another thread.
 
-    ``progress``, which may be replaced, is called with what the process does next, while it is awaited at its start.
+    ``progress``, which may be replaced, is called with what the process does next,
+    while it is awaited at its start.
 
     ``restarts``: number of new processes that had to be started.
 
@@ -164,9 +174,11 @@ class Supervisor:
         if self._child:
             self._child.close()
         else:
-            # Not for a successor: who watches the run still reads what the dead process wrote last.
+            # Not for a successor: who watches the run still reads what the dead process
+            # wrote last.
             remove_leftovers()
-        # A bare function, as `self` holds a thread and cannot be sent to another process.
+        # A bare function, as `self` holds a thread and cannot be sent to another
+        # process.
         self._child = Child(
             _run, self._main, self._settings, self.name, self.restarts, name=self.name
         )
@@ -187,7 +199,8 @@ class Supervisor:
 
     @property
     def running(self) -> bool:
-        """Whether the side runs or will be restarted; false once its sound has ended."""
+        """Whether the side runs or will be restarted; false once its sound has
+        ended."""
         return not self._ended.is_set()
 
     @property
@@ -200,12 +213,14 @@ class Supervisor:
         return self._ended.wait(timeout)
 
     def stop_emergency(self) -> None:
-        """Send the emergency stop as a signal, which needs no free thread in the process."""
+        """Send the emergency stop as a signal, which needs no free thread in the
+        process."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGUSR1)
 
     def _await_start(self) -> None:
-        """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
+        """Wait for the first telemetry as long as the process makes progress; its error
+        is raised here."""
         child, doing, failure = self._child, "loading libraries", "it ended"
         if child is None:
             return
@@ -255,7 +270,8 @@ class Supervisor:
             if self._ended.is_set():
                 return
             self.state = "restarting"
-            # What ends soon after each start will most likely do so again: it is tried less and less often.
+            # What ends soon after each start will most likely do so again: it is tried
+            # less and less often.
             short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
             self._restart_delay = (
                 min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
@@ -272,9 +288,11 @@ class Supervisor:
             self.begin()
 
     def _watch_process(self) -> str:
-        """Watch one process; returns why it ended and another should start, empty when none should."""
+        """Watch one process; returns why it ended and another should start, empty when
+        none should."""
         child, watcher = self._child, self._watcher()
-        # The short timeout is for real actuators: a stalled file harms nobody, and a busy machine may be late.
+        # The short timeout is for real actuators: a stalled file harms nobody, and a
+        # busy machine may be late.
         harmless = self._settings.output.actuator in ("file", "none")
         watchdog = Watchdog(
             SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
@@ -292,20 +310,23 @@ class Supervisor:
             elif self._settings.process.watchdog and not self._tolerates(
                 watchdog, watcher
             ):
-                # It may be stopped in the middle of a period, where it could take no note of any gentler word.
+                # It may be stopped in the middle of a period, where it could take no
+                # note of any gentler word.
                 child.kill()
                 return "the watchdog found it stalled"
         return ""
 
     def _tolerates(self, watchdog: Watchdog, watcher: Watcher) -> bool:
-        """Check the pulse once; a process that is late at vibrating is silenced from outside, if it can be."""
+        """Check the pulse once; a process that is late at vibrating is silenced from
+        outside, if it can be."""
         match watchdog.check(watcher.pulse(), now=time.monotonic()):
             case Verdict.LATE:
                 if self._settings.output.actuator != "jack" or not disconnect_from_jack(
                     self.pid
                 ):
                     return False
-                # It stays, and goes on by itself once it can: it joins the JACK server again and waits for fresh sound.
+                # It stays, and goes on by itself once it can: it joins the JACK server
+                # again and waits for fresh sound.
                 self._report(f"! {self.name} was late and is silent until it goes on")
             case Verdict.STALLED:
                 return False
@@ -328,7 +349,8 @@ class Supervisor:
 
 @contextlib.contextmanager
 def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
-    """Start several sides at once, which takes as long as one does, and wait for all; ends them, the last first.
+    """Start several sides at once, which takes as long as one does, and wait for all;
+    ends them, the last first.
 
     In the main thread, SIGTERM meanwhile leaves the block, as Ctrl-C does.
     """
@@ -346,7 +368,8 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
 
 
 def _leave(*_: object) -> None:
-    # Once: what is left to do takes a few seconds, and a second signal would cut it short.
+    # Once: what is left to do takes a few seconds, and a second signal would cut it
+    # short.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(0)
 
@@ -363,7 +386,8 @@ def _run(
 
 
 def _processor_time(pid: int) -> int:
-    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its messages count as progress)."""
+    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its
+    messages count as progress)."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return int(fields[11]) + int(fields[12])
@@ -372,7 +396,8 @@ def _processor_time(pid: int) -> int:
 
 
 class Side:
-    """Base of the operator's and the robot's side while they run: their telemetry, their threads, and how they end."""
+    """Base of the operator's and the robot's side while they run: their telemetry,
+    their threads, and how they end."""
 
     interval: float
     """Seconds between two calls of `housekeep`."""
@@ -387,11 +412,13 @@ class Side:
         self._ends_at = math.inf
 
     def housekeep(self, now: float) -> None:
-        """Apply requests and update telemetry; ``now`` is in s of the monotonic clock."""
+        """Apply requests and update telemetry; ``now`` is in s of the monotonic
+        clock."""
         raise NotImplementedError
 
     def run(self, terminated: threading.Event) -> None:
-        """Keep house in the main thread of the side's process, until the side or the parent ends or it is terminated.
+        """Keep house in the main thread of the side's process, until the side or the
+        parent ends or it is terminated.
 
         Raises what ended the side, if it was an error.
         """
@@ -418,14 +445,16 @@ class Side:
             Telemetry(name, fingers=fingers)
         )
         self._telemetry.count("process_restarts", self._info.restarts)
-        # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+        # Opened once: whoever removes the file from the file system takes the watchers
+        # away, not this process.
         self._watcher = Watcher(name)
         self._recorder = SessionRecorder(
             self._telemetry, self._settings, role=self._role
         )
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
-        """Start a thread whose end, whatever the reason, ends the whole side in silence."""
+        """Start a thread whose end, whatever the reason, ends the whole side in
+        silence."""
 
         def run() -> None:
             try:
@@ -444,7 +473,8 @@ class Side:
         """Stop all vibration, where there is any."""
 
     def _prepare_thread(self, name: str, **warnings: str) -> None:
-        """Name and prioritise the calling thread; what the system refuses is a fault from now on, as are warnings."""
+        """Name and prioritise the calling thread; what the system refuses is a fault
+        from now on, as are warnings."""
         name_thread(name)
         warnings["priority"] = prioritize_thread(self._settings.process.priority)
         self._warnings = tuple(

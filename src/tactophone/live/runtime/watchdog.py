@@ -1,11 +1,13 @@
 """Detects from outside that a process has stalled.
 
-JACK repeats the last period of a stalled client for ever (measured), which vibrates without end. Nothing inside a
-stalled process can help; a process that is *disconnected* from the server or *killed* is silent within some periods.
+JACK repeats the last period of a stalled client for ever (measured), which vibrates
+without end. Nothing inside a stalled process can help; a process that is *disconnected*
+from the server or *killed* is silent within some periods.
 
-While the last period was silent, a stall does no harm and the timeout is long. While it vibrated, the process is late
-after a short one, and to be silenced; stalled it is after the long one. Only checks that were themselves on time count:
-if the whole machine stood still, so did the watchdog, and the client may be late for the same reason.
+While the last period was silent, a stall does no harm and the timeout is long. While it
+vibrated, the process is late after a short one, and to be silenced; stalled it is after
+the long one. Only checks that were themselves on time count: if the whole machine stood
+still, so did the watchdog, and the client may be late for the same reason.
 """
 
 from enum import Enum
@@ -17,23 +19,26 @@ CHECK_INTERVAL = 0.005
 """Seconds between two checks."""
 
 SILENT_TIMEOUT = 2.0
-"""Seconds without any sign of life after which a process counts as stalled; the much shorter time for one that vibrates
-is the setting `stall_timeout`."""
+"""Seconds without any sign of life after which a process counts as stalled; the much
+shorter time for one that vibrates is the setting `stall_timeout`."""
 
 LATE_PERIODS = 8
-"""Periods for which a process that vibrates may be late. A busy machine is late by a number of periods rather than by
-a time: 50 ms are 19 periods of 128 samples, but under five of 512, and the watchdog ended processes that were only
-late. With the two periods that the server takes to remove a client, silence comes within ten."""
+"""Periods for which a process that vibrates may be late. A busy machine is late by a
+number of periods rather than by a time: 50 ms are 19 periods of 128 samples, but under
+five of 512, and the watchdog ended processes that were only late. With the two periods
+that the server takes to remove a client, silence comes within ten."""
 
 
 class Verdict(Enum):
-    """What a check found: nothing, a process that is late while it vibrates, or one that has stalled."""
+    """What a check found: nothing, a process that is late while it vibrates, or one
+    that has stalled."""
 
     ALIVE, LATE, STALLED = range(3)
 
 
 class Watchdog:
-    """Decides from pulses whether a process is late or has stalled; it has no clock and no process of its own.
+    """Decides from pulses whether a process is late or has stalled; it has no clock and
+    no process of its own.
 
     ``late_after``: seconds that a process may show no sign of life while it vibrates.
 
@@ -52,8 +57,10 @@ class Watchdog:
         self._reported = False
 
     def check(self, pulse: Pulse, *, now: float) -> Verdict:
-        """Compare a pulse with the one before. `Verdict.LATE` comes once, until the process goes on."""
-        # A late check counts as two intervals at most: the time beyond was lost to the machine, not to the process.
+        """Compare a pulse with the one before. `Verdict.LATE` comes once, until the
+        process goes on."""
+        # A late check counts as two intervals at most: the time beyond was lost to the
+        # machine, not to the process.
         passed = (
             0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
         )
@@ -64,7 +71,8 @@ class Watchdog:
             0.0 if pulse.beat != self._beat else self._without_beat + passed
         )
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
-        # Whoever goes on after it was silenced may be late again, and is then reported again.
+        # Whoever goes on after it was silenced may be late again, and is then reported
+        # again.
         self._reported &= not moved
         if self._without_beat > SILENT_TIMEOUT:
             return Verdict.STALLED
@@ -72,7 +80,8 @@ class Watchdog:
             late = max(self._late_after, LATE_PERIODS * max(0.0, pulse.period))
             self._reported = self._without_callback > late
             return Verdict.LATE if self._reported else Verdict.ALIVE
-        # Reported, and it still vibrates: either nothing silenced it, or it is stopped for good.
+        # Reported, and it still vibrates: either nothing silenced it, or it is stopped
+        # for good.
         silenced_in_vain = (
             pulse.amplitude > 0.0 and self._without_callback > SILENT_TIMEOUT
         )

@@ -1,8 +1,10 @@
-"""Opens what the settings name: sources, actuators, pipelines, sessions; and runs it all once before it is needed.
+"""Opens what the settings name: sources, actuators, pipelines, sessions; and runs it
+all once before it is needed.
 
-Libraries load parts of themselves at first use: NumPy its FFT and medians, the Opus binding its shared library (which
-starts the linker to find it), the resampler its filters. On a machine that has just been installed that takes seconds,
-so everything is rehearsed before a side reports that it has started.
+Libraries load parts of themselves at first use: NumPy its FFT and medians, the Opus
+binding its shared library (which starts the linker to find it), the resampler its
+filters. On a machine that has just been installed that takes seconds, so everything is
+rehearsed before a side reports that it has started.
 """
 
 import contextlib
@@ -75,8 +77,8 @@ OpenSource = Callable[[Settings], Source]
 """Opens the source that the settings name; must be importable by a new process."""
 
 REHEARSAL = 0.6
-"""Seconds of noise that a detector is rehearsed with: its longest window, and half a second for what is measured
-rarely."""
+"""Seconds of noise that a detector is rehearsed with: its longest window, and half a
+second for what is measured rarely."""
 
 _BLOCK = 240
 
@@ -88,7 +90,8 @@ def open_actuator(
     roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
 ) -> Actuator:
-    """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
+    """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and
+    ceiling as they are, 0 to 1."""
     output, fingers = settings.output, each_finger(settings)
     match output.actuator:
         case "jack":
@@ -143,7 +146,8 @@ def actuator_response(settings: Settings) -> ActuatorResponse:
 def open_renderer(
     settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False
 ) -> Renderer:
-    """Make the renderer of a finger: the oscillator, or the passthrough of the sound that ``pull`` returns."""
+    """Make the renderer of a finger: the oscillator, or the passthrough of the sound
+    that ``pull`` returns."""
     limits, profile = (
         Limits(ceiling=settings.rendering.ceiling),
         settings.rendering.profile,
@@ -154,14 +158,17 @@ def open_renderer(
         raise ConfigError(
             f"the profile {profile} renders the sound of a single finger; give the hand another profile"
         )
-    # The gate of the renderer applies the ceiling; applied in the passthrough too, it would count twice.
+    # The gate of the renderer applies the ceiling; applied in the passthrough too, it
+    # would count twice.
     return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
 
 
 def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
-    """Open the pipeline for so many channels, with the model and profile that the settings name.
+    """Open the pipeline for so many channels, with the model and profile that the
+    settings name.
 
-    Its detector falls back safely when a microphone is faulty, unless the settings say otherwise.
+    Its detector falls back safely when a microphone is faulty, unless the settings say
+    otherwise.
     """
     chosen, profile = settings.detector, settings.rendering.profile
     model = chosen.model or default_model(settings.capture.tip)
@@ -220,7 +227,8 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
 
 
 def tip_warning(settings: Settings) -> str:
-    """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
+    """Return what is wrong if the model is for another tip than the settings name;
+    empty otherwise."""
     tip = settings.capture.tip
     model = settings.detector.model or default_model(tip)
     return (
@@ -231,7 +239,8 @@ def tip_warning(settings: Settings) -> str:
 
 
 def read_calibration(path: str, channels: int) -> Calibration | None:
-    """Read the calibration at ``path``; none if the path is empty or the number of microphones differs."""
+    """Read the calibration at ``path``; none if the path is empty or the number of
+    microphones differs."""
     if not path:
         return None
     calibration = Calibration.read(Path(path).expanduser())
@@ -239,7 +248,8 @@ def read_calibration(path: str, channels: int) -> Calibration | None:
 
 
 def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:
-    """Open and rehearse the check of a finger's microphones; none if the settings switch it off."""
+    """Open and rehearse the check of a finger's microphones; none if the settings
+    switch it off."""
     if not settings.detector.check_microphones:
         return None
     calibration = read_calibration(settings.detector.calibration, channels)
@@ -252,7 +262,8 @@ def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector
 
 
 def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault]:
-    """Yield what is wrong with a finger's microphones and what the detector falls back to, or what does not fit."""
+    """Yield what is wrong with a finger's microphones and what the detector falls back
+    to, or what does not fit."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:
             yield finger_fault(
@@ -263,7 +274,8 @@ def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault
 
 
 def finger_fault(finger: str, code: str, text: str) -> Fault:
-    """Return a fault with the finger's name before code and text; without, where it is the only one.
+    """Return a fault with the finger's name before code and text; without, where it is
+    the only one.
 
     >>> finger_fault("index", "contact-dead", "the contact microphone is dead").code
     'index-contact-dead'
@@ -276,9 +288,11 @@ def finger_fault(finger: str, code: str, text: str) -> Fault:
 def open_session(
     settings: Settings, *, call: Sequence[Address] = (), way: bool = False
 ) -> Session:
-    """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
+    """Open one end of an encrypted session: the robot calls an operator's addresses,
+    the operator answers.
 
-    With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is trusted yet otherwise.
+    With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is
+    trusted yet otherwise.
     """
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     peers = Peers() if way else Peers.load(folder)
@@ -292,7 +306,8 @@ def open_session(
 
 
 def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
-    """Wait for the way of a call, and trust the other end that was found there, and nobody else."""
+    """Wait for the way of a call, and trust the other end that was found there, and
+    nobody else."""
     found = WaySocket(keeper, ask=restarts > 0)
     session.trust(Peers({found.way.fingerprint: found.way.name}))
     return found
@@ -336,9 +351,11 @@ def operators_of(link: Link) -> list[Address]:
 def open_send_group(
     settings: Settings, channels: int, *, way: bool = False
 ) -> SendGroup:
-    """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
+    """Open the robot's sessions, with the codec and the redundancy that the settings
+    ask for.
 
-    Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead to one address.
+    Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead
+    to one address.
     """
     link = settings.link
     operators = [resolve(host, port) for host, port in operators_of(link)]
@@ -365,8 +382,10 @@ def open_send_group(
 
 
 def send_outgoing(session: Session, socket: UdpSocket) -> None:
-    """Send the datagrams that a session has to send, over a socket that prefers its peer."""
-    # First the socket: what the peer sends once it has these datagrams must meet the new preference.
+    """Send the datagrams that a session has to send, over a socket that prefers its
+    peer."""
+    # First the socket: what the peer sends once it has these datagrams must meet the
+    # new preference.
     socket.follow(session.remote)
     if outgoing := session.outgoing():
         socket.send(outgoing)
@@ -392,10 +411,11 @@ def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
 
 
 def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoint:
-    """Open the operator's side with all pipelines that it may need: the network thread must not load a model later.
+    """Open the operator's side with all pipelines that it may need: the network thread
+    must not load a model later.
 
-    A single finger has one for one microphone and one for two; of a hand, a finger without an air microphone has that
-    for one.
+    A single finger has one for one microphone and one for two; of a hand, a finger
+    without an air microphone has that for one.
     """
     if settings.is_hand:
         fingers, channels = each_finger(settings), channels_of(settings, alone=2)
@@ -430,7 +450,8 @@ def rehearse_encoder(codec: Codec) -> bytes:
 
 
 def rehearse_decoders(codecs: Iterable[Codec]) -> None:
-    """Decode and conceal packets of these codecs; a payload that cannot be decoded here is reported when it comes."""
+    """Decode and conceal packets of these codecs; a payload that cannot be decoded here
+    is reported when it comes."""
     for codec in codecs:
         with contextlib.suppress(PacketError):
             payload = rehearse_encoder(codec)

@@ -1,1 +1,2 @@
-"""Telemetry of a run: recent sound, pipeline steps, predictions, counters and state, and the log of predictions."""
+"""Telemetry of a run: recent sound, pipeline steps, predictions, counters and state,
+and the log of predictions."""

@@ -4,15 +4,18 @@ One writer, many readers, no lock. Three kinds of fields make that safe:
 
 - *counters and gauges* are single aligned 8-byte words, which are written and read atomically;
 - *ring buffers* (sound, vibration, steps, predictions) are written first and counted after. A reader copies the rows,
-  reads the count again and drops the rows that the writer may have overwritten meanwhile;
+  reads the count again and drops the rows that the writer may have overwritten
+  meanwhile;
 - *texts* (the state) have two slots: the writer fills the slot that is not current and then increments the count. A
   writer that dies half way leaves the older text intact.
 
-Beware: readers rely on stores becoming visible in program order, which x86 guarantees. On other processors a reader may
-rarely see a torn row of a ring buffer; nothing that controls vibration is read from here.
+Beware: readers rely on stores becoming visible in program order, which x86 guarantees.
+On other processors a reader may rarely see a torn row of a ring buffer; nothing that
+controls vibration is read from here.
 
-The names of counters and gauges follow WebRTC's statistics and RFC 3550 where those have one. Only the names listed
-here can be counted, so a reader knows the whole list beforehand.
+The names of counters and gauges follow WebRTC's statistics and RFC 3550 where those
+have one. Only the names listed here can be counted, so a reader knows the whole list
+beforehand.
 """
 
 import functools
@@ -71,11 +74,12 @@ STAGES = (
     "render",
     "device",
 )
-"""The latency budget from microphone to actuator; each stage has a gauge ``latency_<stage>``, its median in seconds."""
+"""The latency budget from microphone to actuator; each stage has a gauge
+``latency_<stage>``, its median in seconds."""
 
 MARKS = ("captured", "sent", "received", "released", "decoded", "detected", "rendered")
-"""Points that a block of sound passes, each recorded with the RTP timestamp at which the block ends. The time between
-two successive points is a stage of the budget."""
+"""Points that a block of sound passes, each recorded with the RTP timestamp at which
+the block ends. The time between two successive points is a stage of the budget."""
 
 GAUGES: dict[str, str] = {
     "jitter": "interarrival jitter (RFC 3550, 6.4.1), s",
@@ -92,7 +96,8 @@ GAUGES: dict[str, str] = {
     **{f"latency_{stage}": f"median time in the stage {stage}, s" for stage in STAGES},
     "latency_total": "median from microphone to vibration, measured end to end, s",
 }
-"""Values that go up and down, with the description that a user reads; NaN until first set."""
+"""Values that go up and down, with the description that a user reads; NaN until first
+set."""
 
 Action: TypeAlias = Literal[
     "stop",
@@ -114,10 +119,11 @@ class Request:
     """A request of a watcher to the runtime; the newest of each action counts."""
 
     action: Action
-    """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
-    full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
-    ``profile`` takes the profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in s. A
-    robot alone knows ``moving``, 1 or 0: whether it moves."""
+    """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling``
+    and ``output_level`` are 0-1 of full drive; a ceiling above the local machine's own
+    is refused. ``threshold_dbfs`` is the contact gate's. ``profile`` takes the
+    profile's name in ``text``. A replay alone knows ``pause``, 1 or 0, and ``seek``, in
+    s. A robot alone knows ``moving``, 1 or 0: whether it moves."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0
@@ -128,7 +134,8 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault that is present now: a code for programs, a text with the next step for people."""
+    """A fault that is present now: a code for programs, a text with the next step for
+    people."""
 
     code: str
     text: str
@@ -136,7 +143,8 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """The settings of one finger and whether it may vibrate; amplitudes are 0-1 of full drive."""
+    """The settings of one finger and whether it may vibrate; amplitudes are 0-1 of full
+    drive."""
 
     name: str = ""
     """Empty for the only finger of a run without ``--fingers``."""
@@ -181,7 +189,8 @@ class State:
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
-        """Parse the output of `__bytes__`; raises `ValueError` or `msgspec.ValidationError` for anything else.
+        """Parse the output of `__bytes__`; raises `ValueError` or
+        `msgspec.ValidationError` for anything else.
 
         >>> State.parse(bytes(State(faults=(Fault("link", "no sound"),)))).faults[0].code
         'link'
@@ -206,13 +215,15 @@ MARK_CAPACITY = 1 << 12
 """Marks kept of each kind: 10 s of packets of 2.5 ms."""
 
 LOG_CAPACITY = 1 << 21
-"""Bytes of the session log kept: 10 s of two microphones as PCM with all headers, and over a minute as Opus."""
+"""Bytes of the session log kept: 10 s of two microphones as PCM with all headers, and
+over a minute as Opus."""
 
 LARGEST_RECORD = 1 << 16
 """Bytes of the largest record of the session log; longer ones are split."""
 
 LARGEST_WRITE = 1 << 14
-"""Samples written to a ring buffer before its count is updated: a reader must drop as many at the old end."""
+"""Samples written to a ring buffer before its count is updated: a reader must drop as
+many at the old end."""
 
 STATE_SIZE = 1 << 14
 """Bytes for the state as JSON: some forty faults of 300 letters."""
@@ -231,18 +242,21 @@ STEP_RECORD = np.dtype(
     ],
     align=True,
 )
-"""One pipeline step: stream time (s), the counts of sound and vibration at that time, the newest prediction and
-command (`PREDICTION_FIELDS`; NaN before the first prediction). ``event`` is the newest touch event of this step alone.
-``truth`` is the known `Touch`, or -1."""
+"""One pipeline step: stream time (s), the counts of sound and vibration at that time,
+the newest prediction and command (`PREDICTION_FIELDS`; NaN before the first
+prediction). ``event`` is the newest touch event of this step alone. ``truth`` is the
+known `Touch`, or -1."""
 
 PREDICTION_RECORD = np.dtype(
     [*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")],
     align=True,
 )
-"""One prediction and the command computed from it, and when, on the system-wide monotonic clock, in seconds."""
+"""One prediction and the command computed from it, and when, on the system-wide
+monotonic clock, in seconds."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
-"""The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""
+"""The RTP timestamp at which a block of sound ends, and the time on the system-wide
+monotonic clock, in seconds."""
 
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype(
@@ -261,7 +275,8 @@ HEAD_SIZE = 32
 
 @functools.cache
 def layout_of(fingers: int) -> np.dtype[np.void]:
-    """Return the layout for so many fingers: rings and their counts are for each, requests for all and for each."""
+    """Return the layout for so many fingers: rings and their counts are for each,
+    requests for all and for each."""
     return np.dtype(
         [
             ("fingerprint", "u8"),

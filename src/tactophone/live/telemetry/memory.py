@@ -1,7 +1,8 @@
-"""The shared memory of a run: a mapped file in the memory file system, laid out as `live.telemetry.layout` says.
+"""The shared memory of a run: a mapped file in the memory file system, laid out as
+`live.telemetry.layout` says.
 
-`multiprocessing.shared_memory` is not used because its resource tracker (before Python 3.13) unlinks the memory of a
-running process when a process that only read it exits.
+`multiprocessing.shared_memory` is not used because its resource tracker (before Python
+3.13) unlinks the memory of a running process when a process that only read it exits.
 """
 
 import contextlib
@@ -25,13 +26,15 @@ PREFIX = "tactophone-"
 """Prefix of the file names."""
 
 LEFT_AFTER = 60.0
-"""Seconds after the last heartbeat of a killed process from which its memory is a leftover: time to look at it."""
+"""Seconds after the last heartbeat of a killed process from which its memory is a
+leftover: time to look at it."""
 
 
 class Memory:
     """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
 
-    ``fingers``: as many as the run was created with; a reader finds the number in the memory.
+    ``fingers``: as many as the run was created with; a reader finds the number in the
+    memory.
     """
 
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
@@ -59,7 +62,8 @@ class Memory:
         if create:
             self["gauges"][:] = np.nan
             self.sign()
-            # The complete file gets its name now, if nobody else has taken that meanwhile.
+            # The complete file gets its name now, if nobody else has taken that
+            # meanwhile.
             try:
                 os.link(draft, self._path)
             except OSError as error:
@@ -73,7 +77,8 @@ class Memory:
         return self._views[field]
 
     def sign(self) -> None:
-        """Write by what readers know the memory; also again, as somebody may have overwritten it."""
+        """Write by what readers know the memory; also again, as somebody may have
+        overwritten it."""
         self["pid"][...] = os.getpid()
         self["fingers"][...] = self.fingers
         self["fingerprint"][...] = fingerprint_of(self.fingers)
@@ -86,7 +91,8 @@ class Memory:
         return False
 
     def unlink(self) -> None:
-        """Remove the file, if this process created it; readers that have it open see the last state."""
+        """Remove the file, if this process created it; readers that have it open see
+        the last state."""
         with contextlib.suppress(OSError):
             if (
                 self._created and self._path.lstat().st_ino == self._inode
@@ -95,7 +101,8 @@ class Memory:
 
 
 def folder() -> Path:
-    """The folder of the mapped files: the memory file system on Linux, temporary files elsewhere."""
+    """The folder of the mapped files: the memory file system on Linux, temporary files
+    elsewhere."""
     memory = Path("/dev/shm")
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
@@ -111,8 +118,9 @@ def remove_memory(name: str) -> None:
 def remove_leftovers() -> None:
     """Remove the memory of this user's runs that were killed.
 
-    A run counts as killed when its process is gone and its last heartbeat is older than `LEFT_AFTER`: in a container
-    that shares the folder, processes may exist that cannot be seen from here.
+    A run counts as killed when its process is gone and its last heartbeat is older than
+    `LEFT_AFTER`: in a container that shares the folder, processes may exist that cannot
+    be seen from here.
     """
     for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
         with contextlib.suppress(OSError, TactophoneError):
@@ -145,7 +153,8 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
             )
         path.unlink()
     size = layout_of(fingers).itemsize
-    # Exclusive and for this user only: other users can neither place a link here nor read the sound.
+    # Exclusive and for this user only: other users can neither place a link here nor
+    # read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
         # Its pages now: a page that is missing later would end the process by a signal.
@@ -168,9 +177,11 @@ def _left_by(path: Path) -> int:
 
 
 def _own_file(path: Path, mode: int) -> BinaryIO:
-    """Open what has the name of a run; raises `TactophoneError` unless it is this user's regular file.
+    """Open what has the name of a run; raises `TactophoneError` unless it is this
+    user's regular file.
 
-    In the memory file system every user may make a file, pipe, folder or link of any name.
+    In the memory file system every user may make a file, pipe, folder or link of any
+    name.
     """
     try:
         # Not waiting for the other end of a pipe, nor following a link.

@@ -1,4 +1,5 @@
-"""The log of a live run's predictions as CSV (`--record RUN.csv`), written from outside the process of the run."""
+"""The log of a live run's predictions as CSV (`--record RUN.csv`), written from outside
+the process of the run."""
 
 import threading
 from collections.abc import Callable
@@ -13,11 +14,13 @@ from tactophone.live.telemetry.timeline import TimelineWriter
 from tactophone.live.telemetry.watcher import Watcher
 
 CSV_READ_INTERVAL = 0.2
-"""Seconds between two reads: telemetry keeps the newest 2.7 s of vibration, and far more steps and predictions."""
+"""Seconds between two reads: telemetry keeps the newest 2.7 s of vibration, and far
+more steps and predictions."""
 
 
 class RunFollower:
-    """Calls `read` every `CSV_READ_INTERVAL` and once at the end; a context manager within which the run goes on."""
+    """Calls `read` every `CSV_READ_INTERVAL` and once at the end; a context manager
+    within which the run goes on."""
 
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)
@@ -44,11 +47,13 @@ class RunFollower:
 
 
 class PredictionLog(RunFollower):
-    """Writes each prediction of a live run to a CSV file, from outside the run's process; a context manager.
+    """Writes each prediction of a live run to a CSV file, from outside the run's
+    process; a context manager.
 
-    Lines are flushed at each read (`CSV_READ_INTERVAL`), so a kill of either process loses less than 1 s. A
-    process that the watchdog has replaced is followed on; its times begin at 0 again, those of a new session go on.
-    Where there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and
+    Lines are flushed at each read (`CSV_READ_INTERVAL`), so a kill of either process
+    loses less than 1 s. A process that the watchdog has replaced is followed on; its
+    times begin at 0 again, those of a new session go on. Where there was no command (a
+    prediction that came too late, or one made on the robot), ``frequency`` and
     ``amplitude`` are ``nan``.
 
     - ``name``: of a run that exists already.

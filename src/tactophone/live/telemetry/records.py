@@ -1,7 +1,9 @@
-"""The session log, as records of bytes: all that one end of the link received, and what steered it.
+"""The session log, as records of bytes: all that one end of the link received, and what
+steered it.
 
-The end itself writes it (`Telemetry.log`), and another process reads it (`Watcher.log`) and keeps it. From its records
-`tactophone replay` computes the run again, equal to the bit. Their order is the order of events.
+The end itself writes it (`Telemetry.log`), and another process reads it (`Watcher.log`)
+and keeps it. From its records `tactophone replay` computes the run again, equal to the
+bit. Their order is the order of events.
 """
 
 import struct
@@ -17,18 +19,22 @@ from tactophone.core.types import FINGER_PATTERN, MOST_FINGERS
 _HEAD = struct.Struct("<IB")  # size of what follows, kind
 
 ARRIVAL_DIGITS = 5
-"""Digits of an arrival's time after the point, in s: 10 microseconds, a five-hundredth of a packet's duration.
+"""Digits of an arrival's time after the point, in s: 10 microseconds, a five-hundredth
+of a packet's duration.
 
-An end takes the time of an arrival from the clock with these, so that a log holds the same number in a byte or two.
+An end takes the time of an arrival from the clock with these, so that a log holds the
+same number in a byte or two.
 """
 
 _EVENT_OVERHEAD = 5  # bytes at most in MessagePack
 
 ARRIVAL_SIZE = 1 << 15
-"""Bytes of events in one record; an arrival with more is split, the last part counting as its end."""
+"""Bytes of events in one record; an arrival with more is split, the last part counting
+as its end."""
 
 
-# A log may come from anybody: these types hold what a run can have been, and nothing else.
+# A log may come from anybody: these types hold what a run can have been, and nothing
+# else.
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
 FingerIndex = Annotated[int, msgspec.Meta(ge=0, lt=MOST_FINGERS)]
@@ -52,7 +58,8 @@ class RunStart:
     role: str
     """``operator`` or ``robot``."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Every setting, by section and name; ``None`` stands for NaN, which JSON does not have."""
+    """Every setting, by section and name; ``None`` stands for NaN, which JSON does not
+    have."""
     models: dict[str, str] = field(default_factory=dict)
     """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
@@ -71,14 +78,16 @@ class EventBatch(msgspec.Struct, frozen=True):
     """Seconds on the monotonic clock."""
     events: tuple[bytes, ...] = ()
     polled: bool = False
-    """Whether they came with the passing of time, not from the network; there may then be none."""
+    """Whether they came with the passing of time, not from the network; there may then
+    be none."""
     more: bool = False
     """Whether the next record continues this one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """What a person or the machine may change while the end runs; logged at each change."""
+    """What a person or the machine may change while the end runs; logged at each
+    change."""
 
     armed: bool
     ceiling: Share
@@ -86,10 +95,11 @@ class Controls:
     """`armed`, `ceiling` and `output_level`: of the output gate."""
     profile: str
     threshold_dbfs: Annotated[float, msgspec.Meta(ge=-1000, le=0)] | None = None
-    """Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself."""
+    """Contact threshold that was given or calibrated; ``None`` while it follows the
+    noise floor by itself."""
     step: int = 0
-    """0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
-    from 1, was computed."""
+    """0 when the change came before the next arrival; otherwise it came while this step
+    of the last arrival, counted from 1, was computed."""
     finger: FingerIndex = 0
     """Index of the finger whose controls these are."""
 

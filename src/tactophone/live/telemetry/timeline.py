@@ -1,4 +1,5 @@
-"""The timeline of a recording or a run: each prediction and its command, as CSV and JSON (docs/guide/feel.md)."""
+"""The timeline of a recording or a run: each prediction and its command, as CSV and
+JSON (docs/guide/feel.md)."""
 
 import csv
 from collections.abc import Sequence
@@ -18,7 +19,8 @@ from tactophone.core.types import HapticCommand, PipelineStep, Prediction, Touch
 TIMELINE_COLUMNS = tuple(
     field.name for field in PREDICTION_FIELDS if field.name != "window_start"
 )
-"""Columns of the CSV file, and keys of each entry of the JSON file; without a touch event the last two are empty."""
+"""Columns of the CSV file, and keys of each entry of the JSON file; without a touch
+event the last two are empty."""
 
 _SPECIAL = ("touch", "unknown", "event", "event_time")
 
@@ -27,7 +29,8 @@ FINGER = "finger"
 
 
 def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Return the entries of one line, by `TIMELINE_COLUMNS`; times in s, rounded to microseconds.
+    """Return the entries of one line, by `TIMELINE_COLUMNS`; times in s, rounded to
+    microseconds.
 
     >>> from tactophone.core.types import TouchEvent
     >>> tap = TouchEvent("tap", 0.23)
@@ -47,7 +50,8 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
 class TimelineWriter:
     """Writes predictions as they are made; a context manager.
 
-    A JSON file gets the same entries as a list. With names of ``fingers`` the first column is ``finger``.
+    A JSON file gets the same entries as a list. With names of ``fingers`` the first
+    column is ``finger``.
     """
 
     def __init__(
@@ -95,16 +99,18 @@ class TimelineWriter:
             self._separator = ",\n"
 
     def flush(self) -> None:
-        """Hand the lines written so far to the system, so that they outlive this process."""
+        """Hand the lines written so far to the system, so that they outlive this
+        process."""
         self._file.flush()
 
 
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
-    """Read a CSV timeline (of a hand: one finger's) as one array for each column; ``touch`` as numbers of `Touch`.
+    """Read a CSV timeline (of a hand: one finger's) as one array for each column;
+    ``touch`` as numbers of `Touch`.
 
-    ``event`` is text, empty where there is none, and then ``event_time`` is NaN. Older timelines lack these two columns
-    and ``unknown``, which is then NaN.
-    Raises `DatasetError` if a column is missing or contains no numbers.
+    ``event`` is text, empty where there is none, and then ``event_time`` is NaN. Older
+    timelines lack these two columns and ``unknown``, which is then NaN. Raises
+    `DatasetError` if a column is missing or contains no numbers.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:

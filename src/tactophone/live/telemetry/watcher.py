@@ -1,4 +1,5 @@
-"""The reading side of telemetry: another process that reads a run's telemetry and may send it requests."""
+"""The reading side of telemetry: another process that reads a run's telemetry and may
+send it requests."""
 
 import contextlib
 import math
@@ -26,7 +27,8 @@ from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.live.telemetry.records import RunStart, read_records
 
 TELEMETRY_STALE_AFTER = 1.0
-"""Seconds without a heartbeat after which a run counts as stalled; a live run updates it at least every 0.1 s."""
+"""Seconds without a heartbeat after which a run counts as stalled; a live run updates
+it at least every 0.1 s."""
 
 _LARGEST_COUNT = 1 << 62
 """No run counts so far: 3 million years of samples."""
@@ -49,24 +51,29 @@ class Snapshot:
     """The newest steps, of dtype `STEP`, ending at the count ``step_end``."""
     sound: FloatArray
     vibration: FloatArray
-    """`sound` and `vibration`: the newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end``
-    and ``vibration_end`` counted since the run began."""
+    """`sound` and `vibration`: the newest samples, shapes ``(samples, 2)`` and
+    ``(samples,)``, ending at ``sound_end`` and ``vibration_end`` counted since the run
+    began."""
     step_end: int
     sound_end: int
     vibration_end: int
     restarts: int
-    """How many processes the `Watcher` has seen replaced: the counts of another number belong to another process."""
+    """How many processes the `Watcher` has seen replaced: the counts of another number
+    belong to another process."""
     age: float
     """Seconds since the run's last heartbeat."""
     alive: bool
-    """Whether the run's process exists and its last heartbeat is newer than `TELEMETRY_STALE_AFTER`."""
+    """Whether the run's process exists and its last heartbeat is newer than
+    `TELEMETRY_STALE_AFTER`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The few values that a watchdog needs: callbacks of the device so far, peak amplitude of the last period.
+    """The few values that a watchdog needs: callbacks of the device so far, peak
+    amplitude of the last period.
 
-    ``beat`` is the last heartbeat on the monotonic clock; ``period`` is the device's in seconds, NaN if unknown.
+    ``beat`` is the last heartbeat on the monotonic clock; ``period`` is the device's in
+    seconds, NaN if unknown.
     """
 
     callbacks: int
@@ -76,7 +83,8 @@ class Pulse:
 
 
 class Watcher:
-    """Reads a run from another process and sends it requests; the run never waits for a watcher.
+    """Reads a run from another process and sends it requests; the run never waits for a
+    watcher.
 
     When the run's process was replaced, `follow` goes over to the new one.
 
@@ -111,10 +119,12 @@ class Watcher:
         return None
 
     def follow(self, *, drain: bool = True) -> bool:
-        """Go over to the process that replaced a dead one; returns whether it did, and counts then begin at 0.
+        """Go over to the process that replaced a dead one; returns whether it did, and
+        counts then begin at 0.
 
-        Call it before each read. It goes over one call after it has found the new process, so that the read between
-        gets whatever the dead process wrote last; without ``drain`` it goes over at once.
+        Call it before each read. It goes over one call after it has found the new
+        process, so that the read between gets whatever the dead process wrote last;
+        without ``drain`` it goes over at once.
         """
         if self._following is None:
             if self.alive or not self._memory.replaced:
@@ -134,10 +144,12 @@ class Watcher:
         return self._memory.fingers
 
     def finger_names(self) -> list[str]:
-        """Return the name of every finger, in order; one empty name without ``--fingers``."""
+        """Return the name of every finger, in order; one empty name without
+        ``--fingers``."""
         names = [finger.name for finger in self.state().fingers]
         if not all(names):
-            # A run that has just begun has published no state, and its log begins with how it was started.
+            # A run that has just begun has published no state, and its log begins with
+            # how it was started.
             log, count = self.log()
             with contextlib.suppress(TactophoneError):
                 first = next(read_records(log), None) if len(log) == count else None
@@ -149,7 +161,8 @@ class Watcher:
         return names if len(names) == self.fingers else [""] * self.fingers
 
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
-        """Copy the current values; of a finger's sound, vibration and steps only what is newer than ``since``."""
+        """Copy the current values; of a finger's sound, vibration and steps only what
+        is newer than ``since``."""
         since = since if since and since.restarts == self.restarts else None
         steps, step_end = self._ring("step", since.step_end if since else 0, finger)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
@@ -192,23 +205,27 @@ class Watcher:
     def predictions(
         self, since: int = 0, *, finger: int = 0
     ) -> tuple[NDArray[np.void], int]:
-        """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
+        """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`,
+        and return their total count.
 
-        Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
+        Fewer than ``total - since`` rows mean that the rest was overwritten before this
+        call.
         """
         return self._ring("prediction", since, finger)
 
     def new_predictions(self, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
-        """Copy a finger's predictions since the last call; return them, and how many were overwritten before it."""
+        """Copy a finger's predictions since the last call; return them, and how many
+        were overwritten before it."""
         since = self._predictions_read[finger]
         rows, self._predictions_read[finger] = self.predictions(since, finger=finger)
         return rows, max(0, self._predictions_read[finger] - since - len(rows))
 
     def log(self, since: int = 0) -> tuple[bytes, int]:
-        """Copy the session log after its first ``since`` bytes, and return its total length.
+        """Copy the session log after its first ``since`` bytes, and return its total
+        length.
 
-        Fewer than ``total - since`` bytes mean that records were overwritten before this call; the rest then begins
-        within a record and is of no use.
+        Fewer than ``total - since`` bytes mean that records were overwritten before
+        this call; the rest then begins within a record and is of no use.
         """
         rows, count = _newest(
             self._memory["log"],
@@ -224,7 +241,8 @@ class Watcher:
             slot = self._memory["states"][turn % 2]
             text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
             if int(self._memory["state_count"]) == turn:
-                # Overwritten memory holds anything; the writer repairs it at its next update.
+                # Overwritten memory holds anything; the writer repairs it at its next
+                # update.
                 with contextlib.suppress(
                     ValueError, msgspec.ValidationError, RecursionError
                 ):
@@ -243,7 +261,8 @@ class Watcher:
         )
 
     def pulse(self) -> Pulse:
-        """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred calls a second."""
+        """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred
+        calls a second."""
         counters, gauges = self._memory["counters"], self._memory["gauges"]
         return Pulse(
             int(counters[_CALLBACKS]),
@@ -275,7 +294,8 @@ class Watcher:
     def ask(
         self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1
     ) -> None:
-        """Put a request for all fingers, or one, into the mailbox; `State` shows the outcome.
+        """Put a request for all fingers, or one, into the mailbox; `State` shows the
+        outcome.
 
         It replaces an older one of the same action for the same finger.
         """
@@ -308,17 +328,21 @@ class Watcher:
 def _newest(
     rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0
 ) -> tuple[NDArray[Any], int]:
-    """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
+    """Copy the rows from ``since`` to the count, without those that the writer may
+    overwrite meanwhile."""
     end = int(count.item())
     if (
         end > _LARGEST_COUNT
     ):  # overwritten memory: nothing to see until the writer counts on
         return rows[:0].copy(), since
-    # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
+    # A count below `since` belongs to a new run: all of its rows are new. The writer
+    # may be filling up to `slack` rows.
     start = max(since if since <= end else 0, end + slack - len(rows), 0)
-    # Not with `mode="wrap"`, which subtracts the length until the index fits: the longer the run, the slower.
+    # Not with `mode="wrap"`, which subtracts the length until the index fits: the
+    # longer the run, the slower.
     copy: NDArray[Any] = rows.take(np.arange(start, end) % len(rows), axis=0)
-    # The count has moved on during the copy: the rows that it has reached since are not valid.
+    # The count has moved on during the copy: the rows that it has reached since are not
+    # valid.
     overwritten = int(count.item()) + slack - len(rows) - start
     return copy[max(overwritten, 0) :], end
 

@@ -1,4 +1,5 @@
-"""The writing side of telemetry: the running process publishes its steps and counts, and reads its requests."""
+"""The writing side of telemetry: the running process publishes its steps and counts,
+and reads its requests."""
 
 import math
 import struct
@@ -32,9 +33,11 @@ _GAUGE = {name: index for index, name in enumerate(GAUGES)}
 
 
 def _packer(row: np.dtype[np.void]) -> struct.Struct:
-    """Return what packs the numbers of a row, one after another, into its memory, in a quarter of the time of NumPy."""
+    """Return what packs the numbers of a row, one after another, into its memory, in a
+    quarter of the time of NumPy."""
     numbers = [row[name] for name in row.names or ()]
-    # Native sizes and alignment are those of the layout; "0d" ends a row at a whole number of doubles, as it does.
+    # Native sizes and alignment are those of the layout; "0d" ends a row at a whole
+    # number of doubles, as it does.
     return struct.Struct(
         "@"
         + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers)
@@ -52,18 +55,19 @@ _NOTHING = Prediction(
 _SILENCE = HapticCommand(0.0, 0.0, math.nan)
 
 REQUEST_AGE = 10.0
-"""Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
-wanted before."""
+"""Seconds for which a request in the mailbox holds: a process that was stopped for
+longer does not act on what somebody wanted before."""
 
 
 class Telemetry(AbstractContextManager["Telemetry", None]):
     """Writes a run's telemetry; every call is short, takes no lock and never waits.
 
-    Each counter, each gauge and each ring has *one* writing thread at most: adding to a counter from two threads
-    can lose one of the additions.
+    Each counter, each gauge and each ring has *one* writing thread at most: adding to a
+    counter from two threads can lose one of the additions.
 
-    Every count is kept in this process and only copied to the shared memory, which is never read back but for the
-    mailbox: whoever overwrites or removes the memory disturbs watchers, and never the run.
+    Every count is kept in this process and only copied to the shared memory, which is
+    never read back but for the mailbox: whoever overwrites or removes the memory
+    disturbs watchers, and never the run.
 
     - ``name``: name of the run, by which a `Watcher` finds it.
     - ``fingers``: how many fingers have steps, sound and vibration.
@@ -77,7 +81,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def __init__(self, name: str, *, fingers: int = 1) -> None:
         self.name = name
         self._memory = Memory(name, create=True, fingers=fingers)
-        # Single numbers are written through memory views: NumPy takes half as long again.
+        # Single numbers are written through memory views: NumPy takes half as long
+        # again.
         self._counters, self._totals = (
             _view(self._memory["counters"]),
             [0] * len(COUNTERS),
@@ -138,7 +143,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         truth: int = -1,
         vibration_count: int | None = None,
     ) -> None:
-        """Write one pipeline step of a finger: its sound, its predictions and its commands.
+        """Write one pipeline step of a finger: its sound, its predictions and its
+        commands.
 
         - ``now``: the system-wide monotonic clock (s), which is the heartbeat.
         - ``truth``: the known `Touch` at this time, where the sound is simulated or labelled.
@@ -148,7 +154,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._append(
             "sound", block.samples, finger
         )  # one microphone fills both channels
-        # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
+        # A step without a prediction repeats the last prediction and command, so that a
+        # reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
         vibrated = (
             self._counts["vibration"][finger]
@@ -181,11 +188,13 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._beat[...] = now
 
     def rendered(self, waveform: FloatArray, *, finger: int = 0) -> None:
-        """Write the waveform just rendered for an actuator, shape ``(samples,)``; safe in an audio callback."""
+        """Write the waveform just rendered for an actuator, shape ``(samples,)``; safe
+        in an audio callback."""
         self._append("vibration", waveform, finger)
 
     def log(self, record: bytes) -> None:
-        """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
+        """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for
+        one thread, or under a lock."""
         if len(record) > layout.LARGEST_RECORD:
             raise ValueError(
                 f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it"
@@ -198,7 +207,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._memory["log_count"][...] = self._logged
 
     def mark(self, *reached: tuple[int, int, float]) -> None:
-        """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp of its end, and when (s)."""
+        """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp
+        of its end, and when (s)."""
         counts, marked, rows = self._mark_counts, self._marked, self._rows["marks"]
         for index, position, now in reached:
             count = counts[index]
@@ -230,8 +240,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def requests(self, now: float | None = None) -> list[Request]:
         """Empty the mailbox: return the requests since the last call, oldest first.
 
-        ``now``: where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what
-        lies in memory that was overwritten.
+        ``now``: where given, a request that was not made within `REQUEST_AGE` of it is
+        dropped: nobody asked for what lies in memory that was overwritten.
         """
         before, self._seen = self._seen, self._request_counts.tobytes()
         if before == self._seen:
@@ -267,7 +277,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         return sorted(recent, key=lambda request: request.time)
 
     def _renew(self, step: PipelineStep) -> int:
-        """Keep a step's newest prediction and command; return its newest event, 0 without one."""
+        """Keep a step's newest prediction and command; return its newest event, 0
+        without one."""
         prediction, command = self._newest[step.finger]
         prediction = step.predictions[-1] if step.predictions else prediction
         self._newest[step.finger] = prediction, step.command or command
@@ -299,7 +310,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         ring = self._rings[name][finger]
         for start in range(0, len(samples), layout.LARGEST_WRITE):
             part = samples[start : start + layout.LARGEST_WRITE]
-            # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
+            # A part that reaches the end of the ring goes on at its beginning; the
+            # count moves on last.
             at = self._counts[name][finger] % layout.SOUND_CAPACITY
             head = min(len(part), layout.SOUND_CAPACITY - at)
             ring[at : at + head] = part[:head]

@@ -1,4 +1,5 @@
-"""Which router is between this machine and the internet, which servers answer, and what follows, in words."""
+"""Which router is between this machine and the internet, which servers answer, and what
+follows, in words."""
 
 import asyncio
 import contextlib
@@ -13,7 +14,8 @@ from tactophone.net.call.messages import Nat
 from tactophone.net.link.packet import Address
 
 STUN_TIMEOUT = 1.5
-"""Seconds to wait for the STUN servers: an answer takes a tenth of that from most places."""
+"""Seconds to wait for the STUN servers: an answer takes a tenth of that from most
+places."""
 
 CHECK_TIMEOUT = 3.0
 """Seconds to wait for the mailbox."""
@@ -72,7 +74,8 @@ class Findings:
 
 
 async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
-    """Return what router is here, under which address servers see this machine, and which servers answer."""
+    """Return what router is here, under which address servers see this machine, and
+    which servers answer."""
     found = dict.fromkeys(
         filter(None, await asyncio.gather(*(server.resolve() for server in stun)))
     )
@@ -128,7 +131,8 @@ async def _relays(turn: Server | None) -> bool:
 
 
 def _is_local(address: str) -> bool:
-    """Whether an address is one of this machine: only then can a socket be bound to it."""
+    """Whether an address is one of this machine: only then can a socket be bound to
+    it."""
     with (
         contextlib.suppress(OSError),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,

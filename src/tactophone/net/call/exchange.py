@@ -1,7 +1,9 @@
-"""The mailbox: two ends that know one code exchange messages under a key that nobody else learns.
+"""The mailbox: two ends that know one code exchange messages under a key that nobody
+else learns.
 
-magic-wormhole derives the key with SPAKE2: whoever guesses at a code has one guess, and both ends notice a wrong one.
-Its reactor runs in the process's asyncio loop, and once a process.
+magic-wormhole derives the key with SPAKE2: whoever guesses at a code has one guess, and
+both ends notice a wrong one. Its reactor runs in the process's asyncio loop, and once a
+process.
 """
 
 import asyncio
@@ -20,13 +22,15 @@ from tactophone.core.errors import DeviceError, TactophoneError, plain
 from tactophone.net.call.messages import Message, read_message, write_message
 
 APPLICATION = "tactophone.org/call/1"
-"""Separates our codes from other programs' in a mailbox that serves many; no address that anybody asks."""
+"""Separates our codes from other programs' in a mailbox that serves many; no address
+that anybody asks."""
 
 WELCOME_TIMEOUT = 20.0
 """Seconds to wait for the mailbox's first word, and for the number of a new code."""
 
 LARGEST_WORD = 1 << 17
-"""Bytes of a message of the mailbox: ours are at most 20,000, in hexadecimal and JSON."""
+"""Bytes of a message of the mailbox: ours are at most 20,000, in hexadecimal and
+JSON."""
 
 LONGEST_CODE = 100
 
@@ -35,7 +39,8 @@ SECRET_SIZE = 32
 
 
 def install(loop: asyncio.AbstractEventLoop) -> None:
-    """Let Twisted run in this loop; once a process, before anything else of Twisted is imported."""
+    """Let Twisted run in this loop; once a process, before anything else of Twisted is
+    imported."""
     asyncioreactor.install(loop)
     from twisted.internet import reactor
     from twisted.logger import globalLogBeginner
@@ -52,13 +57,15 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
 
     _rendezvous.WSFactory = Factory
 
-    # A mailbox's nonsense would be a traceback on the terminal; what it means for a call is raised.
+    # A mailbox's nonsense would be a traceback on the terminal; what it means for a
+    # call is raised.
     globalLogBeginner.beginLoggingTo([], discardBuffer=True, redirectStandardIO=False)
     reactor.startRunning(installSignalHandlers=False)
 
 
 def bounded_client() -> Any:
-    """Return the library's end of a mailbox, which then prints nothing and ends a call at once that was refused."""
+    """Return the library's end of a mailbox, which then prints nothing and ends a call
+    at once that was refused."""
     from wormhole._rendezvous import WSClient
 
     class Client(WSClient):  # type: ignore[misc]
@@ -123,7 +130,8 @@ class Exchange:
                 ]
 
     async def meet(self) -> bytes:
-        """Wait until the other end uses the same code; return a secret that both now share."""
+        """Wait until the other end uses the same code; return a secret that both now
+        share."""
         with self._explained():
             await self._wait(self._wormhole.get_verifier())
             return bytes(

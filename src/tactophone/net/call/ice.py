@@ -1,8 +1,10 @@
-"""Finds a way between two ends behind routers, with aioice, and keeps it open for the process that uses it.
+"""Finds a way between two ends behind routers, with aioice, and keeps it open for the
+process that uses it.
 
-aioice has no words for handing over a socket, so this file alone reaches into its private parts; its version is pinned.
-After the hand-over the live side reads the socket and passes STUN back (`WaySocket`): aioice goes on to ask for
-consent (RFC 7675), to answer the other end's checks, and to refresh the relay's allocation and channel.
+aioice has no words for handing over a socket, so this file alone reaches into its
+private parts; its version is pinned. After the hand-over the live side reads the socket
+and passes STUN back (`WaySocket`): aioice goes on to ask for consent (RFC 7675), to
+answer the other end's checks, and to refresh the relay's allocation and channel.
 """
 
 import asyncio
@@ -31,28 +33,33 @@ GATHER_TIMEOUT = 1.5
 """Seconds for which a server that does not answer is waited for."""
 
 ICE_TIMEOUT = 6.0
-"""Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
+"""Seconds until the two ends give up: relayed pairs are tried last, and each check is
+repeated for some seconds."""
 
 CHANNEL_REFRESH = 240
-"""Seconds until a relay's channel is bound again: before its permission ends after 300 (RFC 8656 section 9)."""
+"""Seconds until a relay's channel is bound again: before its permission ends after 300
+(RFC 8656 section 9)."""
 
 _CHOSEN = b"\x03\0\0\0" + STUN_COOKIE.to_bytes(4)
-"""Begin of the word by which the controlling end says which way it has chosen: with STUN's first byte and cookie, so
-that it passes every filter, but of a type that no STUN message has."""
+"""Begin of the word by which the controlling end says which way it has chosen: with
+STUN's first byte and cookie, so that it passes every filter, but of a type that no STUN
+message has."""
 
 LEAST_PORT = 1024
-"""Ports below are of services, such as a router's 53; an end of a call has one that its system or router chose."""
+"""Ports below are of services, such as a router's 53; an end of a call has one that its
+system or router chose."""
 
 MOST_ADDRESSES, MOST_OF_A_HOST = 16, 4
-"""Most addresses of the other end that are tried, and most of one machine: the other end chooses where this machine
-sends, and aioice has no limit."""
+"""Most addresses of the other end that are tried, and most of one machine: the other
+end chooses where this machine sends, and aioice has no limit."""
 
 RELAY_DELAY = 0.4
-"""Seconds that direct ways are tried alone: the first check of one end is lost at the other's router, and is repeated
-after `RETRANSMISSION`."""
+"""Seconds that direct ways are tried alone: the first check of one end is lost at the
+other's router, and is repeated after `RETRANSMISSION`."""
 
 RETRANSMISSION = 0.1
-"""Seconds until an unanswered check is repeated, then twice as many; aioice has half a second."""
+"""Seconds until an unanswered check is repeated, then twice as many; aioice has half a
+second."""
 
 STRAGGLER_TIMEOUT = 0.3
 """Seconds from the first STUN server's answer until the other ones are given up."""
@@ -62,10 +69,12 @@ CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
 
 
 def allowed(addresses: Sequence[Address]) -> list[Address]:
-    """Return the addresses to which an end of a call may be asked to send, the most preferred first.
+    """Return the addresses to which an end of a call may be asked to send, the most
+    preferred first.
 
-    None of this machine, of this cable (but IPv6 has no other without a router), of a group or reserved, and no network
-    service by its port: what a stranger names is not to reach a router or a cloud's metadata.
+    None of this machine, of this cable (but IPv6 has no other without a router), of a
+    group or reserved, and no network service by its port: what a stranger names is not
+    to reach a router or a cloud's metadata.
 
     >>> [each.host for each in allowed([Address("host", host, 4000, 1, "f000") for host in
     ...     ("192.168.1.7", "127.0.0.1", "169.254.169.254", "224.0.0.251", "2001:db8::7", "::1", "240.0.0.1")])]
@@ -108,7 +117,8 @@ class Server:
             ) from None
 
     async def resolve(self) -> tuple[str, int] | None:
-        """Return the IPv4 address, which is all that aioice asks servers at; ``None`` if there is none."""
+        """Return the IPv4 address, which is all that aioice asks servers at; ``None``
+        if there is none."""
         with contextlib.suppress(OSError):
             found = await asyncio.get_running_loop().getaddrinfo(
                 self.host, self.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
@@ -118,7 +128,8 @@ class Server:
 
 
 def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
-    """Return the STUN servers that may be asked, the relay among them, and the relay; ``None`` if none is set."""
+    """Return the STUN servers that may be asked, the relay among them, and the relay;
+    ``None`` if none is set."""
     turn = Server(settings.turn) if settings.turn else None
     return [
         *(Server(each) for each in settings.stun.split(",") if each.strip()),
@@ -129,8 +140,8 @@ def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
 class Finder:
     """One search for a way. ``controls`` is true for the end that called.
 
-    ``silent`` is set when the live side hears nothing over the way, ``lost`` when the other end has not consented to it
-    for half a minute.
+    ``silent`` is set when the live side hears nothing over the way, ``lost`` when the
+    other end has not consented to it for half a minute.
     """
 
     def __init__(
@@ -151,7 +162,8 @@ class Finder:
         self._way: Way | None = None
 
     async def gather(self, nat: Nat) -> Offer:
-        """Ask the servers where this end may be reached; sockets are open from now on."""
+        """Ask the servers where this end may be reached; sockets are open from now
+        on."""
         turn = await self._turn.resolve() if self._turn else None
         policy = (
             aioice.TransportPolicy.RELAY
@@ -190,10 +202,12 @@ class Finder:
         name: str,
         fingerprint: str,
     ) -> bool:
-        """Find the way to the end that made the offer; return whether a relay of either end passes it on.
+        """Find the way to the end that made the offer; return whether a relay of either
+        end passes it on.
 
-        The live side gets it at once. ``nat`` is what lies before this end; ``name`` and ``fingerprint`` are the other
-        end's. Raises `ConnectionError` or `TimeoutError` if there is none.
+        The live side gets it at once. ``nat`` is what lies before this end; ``name``
+        and ``fingerprint`` are the other end's. Raises `ConnectionError` or
+        `TimeoutError` if there is none.
         """
         ice = self._ice
         offer = msgspec.structs.replace(offer, addresses=allowed(offer.addresses))
@@ -224,7 +238,8 @@ class Finder:
         return self._way.peer[0] if self._way else ""
 
     async def round_trip(self) -> float:
-        """Return the seconds there and back; not a number if two answers were lost or took half a second."""
+        """Return the seconds there and back; not a number if two answers were lost or
+        took half a second."""
         pair, loop = self._ice._nominated[1], asyncio.get_running_loop()
         for _ in range(2):
             request, key = (
@@ -258,14 +273,16 @@ class Finder:
             address = str(source[0]), int(source[1])
             if not self._heard.done():
                 self._heard.set_result((protocol, address))
-            # The other end repeats its word until it is returned; ours may be lost, so each is answered.
+            # The other end repeats its word until it is returned; ours may be lost, so
+            # each is answered.
             if not self._controls:
                 protocol.transport.sendto(data, address)
 
         protocol.datagram_received = notice
 
     async def _check(self, offer: Offer, delay: float) -> None:
-        """Try the direct ways first, and from ``delay`` s on the relayed ones, which would often be the first to work.
+        """Try the direct ways first, and from ``delay`` s on the relayed ones, which
+        would often be the first to work.
 
         aioice takes the first way that works, and whatever is added while it tries.
         """
@@ -297,7 +314,8 @@ class Finder:
             )
 
     async def _agree(self) -> tuple[Any, tuple[str, int]]:
-        """Agree on one way: each end may have found several, and each another one first."""
+        """Agree on one way: each end may have found several, and each another one
+        first."""
         async with asyncio.timeout(CHOICE_TIMEOUT):
             if not self._controls:
                 return await self._heard
@@ -312,7 +330,8 @@ class Finder:
         self, protocol: Any, peer: tuple[str, int]
     ) -> tuple[socket.socket, int]:
         """Return a duplicate of the socket, and the relay's channel."""
-        # From here on aioice asks for consent on this way alone, and knows it for the only one.
+        # From here on aioice asks for consent on this way alone, and knows it for the
+        # only one.
         pairs = [
             each
             for each in self._ice._check_list
@@ -343,7 +362,8 @@ class Finder:
         return transport.get_extra_info("socket").dup(), channel
 
     async def _note_loss(self) -> None:
-        # In place of the end that aioice makes when consent is lost, for which it waits 40 s for a relay that is gone.
+        # In place of the end that aioice makes when consent is lost, for which it waits
+        # 40 s for a relay that is gone.
         self.lost.set()
 
     def _feed(self, live: socket.socket) -> None:
@@ -380,7 +400,8 @@ def _candidate(address: Address) -> aioice.Candidate:
 async def mapped_addresses(
     servers: list[tuple[str, int]], timeout: float
 ) -> dict[tuple[str, int], tuple[str, int]]:
-    """Return under which address each STUN server that answers sees one and the same socket of this machine."""
+    """Return under which address each STUN server that answers sees one and the same
+    socket of this machine."""
     loop, answers = asyncio.get_running_loop(), dict[bytes, tuple[str, int]]()
 
     class Probe(asyncio.DatagramProtocol):

@@ -1,7 +1,9 @@
-"""What the two ends of a call tell each other, and how a mailbox or an end that lies is noticed.
+"""What the two ends of a call tell each other, and how a mailbox or an end that lies is
+noticed.
 
-The messages pass through the mailbox, encrypted under the key that both derived from the code. They are checked like
-anything else from outside: whoever knows the code may still send nonsense.
+The messages pass through the mailbox, encrypted under the key that both derived from
+the code. They are checked like anything else from outside: whoever knows the code may
+still send nonsense.
 """
 
 import ipaddress
@@ -65,11 +67,13 @@ class Offer(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
 
 
 Progress: TypeAlias = Literal["starting", "opening", "ready"]
-"""How far an end's live side is, in this order: it opens models and devices, then it sends or renders."""
+"""How far an end's live side is, in this order: it opens models and devices, then it
+sends or renders."""
 
 
 class State(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
-    """How far this end is, told once there is a way; older ends read nothing from then on."""
+    """How far this end is, told once there is a way; older ends read nothing from then
+    on."""
 
     progress: Progress
 

@@ -1,7 +1,9 @@
-"""The process of a call: finds the other end and the way to it, and keeps the way open; and the handle of its parent.
+"""The process of a call: finds the other end and the way to it, and keeps the way open;
+and the handle of its parent.
 
-A pair of sockets between the two carries the process's steps and the parent's answers, as JSON. Another pair leads from
-the process to the live side, which gets the way there (`tactophone.net.link.way`).
+A pair of sockets between the two carries the process's steps and the parent's answers,
+as JSON. Another pair leads from the process to the live side, which gets the way there
+(`tactophone.net.link.way`).
 """
 
 import asyncio
@@ -33,17 +35,19 @@ if TYPE_CHECKING:  # their libraries are loaded in the process alone
     from tactophone.net.call.ice import Finder
 
 Step: TypeAlias = Literal["code", "asked", "found", "state", "checked"]
-"""What the process reports: its code, who calls and wants to be accepted, each way, how far the other end is, and the
-words of a check."""
+"""What the process reports: its code, who calls and wants to be accepted, each way, how
+far the other end is, and the words of a check."""
 
 ANSWER_TIMEOUT = 30.0
-"""Seconds that an end waits for the other one's next message, once both have the key."""
+"""Seconds that an end waits for the other one's next message, once both have the
+key."""
 
 ACCEPT_TIMEOUT = 180.0
 """Seconds that a caller waits for a person to accept."""
 
 STATES_TIMEOUT = 330.0
-"""Seconds for which the ends tell each other how far they are: a little longer than the live side may take to start."""
+"""Seconds for which the ends tell each other how far they are: a little longer than the
+live side may take to start."""
 
 CALL_POLL = 0.1
 
@@ -76,9 +80,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The other end, what kind of way leads to it, and the secrets for the next call: its own and that of this one.
+    """The other end, what kind of way leads to it, and the secrets for the next call:
+    its own and that of this one.
 
-    ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again`` whether it replaces another way.
+    ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again``
+    whether it replaces another way.
     """
 
     name: str
@@ -119,9 +125,11 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         self.keeper.close()
 
     def steps(self) -> Iterator[tuple[Step, Any]]:
-        """Yield the steps of the process as they come; the content of ``found`` is a `Found`.
+        """Yield the steps of the process as they come; the content of ``found`` is a
+        `Found`.
 
-        Raises `DeviceError` with the reason when the process ends, but not where that was asked for.
+        Raises `DeviceError` with the reason when the process ends, but not where that
+        was asked for.
         """
         while not self._ending:
             if select.select([self._pair], [], [], CALL_POLL)[0] and (
@@ -257,9 +265,11 @@ class _Call:
     async def _meet(
         self, exchanges: contextlib.AsyncExitStack
     ) -> "tuple[Exchange, Hello, list[bytes]]":
-        """Wait for the other end; return what it says, and the secrets for the next call.
+        """Wait for the other end; return what it says, and the secrets for the next
+        call.
 
-        Two ends that remember each other may have two codes in common. The caller then decides by its greeting.
+        Two ends that remember each other may have two codes in common. The caller then
+        decides by its greeting.
         """
         from tactophone.net.call.exchange import Exchange, code_of
 
@@ -300,7 +310,8 @@ class _Call:
         )
 
     async def _accept(self, exchange: "Exchange", hello: Hello) -> tuple[Role, float]:
-        """Agree on the roles, and let the answering side accept; return this end's role, and when that was."""
+        """Agree on the roles, and let the answering side accept; return this end's
+        role, and when that was."""
         plan = self._plan
         if hello.fingerprint == plan.fingerprint:
             raise DeviceError(
@@ -371,7 +382,8 @@ class _Call:
     async def _replace(
         self, finder: "Finder", hello: Hello, secret: bytes
     ) -> tuple[float, bool]:
-        """Keep the way until another one replaces it; return when the search for that began, and if it is relayed."""
+        """Keep the way until another one replaces it; return when the search for that
+        began, and if it is relayed."""
         keeping = asyncio.ensure_future(finder.lost.wait())
         searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
         try:
@@ -391,7 +403,8 @@ class _Call:
     async def _search_again(
         self, finder: "Finder", hello: Hello, secret: bytes
     ) -> tuple[float, bool]:
-        """Search whenever the live side hears nothing, as the other end does, which then hears nothing either."""
+        """Search whenever the live side hears nothing, as the other end does, which
+        then hears nothing either."""
         from tactophone.net.call.exchange import Exchange, code_of
 
         while True:
@@ -417,7 +430,8 @@ class _Call:
         return asyncio.ensure_future(find_nat(self._servers))
 
     def _close_later(self, closing: Coroutine[Any, Any, None]) -> None:
-        """Close what is not needed any more, which takes an answer from the network, beside everything else."""
+        """Close what is not needed any more, which takes an answer from the network,
+        beside everything else."""
         task = asyncio.ensure_future(closing)
         self._closing.add(task)
         task.add_done_callback(self._closing.discard)
@@ -442,7 +456,8 @@ class _Call:
         return message
 
     async def _heed_parent(self) -> None:
-        """Take what the parent says: whether the call is accepted, and how far the live side is."""
+        """Take what the parent says: whether the call is accepted, and how far the live
+        side is."""
         self._pair.setblocking(False)
         while data := await asyncio.get_running_loop().sock_recv(self._pair, 1 << 10):
             said = json.loads(data)
@@ -455,7 +470,8 @@ class _Call:
     async def _states(
         self, exchange: "Exchange", exchanges: contextlib.AsyncExitStack
     ) -> None:
-        """Tell how far this end is, and hear how far the other one is, until both are ready; then close the exchange.
+        """Tell how far this end is, and hear how far the other one is, until both are
+        ready; then close the exchange.
 
         An older end neither tells nor reads anything.
         """

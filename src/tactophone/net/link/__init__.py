@@ -1,1 +1,2 @@
-"""Sound over the network: codec, packets, encrypted sessions, playout and statistics."""
+"""Sound over the network: codec, packets, encrypted sessions, playout and
+statistics."""

@@ -1,4 +1,5 @@
-"""Encoding and decoding of packets: lossless PCM for a local network, Opus for the rest.
+"""Encoding and decoding of packets: lossless PCM for a local network, Opus for the
+rest.
 
 The settings of Opus and why (measured with libopus 1.3.1):
 
@@ -6,21 +7,23 @@ The settings of Opus and why (measured with libopus 1.3.1):
 - *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant
   bitrate that distorts both at any bitrate (xiph/opus #251).
 - *A hand is its fingers, one after another in one packet*, each coded as alone, equal to the bit. One encoder of all
-  streams starves the last of them, from which libopus takes the bytes that delimit the others: with ten fingers that
-  air microphone was at 0 dB SNR instead of 22.
+  streams starves the last of them, from which libopus takes the bytes that delimit the
+  others: with ten fingers that air microphone was at 0 dB SNR instead of 22.
 - *Constant bitrate*: varying sizes of encrypted packets reveal when the finger touches (RFC 6562).
 - *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz at no cost.
 - *Expected loss of 20 %*: the encoder then depends less on earlier packets, +6 dB at 1 % loss at no cost.
 - *No in-band FEC*: it does not exist at low delay; packets repeat earlier payloads (:mod:`~net.link.packet`).
 
-Payload type and first bytes give codec, channels and samples of a payload. The sender chooses, and the receiver needs
-no setting that could disagree.
+Payload type and first bytes give codec, channels and samples of a payload. The sender
+chooses, and the receiver needs no setting that could disagree.
 
-The payloads of Opus are those of libopus's multistream API, equal to the bit. But each stream is encoded and decoded by
-a call of its own, on the state that the multistream API made: that API computes sizes of states at every packet, which
-executes four CPUID instructions, and in a virtual machine each of these takes 20 µs (measured; caches are cold
-afterwards). It serves where there is more to do than to call each stream: for the first packet of a size, for
-concealment, and for packets of several frames, which no sender here makes.
+The payloads of Opus are those of libopus's multistream API, equal to the bit. But each
+stream is encoded and decoded by a call of its own, on the state that the multistream
+API made: that API computes sizes of states at every packet, which executes four CPUID
+instructions, and in a virtual machine each of these takes 20 µs (measured; caches are
+cold afterwards). It serves where there is more to do than to call each stream: for the
+first packet of a size, for concealment, and for packets of several frames, which no
+sender here makes.
 """
 
 import ctypes
@@ -47,7 +50,8 @@ from tactophone.net.link.packet import (
 )
 
 NARROW_BAND = 4_000.0
-"""The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz uses."""
+"""The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz
+uses."""
 
 _KINDS = {format: kind for kind, format in SOUND_FORMATS.items()}
 
@@ -63,14 +67,16 @@ class Codec:
     name: Literal["pcm16", "opus"] = "opus"
     """``"pcm16"`` (lossless for 16-bit sound, no look-ahead) or ``"opus"``."""
     channels: int = 2
-    """1 or 2; for a hand of 2 to 10 fingers twice as many, contact and air of each in turn."""
+    """1 or 2; for a hand of 2 to 10 fingers twice as many, contact and air of each in
+    turn."""
     packet_size: int = 240
-    """Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM, fewer for a hand (`most_pcm_samples`)."""
+    """Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM, fewer for a
+    hand (`most_pcm_samples`)."""
     bandwidth: float = NARROW_BAND
     """The highest frequency in Hz to transmit: the model's bandwidth."""
     bitrate_bps: int = 0
-    """Bitrate of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter
-    packets and wider bands."""
+    """Bitrate of all channels together, Opus only; by default 96 kbit/s for two
+    channels of 4 kHz, more for shorter packets and wider bands."""
 
     def __post_init__(self) -> None:
         if self.name not in ("pcm16", "opus"):
@@ -118,7 +124,8 @@ class Codec:
         return _KINDS[self.name, self.channels]
 
     def largest_packet(self, samples: int) -> int:
-        """Return the size of the largest packet, up to its own, of so many samples; 0 if there is none."""
+        """Return the size of the largest packet, up to its own, of so many samples; 0
+        if there is none."""
         most = min(samples, self.packet_size)
         return (
             most
@@ -127,7 +134,8 @@ class Codec:
         )
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
-        """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
+        """Return this codec for another bandwidth in Hz; a default bitrate is adapted
+        to it."""
         chosen = self.bitrate_bps != _default_bitrate(self)
         return replace(
             self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0
@@ -135,7 +143,8 @@ class Codec:
 
 
 def _default_bitrate(codec: Codec) -> int:
-    """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
+    """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB
+    SNR at 5 ms."""
     per_channel = 64_000 if codec.packet_size == FRAME_SIZES[0] else 48_000
     return codec.channels * (
         per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel
@@ -143,7 +152,8 @@ def _default_bitrate(codec: Codec) -> int:
 
 
 MAX_PCM_SAMPLES = 240
-"""Maximum samples of a packet: two channels fit an unfragmented datagram of 1280 bytes, with 300 bytes to spare."""
+"""Maximum samples of a packet: two channels fit an unfragmented datagram of 1280 bytes,
+with 300 bytes to spare."""
 
 
 def most_pcm_samples(channels: int) -> int:
@@ -163,7 +173,8 @@ class PcmEncoder:
 
     def encode(self, samples: FloatArray) -> bytes:
         """Encode ``samples``; values outside [-1, 1) are clipped."""
-        # In place, and by the two functions that `clip` calls after a search of its own.
+        # In place, and by the two functions that `clip` calls after a search of its
+        # own.
         with np.errstate(
             over="ignore"
         ):  # a page may send 3e38, which is clipped like 2
@@ -199,7 +210,8 @@ class PcmDecoder:
         return self._last
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
+        """Conceal ``size`` lost samples, before the payload ``following`` if it has
+        arrived."""
         self._last = conceal_gap(
             self._last, self._read(following) if following else self._last[:0], size
         )
@@ -213,11 +225,14 @@ class PcmDecoder:
 
 
 def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
-    """Fill a gap of ``size`` samples with the mirrored sound of both sides, cross-faded.
+    """Fill a gap of ``size`` samples with the mirrored sound of both sides,
+    cross-faded.
 
-    Touch sounds like noise, so the cross-fade keeps power, not amplitude, constant: the level at the contact gate does
-    not drop. The sound is continuous at both sides, so a gap makes no click that the detector would classify. Both
-    sides have the shape ``(samples, channels)``, and are repeated back and forth where they are shorter than the gap.
+    Touch sounds like noise, so the cross-fade keeps power, not amplitude, constant: the
+    level at the contact gate does not drop. The sound is continuous at both sides, so a
+    gap makes no click that the detector would classify. Both sides have the shape
+    ``(samples, channels)``, and are repeated back and forth where they are shorter than
+    the gap.
 
     >>> quiet, loud = np.zeros((4, 1), np.float32), np.ones((4, 1), np.float32)
     >>> conceal_gap(quiet, loud, 3).ravel().round(2)
@@ -232,7 +247,8 @@ def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
 
 
 def mirror(samples: FloatArray, size: int) -> FloatArray:
-    """Return ``size`` samples of ``samples`` forwards and backwards in turn; silence when it is empty."""
+    """Return ``size`` samples of ``samples`` forwards and backwards in turn; silence
+    when it is empty."""
     if not len(samples):
         return np.zeros((size, samples.shape[1]), np.float32)
     there_and_back = np.concatenate([samples, samples[::-1]])
@@ -240,13 +256,16 @@ def mirror(samples: FloatArray, size: int) -> FloatArray:
 
 
 LOOKAHEAD = 120
-"""Samples by which the output of restricted low-delay Opus lies behind its input, as ``OPUS_GET_LOOKAHEAD``."""
+"""Samples by which the output of restricted low-delay Opus lies behind its input, as
+``OPUS_GET_LOOKAHEAD``."""
 
 LARGEST_PACKET = 5_760
-"""Samples of the longest packet of Opus, 120 ms (RFC 6716 section 3.2.5): more than any sender here makes."""
+"""Samples of the longest packet of Opus, 120 ms (RFC 6716 section 3.2.5): more than any
+sender here makes."""
 
 _BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
-"""Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
+"""Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist
+at low delay (RFC 6716)."""
 
 _GET_ENCODER_STATE, _GET_DECODER_STATE = 5120, 5122
 """Requests of ``opus_multistream.h`` for the state of one stream."""
@@ -257,7 +276,8 @@ _DECODING = (_POINTER, ctypes.c_char_p, _SIZE, _POINTER, _INT, _INT)
 
 
 class OpusEncoder:
-    """Encodes the sound of a packet; each finger in a payload of the same size, since the bitrate is constant."""
+    """Encodes the sound of a packet; each finger in a payload of the same size, since
+    the bitrate is constant."""
 
     def __init__(
         self, *, channels: int, packet_size: int, bandwidth: float, bitrate_bps: int
@@ -273,8 +293,10 @@ class OpusEncoder:
         ]
 
     def encode(self, samples: FloatArray) -> bytes:
-        """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
-        # Beware: libopus does not check the length, and would read past the end of a short array.
+        """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a
+        shorter packet, all finite."""
+        # Beware: libopus does not check the length, and would read past the end of a
+        # short array.
         count = len(samples)
         if (
             samples.shape != (count, self._channels)
@@ -289,7 +311,8 @@ class OpusEncoder:
 
 
 class _FingerEncoder:
-    """Encodes the channels of a finger from ``sound``, shape ``(channels, packet_size)``, which others fill."""
+    """Encodes the channels of a finger from ``sound``, shape ``(channels,
+    packet_size)``, which others fill."""
 
     def __init__(
         self, sound: FloatArray, *, bandwidth: float, bitrate_bps: int
@@ -336,14 +359,16 @@ class _FingerEncoder:
             return self._encode_first(count)
         at, left = 0, self._whole
         if len(self._streams) == 2:
-            # The limits are those of the multistream API; at constant bitrate the sizes are those of its first packet.
+            # The limits are those of the multistream API; at constant bitrate the sizes
+            # are those of its first packet.
             size, limit = (
                 1 if self._first <= LONG_LENGTH else 2,
                 left - (3 if left > 2 + LONG_LENGTH else 2),
             )
             state, sound = self._streams[0]
             self._check(self._encode(state, sound, count, self._pointer + size, limit))
-            # Between the first stream's first byte and its frame stands the length of the frame.
+            # Between the first stream's first byte and its frame stands the length of
+            # the frame.
             self._payload[0] = self._payload[size]
             self._payload[1 : 1 + size] = frame_length(self._first - 1)
             at = size + self._first
@@ -352,7 +377,8 @@ class _FingerEncoder:
         return ctypes.string_at(self._pointer, left)
 
     def _encode_first(self, count: int) -> bytes:
-        """Encode the first packet of a size: the multistream API divides the bitrate between the streams."""
+        """Encode the first packet of a size: the multistream API divides the bitrate
+        between the streams."""
         samples = np.ascontiguousarray(self._sound[:, :count].T)
         limit = len(self._payload)
         whole = self._check(
@@ -386,7 +412,8 @@ class OpusDecoder:
         return self._fingers[0].size(self._split(content)[0])
 
     def decode(self, content: bytes) -> FloatArray:
-        """Decode a payload, to shape ``(size, channels)``; `PacketError` when it is malformed."""
+        """Decode a payload, to shape ``(size, channels)``; `PacketError` when it is
+        malformed."""
         if len(self._fingers) == 1:
             size = self._fingers[0].size(content)
             self._fingers[0].decode(content, size)
@@ -404,8 +431,10 @@ class OpusDecoder:
         return self._sound[:, : sizes[0]].T.copy()
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
-        # Opus extrapolates, and smooths the transition to the next packet; it takes multiples of 2.5 ms, at most 20 ms.
+        """Conceal ``size`` lost samples, before the payload ``following`` if it has
+        arrived."""
+        # Opus extrapolates, and smooths the transition to the next packet; it takes
+        # multiples of 2.5 ms, at most 20 ms.
         whole, pieces = -(-size // FRAME_SIZES[0]) * FRAME_SIZES[0], []
         for done in range(0, whole, FRAME_SIZES[-1]):
             step = min(FRAME_SIZES[-1], whole - done)
@@ -425,7 +454,8 @@ class OpusDecoder:
 
 
 class _FingerDecoder:
-    """Decodes the channels of a finger into ``sound``, shape ``(channels, LARGEST_PACKET)``."""
+    """Decodes the channels of a finger into ``sound``, shape ``(channels,
+    LARGEST_PACKET)``."""
 
     def __init__(self, sound: FloatArray) -> None:
         opus, channels = _libopus(), len(sound)
@@ -448,8 +478,9 @@ class _FingerDecoder:
     def size(self, content: bytes) -> int:
         if not content:
             raise PacketError("an empty Opus payload, which the encoder never makes")
-        # The first byte of the first stream holds for all streams (layout in RFC 7845 section 5.1.1). Where its last
-        # two bits are 0, there is one frame, whose size the other bits say (RFC 6716 section 3.1).
+        # The first byte of the first stream holds for all streams (layout in RFC 7845
+        # section 5.1.1). Where its last two bits are 0, there is one frame, whose size
+        # the other bits say (RFC 6716 section 3.1).
         if (known := self._sizes.get(content[0])) is not None:
             return known
         try:
@@ -492,7 +523,8 @@ class _FingerDecoder:
 
 
 def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
-    """Return a function of libopus that takes the addresses of arrays; of its own, as the binding types its own."""
+    """Return a function of libopus that takes the addresses of arrays; of its own, as
+    the binding types its own."""
     function = opus.api.libopus[name]
     function.argtypes, function.restype = arguments, _INT
     return function
@@ -501,7 +533,8 @@ def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
 def _streams_of(
     control: Any, state: Any, request: int, sound: FloatArray
 ) -> list[tuple[int, int]]:
-    """Return of each stream the addresses of its state, within that of the multistream API, and of its row of sound."""
+    """Return of each stream the addresses of its state, within that of the multistream
+    API, and of its row of sound."""
     streams = []
     for stream, row in enumerate(sound):
         found = _POINTER()
@@ -517,7 +550,8 @@ def _streams_of(
 
 
 def _libopus() -> Any:
-    """Import the binding; late, because it needs the system's libopus and PCM does not."""
+    """Import the binding; late, because it needs the system's libopus and PCM does
+    not."""
     try:
         import opuslib_next
         import opuslib_next.api.ctl
@@ -567,13 +601,15 @@ def open_decoder(kind: PayloadType) -> Decoder:
 
 
 def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
-    """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is aligned and of the same shape.
+    """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is
+    aligned and of the same shape.
 
     >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
     >>> bool(np.abs(encode_and_decode(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
     True
     """
-    # The codec delays by its look-ahead: the sound is padded at the end and the result cut at the start.
+    # The codec delays by its look-ahead: the sound is padded at the end and the result
+    # cut at the start.
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
     packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
     padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)

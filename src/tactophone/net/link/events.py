@@ -1,7 +1,9 @@
-"""What a session reports: its events, their bytes in a log, and a session that repeats a log.
+"""What a session reports: its events, their bytes in a log, and a session that repeats
+a log.
 
-The operator's end is a function of the decrypted packets, the connections and their times. A log of those is enough
-to run it again, without keys: `LoggedSession` stands in for `Session`, and its datagrams are the logged events.
+The operator's end is a function of the decrypted packets, the connections and their
+times. A log of those is enough to run it again, without keys: `LoggedSession` stands in
+for `Session`, and its datagrams are the logged events.
 """
 
 import json
@@ -22,7 +24,8 @@ class Connected(msgspec.Struct, frozen=True):
 
 
 class Renewed(msgspec.Struct, frozen=True):
-    """The session continues under fresh keys and SSRCs; sequence numbers and timestamps run on."""
+    """The session continues under fresh keys and SSRCs; sequence numbers and timestamps
+    run on."""
 
     local_ssrc: int
     remote_ssrc: int
@@ -64,7 +67,8 @@ def write_event(event: Event) -> bytes:
 
 
 def read_event(content: bytes) -> Event:
-    """Decode what `write_event` encoded; raises `PacketError` when the bytes are not an event."""
+    """Decode what `write_event` encoded; raises `PacketError` when the bytes are not an
+    event."""
     try:
         kind, rest = content[0], content[1:]
         if kind in (_PACKET, _REPORT):
@@ -85,7 +89,8 @@ def read_event(content: bytes) -> Event:
 
 
 class LoggedSession:
-    """Repeats the events of a log in place of a `Session`, as far as `ReceiveSession` uses one; it sends nothing.
+    """Repeats the events of a log in place of a `Session`, as far as `ReceiveSession`
+    uses one; it sends nothing.
 
     ``polled``: events, encoded, that the next `poll` returns.
     """

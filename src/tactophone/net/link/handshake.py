@@ -1,11 +1,14 @@
-"""DTLS handshakes as values (RFC 6347, RFC 5764): datagrams in, datagrams out, the secrets of a session at the end.
+"""DTLS handshakes as values (RFC 6347, RFC 5764): datagrams in, datagrams out, the
+secrets of a session at the end.
 
-OpenSSL works on memory buffers only. The newest flight is retransmitted unchanged until the peer answers it: DTLS drops
-duplicates. OpenSSL's own retransmissions depend on the wall clock, and are removed (`NewRecords`).
+OpenSSL works on memory buffers only. The newest flight is retransmitted unchanged until
+the peer answers it: DTLS drops duplicates. OpenSSL's own retransmissions depend on the
+wall clock, and are removed (`NewRecords`).
 
-`Admission` bounds the work that unauthenticated hellos can cause. One with the label of a trusted caller (`call_label`)
-has places of its own. Anybody else may still call, so that an untrusted robot gets its refusal, but shares few places
-and little time with all other strangers.
+`Admission` bounds the work that unauthenticated hellos can cause. One with the label of
+a trusted caller (`call_label`) has places of its own. Anybody else may still call, so
+that an untrusted robot gets its refusal, but shares few places and little time with all
+other strangers.
 """
 
 import codecs
@@ -28,7 +31,8 @@ KEY_SIZE, SALT_SIZE = 32, 12
 
 @dataclass(frozen=True, slots=True)
 class Secrets:
-    """The result of a handshake, seen from one end: SRTP master key and salt, and an SSRC, for each direction."""
+    """The result of a handshake, seen from one end: SRTP master key and salt, and an
+    SSRC, for each direction."""
 
     outbound: bytes
     inbound: bytes
@@ -41,12 +45,14 @@ class Secrets:
 
 _RECORD_HEADER = 13
 _HELLO_RANDOM = slice(27, 59)
-"""Position of a ClientHello's random, after the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
+"""Position of a ClientHello's random, after the headers of record and message (RFC 6347
+sections 4.1, 4.2)."""
 
 _CHANGE_CIPHER, _ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 20, 21, 22, 1, 2
 
 _CERTIFICATE_ALERTS = tuple(bytes([number]) for number in range(42, 50))
-"""Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown authority, denied (RFC 5246)."""
+"""Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown
+authority, denied (RFC 5246)."""
 
 
 def is_hello(datagram: bytes) -> bool:
@@ -71,20 +77,23 @@ def is_encrypted(datagram: bytes) -> bool:
 class NewRecords:
     """Removes from OpenSSL's output the messages that it has written before.
 
-    OpenSSL has a retransmission timer that reads the wall clock and cannot be turned off from here. When a datagram
-    comes more than a second after the newest flight, it writes that flight again, *before* the next one: an answerer
-    takes the two together for a new call, and a caller that is done for a flight that was lost.
+    OpenSSL has a retransmission timer that reads the wall clock and cannot be turned
+    off from here. When a datagram comes more than a second after the newest flight, it
+    writes that flight again, *before* the next one: an answerer takes the two together
+    for a new call, and a caller that is done for a flight that was lost.
 
     ``changed_cipher``: whether this end has sent its last message, under the new keys.
     """
 
     def __init__(self) -> None:
-        # What has been written: messages up to this number, and whether the change to the new keys was among them.
+        # What has been written: messages up to this number, and whether the change to
+        # the new keys was among them.
         self._messages, self.changed_cipher = 0, False
 
     def of(self, written: bytes) -> bytes:
         records = list(_records(written))
-        # All are judged by what was written before, and only then noted: a flight holds several of each kind.
+        # All are judged by what was written before, and only then noted: a flight holds
+        # several of each kind.
         fresh = b"".join(record for record in records if self._is_new(record))
         numbers = [
             _message_number(record) for record in records if _is_plain_message(record)
@@ -96,12 +105,14 @@ class NewRecords:
     def _is_new(self, record: bytes) -> bool:
         if _is_plain_message(record):
             return _message_number(record) >= self._messages
-        # Only one flight of each end holds these: the cipher's change, and the encrypted message after it.
+        # Only one flight of each end holds these: the cipher's change, and the
+        # encrypted message after it.
         return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self.changed_cipher
 
 
 def split_flight(written: bytes) -> Iterator[bytes]:
-    """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
+    """Return OpenSSL's output as datagrams of whole records; its memory buffer has no
+    datagram boundaries."""
     datagram = b""
     for record in _records(written):
         if datagram and len(datagram) + len(record) > MAX_DATAGRAM:
@@ -117,7 +128,8 @@ def _is_plain_message(record: bytes) -> bool:
 
 
 def _message_number(record: bytes) -> int:
-    """Return the number of the handshake message in a record (RFC 6347 section 4.2.2)."""
+    """Return the number of the handshake message in a record (RFC 6347 section
+    4.2.2)."""
     return int.from_bytes(record[17:19])
 
 
@@ -134,7 +146,8 @@ def _records(written: bytes) -> Iterator[bytes]:
 
 
 FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
-"""Seconds until a flight is retransmitted: the first time (above most round-trip times), and at most after doubling."""
+"""Seconds until a flight is retransmitted: the first time (above most round-trip
+times), and at most after doubling."""
 
 codecs.lookup(
     "charmap"
@@ -144,18 +157,22 @@ HANDSHAKE_TIMEOUT = 3.0
 """Seconds after which a handshake fails; the caller then begins another."""
 
 MAX_FLIGHT_DATAGRAMS = 256
-"""Datagrams that one handshake processes; it needs 4 to 8, and each of at most 30 retransmissions as many again."""
+"""Datagrams that one handshake processes; it needs 4 to 8, and each of at most 30
+retransmissions as many again."""
 
 REFUSED = "it refused this machine's certificate"
-"""What a plain alert says; nobody is identified yet, so it may be forged and is only shown."""
+"""What a plain alert says; nobody is identified yet, so it may be forged and is only
+shown."""
 
-# Level 3 wants 128 bits of everything: P-256 has them, and no signature with SHA-1 is offered.
+# Level 3 wants 128 bits of everything: P-256 has them, and no signature with SHA-1 is
+# offered.
 _CIPHERS = b"ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305:@SECLEVEL=3"
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """The result of a handshake: the peer's name, its fingerprint, and the shared secrets."""
+    """The result of a handshake: the peer's name, its fingerprint, and the shared
+    secrets."""
 
     peer: str
     fingerprint: str
@@ -163,7 +180,8 @@ class Agreement:
 
     @property
     def continuation(self) -> bytes:
-        """What only the two ends of this session know: a caller that renews its keys puts it in its ClientHello."""
+        """What only the two ends of this session know: a caller that renews its keys
+        puts it in its ClientHello."""
         # The order of the two keys is the same at both ends.
         keys = b"".join(sorted((self.secrets.outbound, self.secrets.inbound)))
         return (
@@ -194,7 +212,8 @@ class Handshakes:
         self._known_labels = [call_label(pin) for _, pin in peers.items()]
 
     def call(self, *, now: float, continues: bytes = b"") -> "Handshake":
-        """Begin a handshake as the caller, or one that renews the keys of the session with this `continuation`."""
+        """Begin a handshake as the caller, or one that renews the keys of the session
+        with this `continuation`."""
         self.accepted = ""
         connection = self._connection()
         connection.set_tlsext_host_name(
@@ -209,12 +228,15 @@ class Handshakes:
     def answer(
         self, hello: bytes, *, source: Address, now: float
     ) -> "tuple[Handshake | None, list[bytes]]":
-        """Answer a ClientHello; return the handshake, once the caller has returned its cookie, and the replies.
+        """Answer a ClientHello; return the handshake, once the caller has returned its
+        cookie, and the replies.
 
-        Until then no state is kept (RFC 6347 section 4.2.1), so that forged addresses cost no memory.
+        Until then no state is kept (RFC 6347 section 4.2.1), so that forged addresses
+        cost no memory.
         """
         connection = self._connection()
-        # The cookie proves the address alone: one that answers a call given up serves the call after it.
+        # The cookie proves the address alone: one that answers a call given up serves
+        # the call after it.
         connection.set_app_data(source)
         connection.bio_write(hello)
         try:
@@ -267,7 +289,8 @@ class Handshakes:
         depth: int,
         ok: int,
     ) -> bool:
-        """Accept the pinned certificate itself, whatever its issuer; certificates above it do not count."""
+        """Accept the pinned certificate itself, whatever its issuer; certificates above
+        it do not count."""
         fingerprint = _fingerprint(certificate)
         name = self._peers.name_of(fingerprint) if depth == 0 else None
         if name is None:
@@ -287,10 +310,12 @@ class Handshakes:
 class Handshake:
     """One attempt to connect with one peer.
 
-    ``outgoing`` returns what to send now. ``agreement`` is set when both ends have authenticated themselves,
-    ``failure`` when the handshake cannot succeed any more, ``refused`` when an alert says that the peer does not accept
-    the certificate, which only an authenticated message could prove. ``known`` and ``continues`` are an answerer's
-    notes on the ClientHello: whether it bore a trusted peer's label, and the `continuation` that it named.
+    ``outgoing`` returns what to send now. ``agreement`` is set when both ends have
+    authenticated themselves, ``failure`` when the handshake cannot succeed any more,
+    ``refused`` when an alert says that the peer does not accept the certificate, which
+    only an authenticated message could prove. ``known`` and ``continues`` are an
+    answerer's notes on the ClientHello: whether it bore a trusted peer's label, and the
+    `continuation` that it named.
     """
 
     def __init__(
@@ -312,15 +337,17 @@ class Handshake:
         if self.failure:
             return
         if datagram[:1] == bytes([_ALERT]) and not is_encrypted(datagram):
-            # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7).
+            # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347,
+            # 4.1.2.7).
             about_certificate = (
                 datagram[13:14] == bytes([_FATAL])
                 and datagram[14:15] in _CERTIFICATE_ALERTS
             )
             self.refused |= self.agreement is None and about_certificate
         elif self.agreement is not None:
-            # OpenSSL gets no more of it: it would store what nobody reads. If the caller still retransmits its last
-            # flight, the answer was lost. A caller that is done answers nothing, or the two would go on for ever.
+            # OpenSSL gets no more of it: it would store what nobody reads. If the
+            # caller still retransmits its last flight, the answer was lost. A caller
+            # that is done answers nothing, or the two would go on for ever.
             if not self._calls and not is_encrypted(datagram):
                 self._retransmit(now)
         elif (
@@ -339,7 +366,8 @@ class Handshake:
         if self.agreement or self.failure:
             return
         if now - self.begun > HANDSHAKE_TIMEOUT:
-            # The refusal could not be believed at once; that nothing else came makes it likely.
+            # The refusal could not be believed at once; that nothing else came makes it
+            # likely.
             self.failure = (
                 REFUSED if self.refused else f"no answer within {HANDSHAKE_TIMEOUT:g} s"
             )
@@ -362,7 +390,8 @@ class Handshake:
         if flight := list(
             split_flight(self._new_records.of(_written(self._connection)))
         ):
-            # The peer has answered, or nothing new would have been written: the flight before need not be repeated.
+            # The peer has answered, or nothing new would have been written: the flight
+            # before need not be repeated.
             self._newest_flight, self._retransmit_after, self._sent = (
                 flight,
                 FIRST_RETRANSMISSION,
@@ -388,7 +417,8 @@ class Handshake:
         return Agreement(name, fingerprint, self._export())
 
     def _export(self) -> Secrets:
-        """Split the exported key material as in RFC 5764 section 4.2; the SSRCs come from a second export."""
+        """Split the exported key material as in RFC 5764 section 4.2; the SSRCs come
+        from a second export."""
         material = self._connection.export_keying_material(
             b"EXTRACTOR-dtls_srtp", 2 * (KEY_SIZE + SALT_SIZE)
         )
@@ -403,10 +433,12 @@ class Handshake:
 
 
 def call_label(fingerprint: str) -> bytes:
-    """Return the label that a caller with this certificate puts in its ClientHello, as 32 hexadecimal digits.
+    """Return the label that a caller with this certificate puts in its ClientHello, as
+    32 hexadecimal digits.
 
-    It proves nothing, because whoever observes a call can repeat it. It lets an answerer distinguish, before any
-    computation, the hellos of trusted callers from those of anybody who only knows the address.
+    It proves nothing, because whoever observes a call can repeat it. It lets an
+    answerer distinguish, before any computation, the hellos of trusted callers from
+    those of anybody who only knows the address.
     """
     return (
         hashlib.sha256(b"tactophone call " + fingerprint.encode())
@@ -423,7 +455,8 @@ def _written(connection: SSL.Connection) -> bytes:
 
 
 def _reason(error: SSL.Error) -> str:
-    """Return OpenSSL's words for an error; ``SysCallError`` has a number where others have a list."""
+    """Return OpenSSL's words for an error; ``SysCallError`` has a number where others
+    have a list."""
     first = error.args[0] if error.args else None
     if (
         isinstance(first, list | tuple)
@@ -440,19 +473,23 @@ def _reason(error: SSL.Error) -> str:
 
 
 def _fingerprint(certificate: crypto.X509) -> str:
-    """Return the SHA-256 of the certificate's DER bytes, without parsing them a second time."""
+    """Return the SHA-256 of the certificate's DER bytes, without parsing them a second
+    time."""
     return certificate.digest("sha256").decode()
 
 
 MAX_HANDSHAKES = 4
-"""Concurrent handshakes of trusted callers, and the same number of strangers; each has returned a cookie."""
+"""Concurrent handshakes of trusted callers, and the same number of strangers; each has
+returned a cookie."""
 
 STRANGER_TIME = 0.5
-"""Seconds for which a stranger's unfinished handshake keeps its place: above the round trip of most paths."""
+"""Seconds for which a stranger's unfinished handshake keeps its place: above the round
+trip of most paths."""
 
 KNOWN_RATE, STRANGER_RATE = 200.0, 50.0
-"""ClientHellos answered in a second. A caller sends 2 for each handshake, and at most 10 a second; one costs about
-0.1 ms before its cookie and 1 ms after, so that strangers get at most some 5 % of a processor."""
+"""ClientHellos answered in a second. A caller sends 2 for each handshake, and at most
+10 a second; one costs about 0.1 ms before its cookie and 1 ms after, so that strangers
+get at most some 5 % of a processor."""
 
 HELLO_BURST = 0.5
 """Seconds of the rate that may come at once."""
@@ -496,7 +533,8 @@ class Admission:
         }
 
     def admits(self, pending: Pending, *, known: bool, now: float) -> bool:
-        """Whether a hello is answered: within the rate, and if a stranger's, with a place to take."""
+        """Whether a hello is answered: within the rate, and if a stranger's, with a
+        place to take."""
         if (
             not known
             and self._is_full(pending, known=False)
@@ -508,7 +546,8 @@ class Admission:
     def displaced(
         self, pending: Pending, *, source: Address, known: bool, now: float
     ) -> list[tuple[Address, bytes]]:
-        """Return the handshakes that end when one from ``source`` begins: its own before, and one too many."""
+        """Return the handshakes that end when one from ``source`` begins: its own
+        before, and one too many."""
         own = [key for key in pending if key[0] == source]
         if own or not self._is_full(pending, known=known):
             return own
@@ -524,7 +563,8 @@ class Admission:
     def _replaceable(
         self, pending: Pending, *, known: bool, now: float
     ) -> tuple[Address, bytes] | None:
-        """Return the oldest handshake; none while a stranger's is too young to give way."""
+        """Return the oldest handshake; none while a stranger's is too young to give
+        way."""
         oldest = next(
             (key for key, handshake in pending.items() if handshake.known == known),
             None,

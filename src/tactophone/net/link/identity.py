@@ -1,8 +1,10 @@
-"""The local identity and the trusted peers: a self-signed certificate, and the pinned fingerprints of peers.
+"""The local identity and the trusted peers: a self-signed certificate, and the pinned
+fingerprints of peers.
 
-No certificate authority is involved. Two people compare fingerprints once, as with SSH, and each program then accepts
-exactly the pinned certificates (RFC 5763 section 5). The private key never leaves its file. A key file that others may
-read is refused, not repaired: others may have read it already.
+No certificate authority is involved. Two people compare fingerprints once, as with SSH,
+and each program then accepts exactly the pinned certificates (RFC 5763 section 5). The
+private key never leaves its file. A key file that others may read is refused, not
+repaired: others may have read it already.
 """
 
 import datetime
@@ -69,7 +71,8 @@ class Identity:
     def load(cls, folder: Path) -> Self:
         """Read an identity written by `save`.
 
-        Raises `ConfigError` when it is missing or damaged, or when others may read its key.
+        Raises `ConfigError` when it is missing or damaged, or when others may read its
+        key.
         """
         key_path = folder / KEY_FILE
         _check_permissions(key_path, forbidden=0o077)
@@ -80,7 +83,8 @@ class Identity:
             certificate = x509.load_pem_x509_certificate(
                 (folder / CERTIFICATE_FILE).read_bytes()
             )
-            # The library parses keys and names only when asked for them, so they are asked for here.
+            # The library parses keys and names only when asked for them, so they are
+            # asked for here.
             matches = key.public_key() == certificate.public_key()
             _common_name(certificate)
         except _UNREADABLE as error:
@@ -99,7 +103,8 @@ class Identity:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the certificate, as RFC 8122 has it (``4A:AD:B9:...``), for two people to compare."""
+        """SHA-256 of the certificate, as RFC 8122 has it (``4A:AD:B9:...``), for two
+        people to compare."""
         return self.certificate.fingerprint(hashes.SHA256()).hex(":").upper()
 
     @property
@@ -108,7 +113,8 @@ class Identity:
         return f"tactophone pair trust {self.name} {self.fingerprint}"
 
     def save(self, folder: Path) -> None:
-        """Write certificate and key (mode 0600), the key last: on a full disk none is left that lacks its certificate.
+        """Write certificate and key (mode 0600), the key last: on a full disk none is
+        left that lacks its certificate.
 
         Raises `ConfigError` when a key exists: peers may have pinned its certificate.
         """
@@ -129,7 +135,8 @@ class Identity:
 
 
 class Peers:
-    """Trusted peers: names by pinned fingerprint, stored in a text file of lines ``FINGERPRINT NAME``."""
+    """Trusted peers: names by pinned fingerprint, stored in a text file of lines
+    ``FINGERPRINT NAME``."""
 
     def __init__(self, names: Mapping[str, str] | None = None) -> None:
         self._names = {
@@ -140,7 +147,8 @@ class Peers:
     def load(cls, folder: Path) -> Self:
         """Read the peers of ``folder``; none when there is no such file.
 
-        Raises `ConfigError` when a line is malformed, or when others may write to the file.
+        Raises `ConfigError` when a line is malformed, or when others may write to the
+        file.
         """
         path = folder / PEERS_FILE
         if not path.exists():
@@ -168,7 +176,8 @@ class Peers:
         draft.replace(folder / PEERS_FILE)
 
     def trusting(self, name: str, fingerprint: str) -> "Peers":
-        """Return the peers with one added, or with a new fingerprint for a known name."""
+        """Return the peers with one added, or with a new fingerprint for a known
+        name."""
         kept = {pin: other for pin, other in self._names.items() if other != name}
         return Peers({**kept, fingerprint: name})
 
@@ -182,7 +191,8 @@ class Peers:
         )
 
     def name_of(self, fingerprint: str) -> str | None:
-        """Return the name for a fingerprint, or ``None``; in constant time for each entry."""
+        """Return the name for a fingerprint, or ``None``; in constant time for each
+        entry."""
         matches = [
             name
             for pin, name in self._names.items()
@@ -199,7 +209,8 @@ def _common_name(certificate: x509.Certificate) -> str:
 
 
 def parse_fingerprint(text: str) -> str:
-    """Normalise a fingerprint with or without colons, in either case; `ConfigError` when it is malformed."""
+    """Normalise a fingerprint with or without colons, in either case; `ConfigError`
+    when it is malformed."""
     try:
         digest = bytes.fromhex(text.replace(":", ""))
     except ValueError:
@@ -231,7 +242,8 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
 
 
 def write_private(path: Path, content: bytes) -> None:
-    """Create a file with mode 0600 from the start, whole or not at all; `FileExistsError` when it exists."""
+    """Create a file with mode 0600 from the start, whole or not at all;
+    `FileExistsError` when it exists."""
     file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
     try:
         with file:

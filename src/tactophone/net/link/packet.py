@@ -1,12 +1,16 @@
-"""Everything that the link's packets hold: RTP (RFC 3550) with redundancy (RFC 2198), Opus frames, predictions.
+"""Everything that the link's packets hold: RTP (RFC 3550) with redundancy (RFC 2198),
+Opus frames, predictions.
 
-It parses and builds bytes, and needs neither a codec nor encryption, so that logs and bridges read packets with it too.
+It parses and builds bytes, and needs neither a codec nor encryption, so that logs and
+bridges read packets with it too.
 
-A packet may carry, beside its own payload, the one or two payloads before it. Its payload type is then ``RED`` and the
-actual types are inside, so that any tool that implements RFC 2198 can read it.
+A packet may carry, beside its own payload, the one or two payloads before it. Its
+payload type is then ``RED`` and the actual types are inside, so that any tool that
+implements RFC 2198 can read it.
 
-An Opus payload of two microphones is a packet of two streams, the first in its self-delimited form (RFC 6716 appendix
-B, RFC 7845 section 5.1.1): after its first byte stands the length of its frame.
+An Opus payload of two microphones is a packet of two streams, the first in its
+self-delimited form (RFC 6716 appendix B, RFC 7845 section 5.1.1): after its first byte
+stands the length of its frame.
 
 While the robot moves, it is a contributing source of its packets (`MOTION`).
 
@@ -23,8 +27,9 @@ bytes        field                  encoding
 12-15        length of the window   samples at 48 kHz; it ends at the timestamp
 ===========  =====================  ==============================================
 
-Predictions of a hand whose windows end together share a payload: for each, a byte with the number of fingers (upper
-four bits) and the finger, counted from 0, and then these 16.
+Predictions of a hand whose windows end together share a payload: for each, a byte with
+the number of fingers (upper four bits) and the finger, counted from 0, and then these
+16.
 """
 
 import enum
@@ -40,19 +45,23 @@ from tactophone.core.errors import PacketError
 from tactophone.core.types import MOST_FINGERS, Prediction, Touch
 
 CLOCK_RATE = 48_000
-"""Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus, and all payloads use it."""
+"""Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus,
+and all payloads use it."""
 
 MAX_DATAGRAM = 1_280 - 48
-"""Maximum bytes of a datagram: the minimum MTU of IPv6 (RFC 8200) without the headers of IPv6 and UDP."""
+"""Maximum bytes of a datagram: the minimum MTU of IPv6 (RFC 8200) without the headers
+of IPv6 and UDP."""
 
 SRTP_OVERHEAD = 16
 """Bytes that SRTP adds to a packet: the full GCM tag (RFC 7714)."""
 
 MOTION = b"MOVE"
-"""Contributing source (RFC 3550 section 5.1) of a packet while the robot moves; other receivers skip it."""
+"""Contributing source (RFC 3550 section 5.1) of a packet while the robot moves; other
+receivers skip it."""
 
 PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 16
-"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and a contributing source."""
+"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and a
+contributing source."""
 
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
@@ -62,7 +71,8 @@ _EARLIER = struct.Struct(
 )  # RFC 2198 section 3: F, 7 bits of type, 14 of timestamp offset, 10 of length
 
 MAX_EARLIER_OFFSET = (1 << 14) - 1
-"""Maximum samples by which an earlier payload may lie behind its packet (RFC 2198 section 3): 341 ms."""
+"""Maximum samples by which an earlier payload may lie behind its packet (RFC 2198
+section 3): 341 ms."""
 
 MAX_EARLIER = 2
 """Maximum earlier payloads in a packet: as many as a sender makes."""
@@ -72,10 +82,11 @@ MAX_EARLIER_SIZE = (1 << 10) - 1
 
 
 class PayloadType(enum.IntEnum):
-    """RTP payload types, in the dynamic range of RFC 3551; the table is fixed, so nothing is negotiated.
+    """RTP payload types, in the dynamic range of RFC 3551; the table is fixed, so
+    nothing is negotiated.
 
-    Sound of a hand has a type for each number of fingers, with contact and air of each finger in turn: whoever receives
-    one packet knows the hand.
+    Sound of a hand has a type for each number of fingers, with contact and air of each
+    finger in turn: whoever receives one packet knows the hand.
     """
 
     L16_MONO = 96
@@ -128,14 +139,17 @@ _HALF_TURN = 1 << 31
 """Half the range of an RTP timestamp."""
 
 _SOUND_KINDS = {int(kind): kind for kind in PayloadType if kind != PayloadType.RED}
-"""Payload types outside redundancy, by number: a look-up takes a fifth of the time of the enumeration's own."""
+"""Payload types outside redundancy, by number: a look-up takes a fifth of the time of
+the enumeration's own."""
 
 Address: TypeAlias = tuple[str, int]
-"""Host and port of a datagram's source or destination, as the socket expects and returns them."""
+"""Host and port of a datagram's source or destination, as the socket expects and
+returns them."""
 
 
 def split_address(text: str, port: int) -> Address:
-    """Split ``host``, ``host:port`` or ``[host]:port``, with a default port; `ValueError` for anything else.
+    """Split ``host``, ``host:port`` or ``[host]:port``, with a default port;
+    `ValueError` for anything else.
 
     >>> split_address("[2001:db8::1]:3479", 3478), split_address("2001:db8::1", 3478)
     (('2001:db8::1', 3479), ('2001:db8::1', 3478))
@@ -157,7 +171,8 @@ def is_dtls(datagram: bytes) -> bool:
 
 
 def is_srtp(datagram: bytes) -> bool:
-    """Whether a datagram is an encrypted packet or report, by its first byte (RFC 7983 section 7)."""
+    """Whether a datagram is an encrypted packet or report, by its first byte (RFC 7983
+    section 7)."""
     return len(datagram) > 0 and 128 <= datagram[0] < 192
 
 
@@ -167,13 +182,15 @@ def is_report(packet: bytes) -> bool:
 
 
 def stream_of(packet: bytes, *, report: bool) -> int:
-    """Return the SSRC in the clear header of RTP, or of RTCP (`report`); -1 when the packet is too short for one."""
+    """Return the SSRC in the clear header of RTP, or of RTCP (`report`); -1 when the
+    packet is too short for one."""
     field = packet[4:8] if report else packet[8:12]
     return int.from_bytes(field) if len(field) == 4 else -1
 
 
 class Payload(msgspec.Struct, frozen=True):
-    """Encoded sound or a prediction: ``content`` of type ``kind``, which begins at ``timestamp``."""
+    """Encoded sound or a prediction: ``content`` of type ``kind``, which begins at
+    ``timestamp``."""
 
     kind: PayloadType
     timestamp: int
@@ -181,7 +198,8 @@ class Payload(msgspec.Struct, frozen=True):
 
 
 class Packet(msgspec.Struct, frozen=True):
-    """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of :func:`parse_packet`.
+    """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of
+    :func:`parse_packet`.
 
     >>> packet = Packet(7, ssrc=1, payload=Payload(PayloadType.OPUS, 960, b"sound"))
     >>> bytes(packet).hex(" ", -4)
@@ -198,7 +216,8 @@ class Packet(msgspec.Struct, frozen=True):
     earlier: tuple[Payload, ...] = ()
     """Payloads of the packets before this one, oldest first."""
     marker: bool = False
-    """True on the first packet and after a gap in the sound itself (RFC 3551 section 4.1)."""
+    """True on the first packet and after a gap in the sound itself (RFC 3551 section
+    4.1)."""
     moving: bool = False
     """Whether the robot moves."""
 
@@ -228,7 +247,8 @@ class Packet(msgspec.Struct, frozen=True):
 
 
 def parse_packet(datagram: bytes) -> Packet:
-    """Parse an RTP packet; raises `PacketError` when the bytes are not RTP, or the payload type is unknown."""
+    """Parse an RTP packet; raises `PacketError` when the bytes are not RTP, or the
+    payload type is unknown."""
     if len(datagram) < _HEADER.size:
         raise PacketError(
             f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut"
@@ -239,7 +259,8 @@ def parse_packet(datagram: bytes) -> Packet:
             f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an RTP packet"
         )
     if first == _PLAIN and (kind := _SOUND_KINDS.get(second & 0x7F)) is not None:
-        # What our own senders make when nothing is lost: no extras in the header, one payload.
+        # What our own senders make when nothing is lost: no extras in the header, one
+        # payload.
         payload = Payload(kind, timestamp, datagram[_HEADER.size :])
         return Packet(sequence, ssrc, payload, (), second > 0x7F)
     body = _body(datagram, first)
@@ -255,7 +276,8 @@ def parse_packet(datagram: bytes) -> Packet:
 
 
 def ahead(value: int, reference: int, *, bits: int) -> int:
-    """Return how far a wrapping counter is ahead of another; negative when it is behind.
+    """Return how far a wrapping counter is ahead of another; negative when it is
+    behind.
 
     >>> ahead(2, 65_534, bits=16), ahead(65_534, 2, bits=16)
     (4, -4)
@@ -282,7 +304,8 @@ class TimestampUnwrapper:
         self._newest: int | None = None
 
     def position(self, timestamp: int) -> int:
-        """Return the samples since the first timestamp, whose position is ``start``; less for an older one."""
+        """Return the samples since the first timestamp, whose position is ``start``;
+        less for an older one."""
         if self._newest is None:
             self._newest, self.origin = timestamp, timestamp - self._start
         # As `ahead`, without a call for each packet.
@@ -291,15 +314,18 @@ class TimestampUnwrapper:
             + (timestamp - self._newest + _HALF_TURN) % (1 << 32)
             - _HALF_TURN
         )
-        # Only forwards: a late packet does not move the reference, or the next wrap could be taken for a step back.
+        # Only forwards: a late packet does not move the reference, or the next wrap
+        # could be taken for a step back.
         self._newest = max(self._newest, reached)
         return reached - self.origin
 
 
 def _body(datagram: bytes, first: int) -> bytes:
-    """Return what is between the header and the end, without the extras that other senders may use.
+    """Return what is between the header and the end, without the extras that other
+    senders may use.
 
-    These are contributing sources and an extension of the header, and padding at the end (RFC 3550 section 5.1).
+    These are contributing sources and an extension of the header, and padding at the
+    end (RFC 3550 section 5.1).
     """
     start, end = _HEADER.size + 4 * (first & 0x0F), len(datagram)
     if first & 0x10:
@@ -323,11 +349,12 @@ def _body(datagram: bytes, first: int) -> bytes:
 def _read_redundancy(
     timestamp: int, body: bytes
 ) -> tuple[Payload, tuple[Payload, ...]]:
-    """Return a packet's own payload, which is the last and takes the rest, and the earlier ones."""
+    """Return a packet's own payload, which is the last and takes the rest, and the
+    earlier ones."""
     heads: list[tuple[int, int, int]] = []
     position, size = 0, len(body)
-    # Headers with a set first bit announce earlier payloads; the one without announces the packet's own, and has no
-    # length. The contents follow in the same order.
+    # Headers with a set first bit announce earlier payloads; the one without announces
+    # the packet's own, and has no length. The contents follow in the same order.
     while position < size and body[position] & 0x80:
         if position + _EARLIER.size > size:
             raise PacketError(
@@ -369,7 +396,8 @@ def _kind(number: int) -> PayloadType:
 
 
 FRAME_SIZES = (120, 240, 480, 960)
-"""Frame sizes at low delay, in samples at 48 kHz, by the two lowest bits of their configuration (RFC 6716, 3.1)."""
+"""Frame sizes at low delay, in samples at 48 kHz, by the two lowest bits of their
+configuration (RFC 6716, 3.1)."""
 
 LARGEST_FRAME = 1275
 """Bytes of the largest frame (RFC 6716 section 3.4)."""
@@ -393,7 +421,8 @@ def frame_length(size: int) -> bytes:
 
 
 def split_streams(payload: bytes, streams: int) -> list[bytes]:
-    """Return a packet of each stream, 1 or 2, where each holds one frame of the same kind; nothing otherwise.
+    """Return a packet of each stream, 1 or 2, where each holds one frame of the same
+    kind; nothing otherwise.
 
     >>> split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2) == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
     True
@@ -414,7 +443,8 @@ def split_streams(payload: bytes, streams: int) -> list[bytes]:
 
 
 def join_frames(head: int, frames: list[bytes]) -> bytes:
-    """Join frames of the same configuration to a packet of code 3 (RFC 6716 section 3.2.5)."""
+    """Join frames of the same configuration to a packet of code 3 (RFC 6716 section
+    3.2.5)."""
     if len(frames) == 1:
         return bytes([head]) + frames[0]
     if len({len(frame) for frame in frames}) == 1:
@@ -428,7 +458,8 @@ _ONE, _SILENT = 65_535, -32_768
 
 
 def write_prediction(prediction: Prediction) -> bytes:
-    """Encode a prediction without its end, which is the packet's timestamp; non-finite values become a fault."""
+    """Encode a prediction without its end, which is the packet's timestamp; non-finite
+    values become a fault."""
     shares = (*prediction.probabilities, prediction.roughness)
     if not all(map(math.isfinite, shares)) or math.isnan(prediction.level_dbfs):
         return write_prediction(
@@ -496,9 +527,11 @@ def write_predictions(
 def read_predictions(
     payload: Payload, *, end: float
 ) -> tuple[dict[int, Prediction], int]:
-    """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
+    """Decode predictions whose windows ended at ``end`` seconds; returns them by
+    finger, and the number of fingers.
 
-    Raises `PacketError` when the bytes are not predictions of one hand, each of another finger.
+    Raises `PacketError` when the bytes are not predictions of one hand, each of another
+    finger.
     """
     if payload.kind == PayloadType.PREDICTION:
         return {0: read_prediction(payload.content, end=end)}, 1

@@ -1,20 +1,26 @@
-"""A clocked buffer for the profiles that render the sound itself: constant delay, two clocks reconciled, no clicks.
+"""A clocked buffer for the profiles that render the sound itself: constant delay, two
+clocks reconciled, no clicks.
 
-Packets wait here, still encoded, until they are due. On each pull the buffer decodes what the block needs, conceals
-what is missing, and resamples it at the speed that its `PlayoutController` computes, by libsamplerate's sinc
-interpolator (20 samples of delay, 120 dB). Where the sound is discontinuous (a jump of the position, the end of a
-longer gap), the old sound fades out while the new sound fades in.
+Packets wait here, still encoded, until they are due. On each pull the buffer decodes
+what the block needs, conceals what is missing, and resamples it at the speed that its
+`PlayoutController` computes, by libsamplerate's sinc interpolator (20 samples of delay,
+120 dB). Where the sound is discontinuous (a jump of the position, the end of a longer
+gap), the old sound fades out while the new sound fades in.
 
-The controller decides which position of the stream to play, without any sound. It follows *the newest sample that the
-empty network would have delivered by now, less a margin*. The first part is the minimum transit time of each second,
-which neither loss nor jitter moves (:mod:`~net.link.stats`); a slow proportional-integral loop turns the rest
-into a speed. A loop on the buffer level or on arrival times, the usual design, is unstable at 2 ms of jitter; this loop
-holds the clock ratio to a few ppm (both measured).
+The controller decides which position of the stream to play, without any sound. It
+follows *the newest sample that the empty network would have delivered by now, less a
+margin*. The first part is the minimum transit time of each second, which neither loss
+nor jitter moves (:mod:`~net.link.stats`); a slow proportional-integral loop turns the
+rest into a speed. A loop on the buffer level or on arrival times, the usual design, is
+unstable at 2 ms of jitter; this loop holds the clock ratio to a few ppm (both
+measured).
 
-The margin is one packet, the block to render, and an allowance for jitter: the lateness that 1 packet in 1000 exceeds,
-learned during `PLAYOUT_WARM_UP` before anything is played. It grows as soon as 1 packet in 250 is too late, and shrinks
-when half was enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`, a ninth of the
-smallest change of frequency that a finger notices (Pongrac 2008). Only an error above `JUMP` sets the position anew.
+The margin is one packet, the block to render, and an allowance for jitter: the lateness
+that 1 packet in 1000 exceeds, learned during `PLAYOUT_WARM_UP` before anything is
+played. It grows as soon as 1 packet in 250 is too late, and shrinks when half was
+enough for a thousand packets. Changes are played a little faster or slower, by `SLEW`,
+a ninth of the smallest change of frequency that a finger notices (Pongrac 2008). Only
+an error above `JUMP` sets the position anew.
 """
 
 import math
@@ -32,36 +38,41 @@ from tactophone.net.link.packet import CLOCK_RATE, Packet, Payload, TimestampUnw
 from tactophone.net.link.stats import Reception
 
 TIME_CONSTANT = 8.0
-"""Seconds of the loop, whose damping is 0.7 (`PlayoutController._steer`): slow against jitter, fast against the drift
-of quartz."""
+"""Seconds of the loop, whose damping is 0.7 (`PlayoutController._steer`): slow against
+jitter, fast against the drift of quartz."""
 
 MAX_SKEW = 400e-6
 """Limit of the integral, as a ratio: twice the worst pair of sound cards."""
 
 SLEW = 0.02
-"""Maximum relative change of speed on the way to a changed margin: 20 ms in a second."""
+"""Maximum relative change of speed on the way to a changed margin: 20 ms in a
+second."""
 
 DEAD_BAND = 0.002
 """Seconds of error up to which only the slow loop acts; above, the position slews."""
 
 JUMP = 0.04
-"""Seconds of error above which the position is set anew: slewing would take more than two seconds."""
+"""Seconds of error above which the position is set anew: slewing would take more than
+two seconds."""
 
 MIN_ALLOWANCE, MAX_ALLOWANCE = 0.002, 0.04
-"""Seconds allowed for jitter; a packet later than the maximum is a stall, which playout does not wait for. With a
-packet and a period of 512 samples, the margin stays under the 60 ms from which sound counts as stale."""
+"""Seconds allowed for jitter; a packet later than the maximum is a stall, which playout
+does not wait for. With a packet and a period of 512 samples, the margin stays under the
+60 ms from which sound counts as stale."""
 
 PLAYOUT_WARM_UP = 0.25
 """Seconds of measuring before the first sound."""
 
 _TARGET_LATE, _MAX_LATE = 1 / 1000, 1 / 250
-"""Shares of late packets: the share that a new allowance is computed for, and the share that triggers a new one."""
+"""Shares of late packets: the share that a new allowance is computed for, and the share
+that triggers a new one."""
 
 _LONG, _SHORT = 4_000, 1_000
 """Packets evaluated to grow, and to shrink: 20 and 5 seconds of 5 ms each."""
 
 _SHRINK = 0.5
-"""The allowance shrinks when this part of it would have been enough; hysteresis against chance."""
+"""The allowance shrinks when this part of it would have been enough; hysteresis against
+chance."""
 
 _PATH_CHANGED = 20
 """Late packets in a row that mean a longer path, not jitter."""
@@ -69,14 +80,16 @@ _PATH_CHANGED = 20
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """How to render the next block: stream samples for each rendered one, and whether the position was set anew."""
+    """How to render the next block: stream samples for each rendered one, and whether
+    the position was set anew."""
 
     speed: float
     jumped: bool = False
 
 
 class PlayoutController:
-    """Controls the playout of one stream; positions are in samples of the sender, times in s of the local clock.
+    """Controls the playout of one stream; positions are in samples of the sender, times
+    in s of the local clock.
 
     ``position``: the next sample to play; NaN before the first.
     """
@@ -95,7 +108,8 @@ class PlayoutController:
 
     @property
     def margin(self) -> float:
-        """Seconds from the play position to the newest sample that the empty network would have delivered."""
+        """Seconds from the play position to the newest sample that the empty network
+        would have delivered."""
         return (
             self._packet_size + self._block_size
         ) / CLOCK_RATE + self._allowance.duration
@@ -107,23 +121,26 @@ class PlayoutController:
         self._second.min_transit = min(self._second.min_transit, transit)
         self._min_transit = min(self._min_transit, transit)
         if now != self._arrived:
-            # Packets that come together waited for the same cause: the first, which waited longest, stands for all.
+            # Packets that come together waited for the same cause: the first, which
+            # waited longest, stands for all.
             self._arrived = now
             self._allowance.push(transit - self._min_transit)
         self._late = [*self._late, transit] if start < self.position else []
         if len(self._late) >= _PATH_CHANGED:
-            # So many late packets in a row are no jitter: the path has become longer. The lateness known so far was
-            # measured against the shorter one.
+            # So many late packets in a row are no jitter: the path has become longer.
+            # The lateness known so far was measured against the shorter one.
             self._min_transit, self._late = min(self._late), []
             self._allowance.reset()
 
     def step(self, size: int, *, now: float) -> Step:
-        """Advance by ``size`` samples rendered at ``now``; `position` is NaN until there is something to play."""
+        """Advance by ``size`` samples rendered at ``now``; `position` is NaN until
+        there is something to play."""
         if not self._warmed_up(now):
             return Step(1.0)
         target = (now - self._min_transit - self.margin) * CLOCK_RATE
-        # An error this large is no drift: it is the first sample, a stall, or a pause of the listener. Written so that
-        # a position of NaN, before the first, jumps too.
+        # An error this large is no drift: it is the first sample, a stall, or a pause
+        # of the listener. Written so that a position of NaN, before the first, jumps
+        # too.
         jumped = not abs(target - self.position) < JUMP * CLOCK_RATE
         if jumped:
             self.position = target
@@ -136,8 +153,9 @@ class PlayoutController:
         if now - second.begun >= 1.0:
             self._steer(second.error_sum / second.steps)
             if math.isfinite(second.min_transit):
-                # The path of the second that has ended. A small change is drift or chance, so half of it is believed; a
-                # larger one is another path, and is taken over whole.
+                # The path of the second that has ended. A small change is drift or
+                # chance, so half of it is believed; a larger one is another path, and
+                # is taken over whole.
                 change = second.min_transit - self._min_transit
                 self._min_transit = (
                     second.min_transit
@@ -163,13 +181,16 @@ class PlayoutController:
 
     def _steer(self, error: float) -> None:
         """Set the speed from the mean error of the last second, in s."""
-        # A loop of the second order. With e the error, r the clocks' difference and T the time constant, the speed
-        # 1 + i + e/T with i' = e/(2 T^2) gives e' = r - i - e/T, so e'' + e'/T + e/(2 T^2) = 0 for a constant r: the
-        # natural frequency is 1/(T sqrt 2), 14 mHz, and the damping 1/sqrt 2. The proportional part alone would leave
-        # a constant error of r T; the integral takes it over, and is therefore the estimate of the skew. One step a
-        # second is short against the 11 s of 1/frequency, so the loop may be computed as if it were continuous.
+        # A loop of the second order. With e the error, r the clocks' difference and T
+        # the time constant, the speed 1 + i + e/T with i' = e/(2 T^2) gives e' = r - i
+        # - e/T, so e'' + e'/T + e/(2 T^2) = 0 for a constant r: the natural frequency
+        # is 1/(T sqrt 2), 14 mHz, and the damping 1/sqrt 2. The proportional part alone
+        # would leave a constant error of r T; the integral takes it over, and is
+        # therefore the estimate of the skew. One step a second is short against the 11
+        # s of 1/frequency, so the loop may be computed as if it were continuous.
         if abs(error) > DEAD_BAND:
-            # A changed margin, not skew: the integral stays as it is, or it would wind up while the position slews.
+            # A changed margin, not skew: the integral stays as it is, or it would wind
+            # up while the position slews.
             self._speed = (
                 1 + self._integral + math.copysign(min(SLEW, abs(error)), error)
             )
@@ -187,12 +208,14 @@ class Allowance:
         self._lateness: deque[float] = deque(maxlen=_LONG)
 
     def push(self, lateness: float) -> None:
-        """Add a packet's lateness (s) against the empty network; packets of a stall are left out."""
+        """Add a packet's lateness (s) against the empty network; packets of a stall are
+        left out."""
         if lateness <= MAX_ALLOWANCE:
             self._lateness.append(lateness)
 
     def update(self) -> None:
-        """Grow if too many packets were late, shrink if few would be; call it once a second."""
+        """Grow if too many packets were late, shrink if few would be; call it once a
+        second."""
         lateness = np.array(self._lateness)
         newest = lateness[-_SHORT:]
         if lateness.size and (lateness > self.duration).mean() > _MAX_LATE:
@@ -225,10 +248,12 @@ class _Second:
 
 
 MAX_EXTRAPOLATION = 0.02
-"""Seconds of missing sound that are extrapolated in a row; after them there is silence."""
+"""Seconds of missing sound that are extrapolated in a row; after them there is
+silence."""
 
 CONCEALMENT_FADE = 120
-"""Samples of a fade: 2.5 ms, a twelfth of the shortest burst felt as vibration (Sci. Rep. 15:5057, 2025)."""
+"""Samples of a fade: 2.5 ms, a twelfth of the shortest burst felt as vibration (Sci.
+Rep. 15:5057, 2025)."""
 
 _QUEUE_SIZE = 400
 """Packets kept while nothing is pulled: a second of 2.5 ms each."""
@@ -243,15 +268,17 @@ _MAX_EXTRAPOLATED = round(MAX_EXTRAPOLATION * CLOCK_RATE)
 class _Waiting:
     payload: Payload
     primary: bool
-    """Whether it is its packet's own payload, not a redundant copy in a later packet."""
+    """Whether it is its packet's own payload, not a redundant copy in a later
+    packet."""
     end: int
 
 
 class Playout:
     """Decodes one stream of packets by the listener's clock.
 
-    ``push`` only queues, so that a network thread may call it while an actuator's thread calls ``pull``. ``channels``
-    is of the output: a mono stream fills both, of a stereo stream the first is contact.
+    ``push`` only queues, so that a network thread may call it while an actuator's
+    thread calls ``pull``. ``channels`` is of the output: a mono stream fills both, of a
+    stereo stream the first is contact.
 
     ``controller``: its delay and margin, and the clock skew.
     """
@@ -281,17 +308,20 @@ class Playout:
         self._arrived.append((packet, now))
 
     def pull(self, *, now: float) -> FloatArray:
-        """Return the block due at ``now`` (s), shape ``(block_size, channels)``; silence where there is no sound."""
+        """Return the block due at ``now`` (s), shape ``(block_size, channels)``;
+        silence where there is no sound."""
         while self._arrived:
             self._accept(*self._arrived.popleft())
         step = self.controller.step(self.block_size, now=now)
         if math.isnan(self.controller.position):
             return np.zeros((self.block_size, self._channels), np.float32)
         if step.jumped:
-            # What is decoded already belongs to the old position; the new sound fades in over it.
+            # What is decoded already belongs to the old position; the new sound fades
+            # in over it.
             self._position = round(self.controller.position - self.block_size)
             self._decoded, self._discontinuous = self._decoded[:0], True
-        # The resampler returns a varying number of samples; what exceeds the block is kept for the next pull.
+        # The resampler returns a varying number of samples; what exceeds the block is
+        # kept for the next pull.
         while len(self._ready) < self.block_size:
             needed = math.ceil((self.block_size - len(self._ready)) * step.speed) + 1
             block = self._resampler.process(self._read(needed), 1 / step.speed)
@@ -322,7 +352,8 @@ class Playout:
             )
 
     def _keep(self, start: int, payload: Payload, *, primary: bool) -> int:
-        """Store a payload until it is due; return its size in samples, 0 when it is broken."""
+        """Store a payload until it is due; return its size in samples, 0 when it is
+        broken."""
         try:
             size = self._decoder_for(payload).size(payload.content)
         except PacketError:
@@ -378,7 +409,8 @@ class Playout:
         return self._append(samples, fade=self._discontinuous)
 
     def _extrapolate(self) -> FloatArray:
-        """Continue for a packet's length without a following payload: fading sound at first, then silence."""
+        """Continue for a packet's length without a following payload: fading sound at
+        first, then silence."""
         size, was_silent = self._packet_size, self._extrapolated > _MAX_EXTRAPOLATED
         self._count_concealed(size)
         if self._decoder is not None and self._extrapolated <= _MAX_EXTRAPOLATED:
@@ -397,7 +429,8 @@ class Playout:
         self._extrapolated += size
 
     def _append(self, samples: FloatArray, *, fade: bool) -> FloatArray:
-        """Advance by ``samples``; with ``fade``, cross-fade from the sound before into them."""
+        """Advance by ``samples``; with ``fade``, cross-fade from the sound before into
+        them."""
         assert self._position is not None
         samples = np.broadcast_to(
             samples[:, : self._channels], (len(samples), self._channels)
@@ -406,11 +439,13 @@ class Playout:
         self.reception.stats.samples_received += len(samples)
         self._discontinuous = False
         if fade:
-            # The sound before is continued by its mirror image, which starts where it ended.
+            # The sound before is continued by its mirror image, which starts where it
+            # ended.
             self._fading = mirror(self._last[::-1], CONCEALMENT_FADE)
         length = min(len(self._fading), len(samples))
         if length:
-            # A fade may span several calls: the angles go on where the last call stopped.
+            # A fade may span several calls: the angles go on where the last call
+            # stopped.
             old, self._fading = self._fading[:length], self._fading[length:]
             new, rest = samples[:length], samples[length:]
             angle = _FADE_ANGLES[CONCEALMENT_FADE - len(self._fading) - length :][

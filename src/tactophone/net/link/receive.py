@@ -1,4 +1,5 @@
-"""The operator's end of the link: session, stream and reports together, without socket or clock."""
+"""The operator's end of the link: session, stream and reports together, without socket
+or clock."""
 
 from collections import Counter, deque
 from collections.abc import Callable
@@ -51,7 +52,8 @@ _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 
 
 class PredictionReceived(msgspec.Struct, frozen=True):
-    """A prediction made on the robot, whether it is too old to be rendered, and of which finger of how many."""
+    """A prediction made on the robot, whether it is too old to be rendered, and of
+    which finger of how many."""
 
     prediction: Prediction
     stale: bool = False
@@ -98,7 +100,8 @@ class ReceiveSession:
 
     @property
     def counters(self) -> Counter[str]:
-        """Totals over all sessions, in telemetry's names; may be read from another thread."""
+        """Totals over all sessions, in telemetry's names; may be read from another
+        thread."""
         past, depacketizer = self._totals
         return (
             past
@@ -120,7 +123,8 @@ class ReceiveSession:
 
     @property
     def waiting(self) -> bool:
-        """Whether a packet waits for an earlier one, so that `poll` may return sound."""
+        """Whether a packet waits for an earlier one, so that `poll` may return
+        sound."""
         return self._depacketizer.waiting
 
     @property
@@ -133,7 +137,8 @@ class ReceiveSession:
         )
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
-        """Process everything that arrived by ``now`` (s); return what it contains, oldest first."""
+        """Process everything that arrived by ``now`` (s); return what it contains,
+        oldest first."""
         events: list[Event] = []
         for datagram, source in datagrams:
             opened = self.session.receive(datagram, source=source, now=now)
@@ -145,9 +150,11 @@ class ReceiveSession:
         return self._handle(events, now)
 
     def pull(self, size: int, *, now: float) -> FloatArray:
-        """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that render the sound of one finger.
+        """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that
+        render the sound of one finger.
 
-        May be called from the actuator's thread; all other methods belong to the network thread.
+        May be called from the actuator's thread; all other methods belong to the
+        network thread.
         """
         playout = self.playout
         if playout is None or playout.block_size != size:
@@ -155,7 +162,8 @@ class ReceiveSession:
         return playout.pull(now=now)
 
     def poll(self, now: float) -> list[ReceiveEvent]:
-        """Let time pass; call it when nothing arrived for a packet's length, and at least twenty times a second."""
+        """Let time pass; call it when nothing arrived for a packet's length, and at
+        least twenty times a second."""
         if self.session.peer and now >= self._next_report:
             self._next_report = now + REPORT_INTERVAL
             local, remote = self._ssrcs
@@ -170,7 +178,8 @@ class ReceiveSession:
         return [*self._handle(events, now), *self._depacketizer.poll(now)]
 
     def _begin(self, past: Counter[str], *, start: int = 0) -> None:
-        # One assignment, so that a thread that reads `counters` meanwhile counts the old stream exactly once.
+        # One assignment, so that a thread that reads `counters` meanwhile counts the
+        # old stream exactly once.
         self._totals = past, Depacketizer(reorder=self._reorder, start=start)
         self._past, self._depacketizer = self._totals
         self.playout = None
@@ -180,7 +189,8 @@ class ReceiveSession:
 
     def _handle(self, events: list[Event], now: float) -> list[ReceiveEvent]:
         received: list[ReceiveEvent] = []
-        # Packets of sound are collected, because those that arrived together are put in order together.
+        # Packets of sound are collected, because those that arrived together are put in
+        # order together.
         packets: list[Packet] = []
         for event in events:
             if isinstance(event, PacketReceived):
@@ -190,7 +200,8 @@ class ReceiveSession:
                 except PacketError:
                     self._past["packets_broken"] += 1
             elif isinstance(event, Renewed):
-                # The stream runs on, so that nothing is lost at the finger; only the SSRCs in reports change.
+                # The stream runs on, so that nothing is lost at the finger; only the
+                # SSRCs in reports change.
                 self._ssrcs = (event.local_ssrc, event.remote_ssrc)
                 self._past["handshakes"] += 1
             else:
@@ -203,7 +214,8 @@ class ReceiveSession:
     def _open(
         self, event: PacketReceived, received: list[ReceiveEvent], now: float
     ) -> Packet | None:
-        """Take a report, or add predictions to ``received``; return a packet of sound, which is still to be ordered."""
+        """Take a report, or add predictions to ``received``; return a packet of sound,
+        which is still to be ordered."""
         if event.report:
             if isinstance(report := parse_report(event.packet), SenderReport):
                 self._depacketizer.reception.note_sender_report(report, now=now)
@@ -232,13 +244,15 @@ class ReceiveSession:
         totals = _stream_counters(self.stats)
         totals.update(self._past)
         totals["handshakes"] += 1
-        # The times of a later stream go on by this end's clock: in a log they would otherwise begin at 0 again.
+        # The times of a later stream go on by this end's clock: in a log they would
+        # otherwise begin at 0 again.
         self._zero = now if self._zero is None else self._zero
         self._begin(totals, start=round((now - self._zero) * CLOCK_RATE))
 
 
 class _PredictionStream:
-    """Orders predictions by the end of their windows; one older than the newest of its finger is dropped."""
+    """Orders predictions by the end of their windows; one older than the newest of its
+    finger is dropped."""
 
     def __init__(self, start: int = 0) -> None:
         self.timestamps = TimestampUnwrapper(start)

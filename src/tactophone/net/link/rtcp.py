@@ -1,7 +1,7 @@
 """RTCP reports on the stream (RFC 3550 section 6), encrypted like all packets.
 
-They are sent five times a second, not every five seconds (RFC 4585 permits it), because redundancy is adapted to them
-and because their absence shows that the peer is gone.
+They are sent five times a second, not every five seconds (RFC 4585 permits it), because
+redundancy is adapted to them and because their absence shows that the peer is gone.
 """
 
 import re
@@ -33,9 +33,11 @@ class ReceiverReport:
 
     ssrc: int
     of: int
-    """`ssrc` and `of`: SSRC of the reporting end, and of the stream that it reports on."""
+    """`ssrc` and `of`: SSRC of the reporting end, and of the stream that it reports
+    on."""
     fraction_lost: float
-    """Share of the packets expected since the last report, 0 to 1, before recovery by redundancy."""
+    """Share of the packets expected since the last report, 0 to 1, before recovery by
+    redundancy."""
     lost: int
     """Packets lost since the stream began."""
     highest: int
@@ -44,8 +46,8 @@ class ReceiverReport:
     """Interarrival jitter in seconds."""
     last_report: int = 0
     since: float = 0.0
-    """`last_report` and `since`: the stamp of the peer's last `SenderReport` (middle 32 bits of its ``ntp``), and
-    seconds since it was received."""
+    """`last_report` and `since`: the stamp of the peer's last `SenderReport` (middle 32
+    bits of its ``ntp``), and seconds since it was received."""
 
     def __bytes__(self) -> bytes:
         lost = round(self.fraction_lost * 256)
@@ -62,7 +64,8 @@ class ReceiverReport:
 
 @dataclass(frozen=True, slots=True)
 class SenderReport:
-    """The sender's position in its stream at a time; also keeps the session alive while the source is silent."""
+    """The sender's position in its stream at a time; also keeps the session alive while
+    the source is silent."""
 
     ssrc: int
     ntp: float
@@ -107,7 +110,8 @@ class Goodbye:
 
 @dataclass(frozen=True, slots=True)
 class Introduction:
-    r"""The version of the program that an end runs: a description with one item, TOOL (RFC 3550 section 6.5.6).
+    r"""The version of the program that an end runs: a description with one item, TOOL
+    (RFC 3550 section 6.5.6).
 
     >>> bytes(Introduction(1, "0.1.0"))
     b'\x81\xca\x00\x06\x00\x00\x00\x01\x06\x10tactophone 0.1.0\x00\x00'
@@ -125,7 +129,8 @@ class Introduction:
 
 @dataclass(frozen=True, slots=True)
 class ReceiverRequest:
-    """The highest frequency in Hz that the operator's model uses (an APP packet, RFC 3550 section 6.7)."""
+    """The highest frequency in Hz that the operator's model uses (an APP packet, RFC
+    3550 section 6.7)."""
 
     ssrc: int
     bandwidth: int
@@ -140,7 +145,8 @@ Report: TypeAlias = (
 
 
 def parse_report(packet: bytes) -> Report:
-    """Parse a report; raises `PacketError` when the bytes are not one of the five reports above."""
+    """Parse a report; raises `PacketError` when the bytes are not one of the five
+    reports above."""
     if len(packet) < _HEAD.size:
         raise PacketError(
             f"{len(packet)} bytes, but a report has at least {_HEAD.size}"
@@ -188,7 +194,8 @@ def parse_report(packet: bytes) -> Report:
 
 
 def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
-    """Return the round-trip time in s, by the answer to a `SenderReport` (RFC 3550, 6.4.1); ``None`` before one.
+    """Return the round-trip time in s, by the answer to a `SenderReport` (RFC 3550,
+    6.4.1); ``None`` before one.
 
     >>> sent = SenderReport(1, ntp=1000.0, timestamp=0, packets=0, octets=0)
     >>> answer = ReceiverReport(2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25)
@@ -202,7 +209,8 @@ def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
 
 
 def _text(field: bytes) -> str:
-    """Return the text after a byte with its length, without characters that a terminal may interpret."""
+    """Return the text after a byte with its length, without characters that a terminal
+    may interpret."""
     text = field[1 : 1 + field[0]] if field else b""
     return "".join(filter(str.isprintable, text.decode(errors="ignore")))
 

@@ -1,4 +1,5 @@
-"""The robot's end of the link: one encoder, and a session with each of one to four operators. No socket, no clock."""
+"""The robot's end of the link: one encoder, and a session with each of one to four
+operators. No socket, no clock."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,10 +31,12 @@ from tactophone.net.link.stream import (
 )
 
 MOST_OPERATORS = 4
-"""Operators of one robot: trainer, trainee and two who watch. Each one more costs the robot an encryption a packet."""
+"""Operators of one robot: trainer, trainee and two who watch. Each one more costs the
+robot an encryption a packet."""
 
 REPORT_INTERVAL = 0.2
-"""Seconds between reports, both ways: a fifth of the time after which a silent operator is called again."""
+"""Seconds between reports, both ways: a fifth of the time after which a silent operator
+is called again."""
 
 Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 
@@ -62,10 +65,12 @@ class Member:
 class SendGroup:
     """Sends the same sound or predictions to 1 to `MOST_OPERATORS` operators.
 
-    The sound is encoded once. Everything else is each operator's own: handshake, keys, packet numbers, redundancy,
-    reports, faults. So what one operator sends, loses or leaves out changes nothing for the others, with one exception:
-    the first request for a larger bandwidth than before restarts the encoder. Each session calls another address;
-    ``prompt`` is as of `BlockEncoder`. With ``follow`` the bandwidth follows the operators' requests.
+    The sound is encoded once. Everything else is each operator's own: handshake, keys,
+    packet numbers, redundancy, reports, faults. So what one operator sends, loses or
+    leaves out changes nothing for the others, with one exception: the first request for
+    a larger bandwidth than before restarts the encoder. Each session calls another
+    address; ``prompt`` is as of `BlockEncoder`. With ``follow`` the bandwidth follows
+    the operators' requests.
 
     - ``members``: one for each session, in the order given. Whoever owns the operators' sockets passes what arrives to
       `receive`, calls `poll`, and sends what each session has to send.
@@ -95,7 +100,8 @@ class SendGroup:
         self._lowers = True
         self._logged: Member | None = None
         for member in self.members:
-            # An operator that was given under two addresses belongs to one member alone.
+            # An operator that was given under two addresses belongs to one member
+            # alone.
             member.session.leave_to_others(
                 [other.session for other in self.members if other is not member]
             )
@@ -122,7 +128,8 @@ class SendGroup:
 
     @property
     def round_trip(self) -> float | None:
-        """The longest round-trip time of all connected operators in s; ``None`` before the first report."""
+        """The longest round-trip time of all connected operators in s; ``None`` before
+        the first report."""
         return max(
             (
                 member.round_trip
@@ -134,16 +141,19 @@ class SendGroup:
 
     @property
     def loss(self) -> float:
-        """The greatest share of packets lost of all connected operators, by their newest reports."""
+        """The greatest share of packets lost of all connected operators, by their
+        newest reports."""
         return max((member.loss for member in self.connected), default=0.0)
 
     @property
     def origin(self) -> int | None:
-        """The RTP timestamp of the source's first sample, at every operator; ``None`` while nobody is connected."""
+        """The RTP timestamp of the source's first sample, at every operator; ``None``
+        while nobody is connected."""
         return self.encoder.origin if self.connected else None
 
     def push(self, block: AudioBlock) -> None:
-        """Encode sound, and send it to all connected operators; with none it is dropped: later it is stale."""
+        """Encode sound, and send it to all connected operators; with none it is
+        dropped: later it is stale."""
         if not self.connected:
             return
         encoded = self.encoder.push(block)
@@ -156,7 +166,8 @@ class SendGroup:
     def send_predictions(
         self, predictions: Mapping[int, Prediction], *, fingers: int = 1
     ) -> None:
-        """Send predictions by finger, of windows that end together, instead of sound."""
+        """Send predictions by finger, of windows that end together, instead of
+        sound."""
         end = round(next(iter(predictions.values())).end * CLOCK_RATE)
         kind, content = write_predictions(predictions, fingers=fingers)
         for member in self.members:
@@ -177,7 +188,8 @@ class SendGroup:
         )
 
     def poll(self, now: float, *, operator: int = 0) -> list[Connected | Disconnected]:
-        """Let time pass for one operator; call it about twenty times a second for each."""
+        """Let time pass for one operator; call it about twenty times a second for
+        each."""
         member = self.members[operator]
         if member.stream and now >= member.next_report:
             member.next_report = now + REPORT_INTERVAL
@@ -213,14 +225,16 @@ class SendGroup:
                     )
                     member.counters["handshakes"] += 1
                     if self.connected == [member]:
-                        # Whoever comes later begins in the middle, as after a loss: a restart would disturb the others.
+                        # Whoever comes later begins in the middle, as after a loss: a
+                        # restart would disturb the others.
                         self.encoder.reset()
                         self._lowers = True
                 case Disconnected():
                     member.stream = None
                     member.counters["link_losses"] += 1
                 case Renewed():
-                    # The stream runs on under another SSRC: sequence numbers and timestamps continue.
+                    # The stream runs on under another SSRC: sequence numbers and
+                    # timestamps continue.
                     member.counters["handshakes"] += 1
                     if member.stream:
                         member.stream.ssrc = event.local_ssrc
@@ -244,20 +258,24 @@ class SendGroup:
             member.round_trip = round_trip_time(report, now=now)
 
     def _follow_request(self, member: Member) -> None:
-        """Encode with the bandwidth that an operator requests; only the first request of one alone may lower it."""
+        """Encode with the bandwidth that an operator requests; only the first request
+        of one alone may lower it."""
         requested, used = member.bandwidth, self.encoder.codec.bandwidth
         if not (self._follow and requested and member.stream):
             return
-        # To a larger bandwidth at any time, though it restarts the encoder; to a smaller one, which disturbs the others
-        # for nothing, only once and for an operator that is alone.
+        # To a larger bandwidth at any time, though it restarts the encoder; to a
+        # smaller one, which disturbs the others for nothing, only once and for an
+        # operator that is alone.
         if requested > used or (self._lowers and self.connected == [member]):
             self._lowers = False
             if requested != used:
                 self.encoder.recode(self.encoder.codec.for_bandwidth(requested))
 
     def _log(self, member: Member, event: Event) -> None:
-        """Pass on one connected operator's events, and when it leaves those of the next, as a connection of its own."""
-        # One operator is followed at a time: a log is one session, which can be repeated.
+        """Pass on one connected operator's events, and when it leaves those of the
+        next, as a connection of its own."""
+        # One operator is followed at a time: a log is one session, which can be
+        # repeated.
         if isinstance(event, Connected) and self._logged is None:
             self._logged = member
         if member is not self._logged:

@@ -1,6 +1,8 @@
-"""An encrypted session as values: datagrams and the time go in, events and datagrams come out; no socket, no clock.
+"""An encrypted session as values: datagrams and the time go in, events and datagrams
+come out; no socket, no clock.
 
-One end *calls* (the robot), the other *answers* (the operator). Every start of either end makes fresh keys:
+One end *calls* (the robot), the other *answers* (the operator). Every start of either
+end makes fresh keys:
 
 =============  ===============================================  =============
 state          what happens                                     next state
@@ -14,11 +16,13 @@ rehandshaking  the handshake has ended, well or not             connected
 rehandshaking  the session ends first                           handshaking
 =============  ===============================================  =============
 
-A connected session continues undisturbed while another handshake runs beside it, and is replaced only by the same peer,
-once it has authenticated itself: a forged ClientHello has no effect, and another trusted robot is sent away. A caller
-that receives nothing for `RECALL_AFTER` calls again in parallel, which is how the link recovers from a restart of the
-operator. A caller whose keys are old renews them in the same way, but the stream continues (`Renewed`). The first byte
-of a datagram gives its protocol (RFC 7983).
+A connected session continues undisturbed while another handshake runs beside it, and is
+replaced only by the same peer, once it has authenticated itself: a forged ClientHello
+has no effect, and another trusted robot is sent away. A caller that receives nothing
+for `RECALL_AFTER` calls again in parallel, which is how the link recovers from a
+restart of the operator. A caller whose keys are old renews them in the same way, but
+the stream continues (`Renewed`). The first byte of a datagram gives its protocol (RFC
+7983).
 """
 
 import logging
@@ -59,13 +63,16 @@ MAX_KEY_AGE = 12 * 3600.0
 """Seconds after which keys that were not renewed end with their session."""
 
 RENEW_PACKETS = 1 << 30
-"""Packets after which the caller renews the keys: half of the lower limit, 2**31 of SRTCP (RFC 3711, 9.2)."""
+"""Packets after which the caller renews the keys: half of the lower limit, 2**31 of
+SRTCP (RFC 3711, 9.2)."""
 
 KEY_OVERLAP = 2.0
-"""Seconds for which packets under the keys before are still accepted: above any delay of the path."""
+"""Seconds for which packets under the keys before are still accepted: above any delay
+of the path."""
 
 CONFIRM_TIMEOUT = 10.0
-"""Seconds that renewed keys wait for the caller's first packet, and that a handshake repeats its last flight."""
+"""Seconds that renewed keys wait for the caller's first packet, and that a handshake
+repeats its last flight."""
 
 SessionState = Literal["idle", "handshaking", "connected", "rehandshaking"]
 
@@ -80,15 +87,17 @@ TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType(
 """The table above, as `tests/net/link/test_session_states.py` walks it."""
 
 _LAST_SAFE_SEQUENCE = 0xC000
-"""Sequence number from which keys are not renewed: the receiver of a new stream takes its first packet as before the
-first wrap (RFC 3711 section 3.3.1), so the wrap must not come before that packet."""
+"""Sequence number from which keys are not renewed: the receiver of a new stream takes
+its first packet as before the first wrap (RFC 3711 section 3.3.1), so the wrap must not
+come before that packet."""
 
 
 class SrtpCrypto:
-    """Encrypts outgoing packets; authenticates and decrypts incoming ones, and refuses replays (RFC 3711, RFC 7714).
+    """Encrypts outgoing packets; authenticates and decrypts incoming ones, and refuses
+    replays (RFC 3711, RFC 7714).
 
-    Only the peer's one SSRC is accepted: libsrtp would otherwise keep state for every SSRC in a forged packet.
-    Belongs to one thread, because libsrtp works in one buffer.
+    Only the peer's one SSRC is accepted: libsrtp would otherwise keep state for every
+    SSRC in a forged packet. Belongs to one thread, because libsrtp works in one buffer.
     """
 
     def __init__(self, secrets: Secrets) -> None:
@@ -103,7 +112,8 @@ class SrtpCrypto:
     def unprotect(self, datagram: bytes) -> bytes:
         """Authenticate and decrypt a datagram.
 
-        Raises `PacketError` when it was forged, changed, cut or replayed, or is too old.
+        Raises `PacketError` when it was forged, changed, cut or replayed, or is too
+        old.
         """
         try:
             if is_report(datagram):
@@ -191,16 +201,19 @@ class KeyRing:
         self.remote = (current.address, streams) if current else None
 
     def add(self, connection: Connection, now: float) -> None:
-        """Accept packets of renewed keys too, until the caller has used them or was given time enough to."""
+        """Accept packets of renewed keys too, until the caller has used them or was
+        given time enough to."""
         connection.until = now + CONFIRM_TIMEOUT
         self.use(self.current, connection)
 
     def confirm(self, connection: Connection, now: float) -> bool:
-        """Change to renewed keys now that the caller has used them; return whether ``connection`` is of such keys."""
+        """Change to renewed keys now that the caller has used them; return whether
+        ``connection`` is of such keys."""
         before = self.current
         if before is None or connection.begun <= before.begun:
             return False
-        # The two change places: packets under the keys before may still be on their way.
+        # The two change places: packets under the keys before may still be on their
+        # way.
         self.use(connection, before)
         connection.until, before.until = (
             connection.begun + MAX_KEY_AGE,
@@ -210,7 +223,8 @@ class KeyRing:
 
 
 RECALL_AFTER = 1.0
-"""Seconds without a packet from the peer after which a caller calls again; reports are sent five times a second."""
+"""Seconds without a packet from the peer after which a caller calls again; reports are
+sent five times a second."""
 
 SESSION_TIMEOUT = 5.0
 """Seconds without a packet from the peer after which the session ends."""
@@ -219,18 +233,21 @@ BUSY = "it is connected to another robot, and takes one at a time"
 """The reason that a second trusted caller gets."""
 
 INTRODUCTION_PAUSE = 0.1
-"""Seconds from a new connection's first introduction to the second; each further pause is twice the one before, so that
-one of them arrives over any link, and a run of a day sends twenty."""
+"""Seconds from a new connection's first introduction to the second; each further pause
+is twice the one before, so that one of them arrives over any link, and a run of a day
+sends twenty."""
 
 BUSY_PAUSE = 3.0
-"""Seconds before a caller that was sent away, or that has refused a peer as taken, calls again."""
+"""Seconds before a caller that was sent away, or that has refused a peer as taken,
+calls again."""
 
 
 class Session:
     """One end of the link.
 
-    It calls the addresses of ``call`` in turn; without one it waits for a call. ``renew_after`` is when a caller renews
-    the keys, in s. ``version`` is what it tells the other end of itself, by default nothing.
+    It calls the addresses of ``call`` in turn; without one it waits for a call.
+    ``renew_after`` is when a caller renews the keys, in s. ``version`` is what it tells
+    the other end of itself, by default nothing.
 
     - ``faults``: counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``,
       ``contained`` exceptions.
@@ -281,7 +298,8 @@ class Session:
 
     @property
     def version_conflict(self) -> str:
-        """One sentence for the user where the two ends run different versions; else empty."""
+        """One sentence for the user where the two ends run different versions; else
+        empty."""
         if (
             not (self._keys.current and self._version and self._peer_version)
             or self._peer_version == self._version
@@ -299,7 +317,8 @@ class Session:
         )
 
     def claims(self, fingerprint: str) -> bool:
-        """Whether this session is connected to a peer, or will be at the end of its handshake."""
+        """Whether this session is connected to a peer, or will be at the end of its
+        handshake."""
         if (
             self._keys.current
             and self._keys.current.agreement.fingerprint == fingerprint
@@ -309,12 +328,14 @@ class Session:
 
     @property
     def remote(self) -> tuple[Address, frozenset[int]] | None:
-        """The peer's address and the SSRCs of its packets, for a socket to filter by; ``None`` without a session."""
+        """The peer's address and the SSRCs of its packets, for a socket to filter by;
+        ``None`` without a session."""
         return self._keys.remote
 
     @property
     def refused(self) -> int:
-        """Number of datagrams that belong to no session: forged, changed, replayed or foreign."""
+        """Number of datagrams that belong to no session: forged, changed, replayed or
+        foreign."""
         return self.faults["rejected"] + self.faults["stray"]
 
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
@@ -325,8 +346,9 @@ class Session:
             if is_dtls(datagram):
                 return self._handle_dtls(datagram, source, now)
         except Exception as error:
-            # The one boundary between bytes of the network and the process: whatever they made a library raise ends
-            # the handshake with their sender, and nothing else.
+            # The one boundary between bytes of the network and the process: whatever
+            # they made a library raise ends the handshake with their sender, and
+            # nothing else.
             self._contain(error, source)
             return []
         self.faults["stray"] += 1
@@ -338,7 +360,8 @@ class Session:
             self._outgoing.append((current.protect(packet), current.address))
 
     def poll(self, now: float) -> list[Event]:
-        """Let time pass: retransmit, call again, renew keys, time out. Call it about twenty times a second."""
+        """Let time pass: retransmit, call again, renew keys, time out. Call it about
+        twenty times a second."""
         for key, handshake in list(self._pending.items()) if self._pending else ():
             handshake.poll(now)
             self._collect(handshake, key[0])
@@ -369,7 +392,8 @@ class Session:
         return []
 
     def hang_up(self, reason: str = "") -> list[Event]:
-        """Send a goodbye, so that the other end need not wait for the timeout; a caller shows the reason."""
+        """Send a goodbye, so that the other end need not wait for the timeout; a caller
+        shows the reason."""
         if self._keys.current is None:
             return []
         self.send(
@@ -382,10 +406,12 @@ class Session:
         return ready
 
     def _call(self, now: float) -> None:
-        """Begin a handshake if there is no session, if the peer is silent, or if the keys are old."""
+        """Begin a handshake if there is no session, if the peer is silent, or if the
+        keys are old."""
         current = self._keys.current
         if current is None or now - current.last_received > RECALL_AFTER:
-            # An operator that only stood still goes on with the stream; one that is new makes a new one of it.
+            # An operator that only stood still goes on with the stream; one that is new
+            # makes a new one of it.
             continues, callee = (
                 current.agreement.continuation if current else b"",
                 self._callees[0],
@@ -413,7 +439,8 @@ class Session:
         except PacketError:
             self.faults["rejected"] += 1
             return []
-        # The first packet under renewed keys is the proof that the peer has them too: from now on both ends use them.
+        # The first packet under renewed keys is the proof that the peer has them too:
+        # from now on both ends use them.
         events: list[Event] = (
             [connection.renewed] if self._keys.confirm(connection, now) else []
         )
@@ -431,7 +458,8 @@ class Session:
                     self.hung_up = self.peer or ""
                     return [*events, *self._end(f"{self.peer} hung up")]
                 case Goodbye(reason=reason):
-                    # Sent away, not forgotten: the caller shows why, and calls again after a pause.
+                    # Sent away, not forgotten: the caller shows why, and calls again
+                    # after a pause.
                     self.failure, self._call_after = reason, now + BUSY_PAUSE
                     return [*events, *self._end(f"{self.peer} hung up: {reason}")]
                 case Introduction(version=version):
@@ -458,7 +486,8 @@ class Session:
         return []
 
     def _answer(self, hello: bytes, source: Address, now: float) -> None:
-        # A caller answers no hello. A repeated hello needs nothing new: the pending handshake retransmits its answer.
+        # A caller answers no hello. A repeated hello needs nothing new: the pending
+        # handshake retransmits its answer.
         key = source, hello_random(hello)
         if self._callees or key in self._pending:
             return
@@ -474,7 +503,8 @@ class Session:
             self._pending, source=source, known=known, now=now
         ):
             self._drop(displaced, "another call took its place")
-        # The hello names the session that it continues, if any; only the finished handshake proves that it may.
+        # The hello names the session that it continues, if any; only the finished
+        # handshake proves that it may.
         handshake.known = known
         if self._keys.current and self._keys.current.agreement.continuation in hello:
             handshake.continues = self._keys.current.agreement.continuation
@@ -505,10 +535,12 @@ class Session:
     def _connect(
         self, handshake: Handshake, agreement: Agreement, address: Address, now: float
     ) -> list[Event]:
-        """Take the keys of a finished handshake: only here is a running session replaced, or continued."""
+        """Take the keys of a finished handshake: only here is a running session
+        replaced, or continued."""
         current = self._keys.current
         if current and current.agreement.fingerprint != agreement.fingerprint:
-            # A second trusted caller gets a goodbye with the reason, under its own keys; the first goes on undisturbed.
+            # A second trusted caller gets a goodbye with the reason, under its own
+            # keys; the first goes on undisturbed.
             self.sent_away = agreement.peer, now
             goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
             self._outgoing.append(
@@ -518,7 +550,8 @@ class Session:
         connection = Connection(handshake, agreement, address, now)
         self.failure = None
         if current and handshake.continues == current.agreement.continuation:
-            # The caller cannot decrypt yet: it is sent packets under the new keys once it has sent one.
+            # The caller cannot decrypt yet: it is sent packets under the new keys once
+            # it has sent one.
             self._keys.add(connection, now)
             return (
                 [connection.renewed]

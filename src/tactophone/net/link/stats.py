@@ -1,27 +1,29 @@
-"""Statistics of reception, network delay and clock skew, named as in RFC 3550 and WebRTC's inbound statistics.
+"""Statistics of reception, network delay and clock skew, named as in RFC 3550 and
+WebRTC's inbound statistics.
 
-========================  ===================================================================================
-here                      WebRTC (``RTCInboundRtpStreamStats``)
-========================  ===================================================================================
-``packets_received``      ``packetsReceived``, without duplicates
-``packets_lost``          ``packetsLost``: expected less received, before any recovery
-``most_lost``             none: the maximum of ``packets_lost``, which a late packet lowers; a counter must not fall
-``packets_late``          ``packetsDiscarded``: received after their place had been filled
-``packets_duplicated``    none; RFC 3550 counts them as received
-``packets_reordered``     none: received after a newer one
-``packets_recovered``     ``fecPacketsReceived`` that were used
-``packets_concealed``     none: lost packets whose sound was concealed
-``packets_skipped``       none: too late for a prediction, used as history only
-``jitter``                ``jitter``, RFC 3550 section 6.4.1
-``samples_received``      ``totalSamplesReceived``
-``samples_concealed``     ``concealedSamples``
-``samples_skipped``       none: gaps too long to conceal
-========================  ===================================================================================
+========================
+=================================================================================== here
+WebRTC (``RTCInboundRtpStreamStats``) ========================
+===================================================================================
+``packets_received``      ``packetsReceived``, without duplicates ``packets_lost``
+``packetsLost``: expected less received, before any recovery ``most_lost``
+none: the maximum of ``packets_lost``, which a late packet lowers; a counter must not
+fall ``packets_late``          ``packetsDiscarded``: received after their place had been
+filled ``packets_duplicated``    none; RFC 3550 counts them as received
+``packets_reordered``     none: received after a newer one ``packets_recovered``
+``fecPacketsReceived`` that were used ``packets_concealed``     none: lost packets whose
+sound was concealed ``packets_skipped``       none: too late for a prediction, used as
+history only ``jitter``                ``jitter``, RFC 3550 section 6.4.1
+``samples_received``      ``totalSamplesReceived`` ``samples_concealed``
+``concealedSamples`` ``samples_skipped``       none: gaps too long to conceal
+========================
+===================================================================================
 
-Delay and skew are estimated without a common clock. A packet's arrival time less its timestamp is its transit time plus
-an unknown constant. The *minimum* over a while is the delay of the empty network: what lies above it is queueing, and
-its slow drift is the difference of the two clocks. Loss and jitter do not move the minimum, so playout and staleness
-are derived from it and not from the average.
+Delay and skew are estimated without a common clock. A packet's arrival time less its
+timestamp is its transit time plus an unknown constant. The *minimum* over a while is
+the delay of the empty network: what lies above it is queueing, and its slow drift is
+the difference of the two clocks. Loss and jitter do not move the minimum, so playout
+and staleness are derived from it and not from the average.
 """
 
 import math
@@ -95,7 +97,8 @@ class Reception:
         stats = self.stats
         if stats.first is None:
             stats.first = stats.highest = sequence
-        # The number that continues the highest one, forwards or backwards (RFC 3550 appendix A.1).
+        # The number that continues the highest one, forwards or backwards (RFC 3550
+        # appendix A.1).
         number = stats.highest + ahead(sequence, stats.highest % (1 << 16), bits=16)
         if number in self._seen:
             stats.packets_duplicated += 1
@@ -108,12 +111,14 @@ class Reception:
         return True
 
     def came_late(self, position: int, due: int) -> bool:
-        """Whether sound at a position comes after its place was filled, which counts its packet as late."""
+        """Whether sound at a position comes after its place was filled, which counts
+        its packet as late."""
         self.stats.packets_late += position < due
         return position < due
 
     def note_sender_report(self, report: SenderReport, *, now: float) -> None:
-        """Keep the peer's report, whose stamp and age the next receiver report returns."""
+        """Keep the peer's report, whose stamp and age the next receiver report
+        returns."""
         self._last_report = (report.stamp, now)
 
     def report(self, *, ssrc: int, of: int, now: float) -> ReceiverReport:
@@ -149,10 +154,12 @@ class Reception:
             }
 
     def _update_jitter(self, timestamp: int, now: float) -> None:
-        """Average the change of transit times with a weight of 1/16 (RFC 3550 appendix A.8)."""
+        """Average the change of transit times with a weight of 1/16 (RFC 3550 appendix
+        A.8)."""
         transit = now - timestamp / CLOCK_RATE
         if self._transit is not None:
-            # The timestamp wraps once a day; that step is not jitter. The change is taken to the nearest turn.
+            # The timestamp wraps once a day; that step is not jitter. The change is
+            # taken to the nearest turn.
             turns = round((transit - self._transit) / _WRAP)
             change = abs(transit - self._transit - turns * _WRAP)
             self.stats.jitter += (change - self.stats.jitter) / 16
@@ -160,17 +167,19 @@ class Reception:
 
 
 TRANSIT_WINDOW = 0.14
-"""Seconds of a window; the newest two count. A longer path is followed after one to two windows, a shorter at once.
-Two windows stay under 0.3 s, the longest that sound may count as stale after a stall has ended. Half a second, as
-before, kept it stale for 0.5 to 0.9 s whenever a stall had made the way longer (measured with a stopped robot)."""
+"""Seconds of a window; the newest two count. A longer path is followed after one to two
+windows, a shorter at once. Two windows stay under 0.3 s, the longest that sound may
+count as stale after a stall has ended. Half a second, as before, kept it stale for 0.5
+to 0.9 s whenever a stall had made the way longer (measured with a stopped robot)."""
 
 _MIN_PACKETS = 5
-"""Packets that complete a window, so that a stall and the burst after it are not taken for a longer path; fewer than
-a window holds of the longest packets, 20 ms."""
+"""Packets that complete a window, so that a stall and the burst after it are not taken
+for a longer path; fewer than a window holds of the longest packets, 20 ms."""
 
 _POINTS = 30
 _MIN_SPAN = 10.0
-"""Points, one a second, of the regression of the clocks, and seconds that they must span at least."""
+"""Points, one a second, of the regression of the clocks, and seconds that they must
+span at least."""
 
 
 class MinDelayFilter:
@@ -195,7 +204,8 @@ class MinDelayFilter:
 
     def push(self, transit: float, *, now: float) -> None:
         """Add the transit time of one packet, in s."""
-        # The window that ends becomes the previous one, so that the minimum always covers one to two windows.
+        # The window that ends becomes the previous one, so that the minimum always
+        # covers one to two windows.
         if now - self._window_start >= TRANSIT_WINDOW and (
             self._count >= _MIN_PACKETS or math.isinf(self._window_start)
         ):
@@ -206,7 +216,8 @@ class MinDelayFilter:
 
 
 class Skew:
-    """How much faster the peer's clock runs than the local one: the slope of the minimum transit time over 30 s.
+    """How much faster the peer's clock runs than the local one: the slope of the
+    minimum transit time over 30 s.
 
     >>> skew = Skew()
     >>> for second in range(20):

@@ -1,11 +1,15 @@
-"""Sound becomes packets, and packets become sound again, in order and as soon as they can be decoded.
+"""Sound becomes packets, and packets become sound again, in order and as soon as they
+can be decoded.
 
-`BlockEncoder` cuts blocks of any length into packets of one length and encodes them; `Packetizer` makes one stream of
-them, with as much redundancy as the loss requires. `Depacketizer` is the other end. It has no playout delay, because
-the oscillator runs on the operator's own clock. A packet that follows a gap waits for at most one other packet, and no
-longer than one packet's duration. The gap is then filled from redundancy, else concealed and marked. Sound that arrives
-too late for a prediction, after a stall, is still returned, marked ``stale``: the detector needs it as history, so that
-the next fresh packet completes a full window. Of a longer backlog only the newest `PACKET_HISTORY` is decoded.
+`BlockEncoder` cuts blocks of any length into packets of one length and encodes them;
+`Packetizer` makes one stream of them, with as much redundancy as the loss requires.
+`Depacketizer` is the other end. It has no playout delay, because the oscillator runs on
+the operator's own clock. A packet that follows a gap waits for at most one other
+packet, and no longer than one packet's duration. The gap is then filled from
+redundancy, else concealed and marked. Sound that arrives too late for a prediction,
+after a stall, is still returned, marked ``stale``: the detector needs it as history, so
+that the next fresh packet completes a full window. Of a longer backlog only the newest
+`PACKET_HISTORY` is decoded.
 """
 
 import math
@@ -35,7 +39,8 @@ from tactophone.net.link.stats import MinDelayFilter, Reception, Skew
 
 
 class EncodedSound(msgspec.Struct, frozen=True):
-    """Sound of one packet: ``content`` of type ``kind`` at ``start`` samples; ``after_gap`` if sound before is lost."""
+    """Sound of one packet: ``content`` of type ``kind`` at ``start`` samples;
+    ``after_gap`` if sound before is lost."""
 
     kind: PayloadType
     start: int
@@ -44,10 +49,12 @@ class EncodedSound(msgspec.Struct, frozen=True):
 
 
 class BlockEncoder:
-    """Cuts and encodes sound, for one stream of packets or for several that carry the same.
+    """Cuts and encodes sound, for one stream of packets or for several that carry the
+    same.
 
-    ``prompt``: whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for
-    the next block: with periods of 512 samples and packets of 480, for up to 10 ms.
+    ``prompt``: whether the rest of a block longer than a packet is sent at once in
+    shorter packets. Else it waits for the next block: with periods of 512 samples and
+    packets of 480, for up to 10 ms.
 
     - ``faults``: ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of
       the codec.
@@ -83,7 +90,8 @@ class BlockEncoder:
             self._filled, self._after_gap = 0, True
         self.position = block.end
         samples = block.samples
-        # Where the sum of squares is finite, every sample is; the search takes six times as long.
+        # Where the sum of squares is finite, every sample is; the search takes six
+        # times as long.
         if not math.isfinite(np.vdot(samples, samples)):
             finite = np.isfinite(samples)
             self.faults["non-finite samples"] += int((~finite).sum())
@@ -102,11 +110,13 @@ class BlockEncoder:
         return encoded
 
     def recode(self, codec: Codec) -> None:
-        """Use another codec setting from the next packet on; channels and packet size must stay the same."""
+        """Use another codec setting from the next packet on; channels and packet size
+        must stay the same."""
         self.codec, self._encoder = codec, open_encoder(codec)
 
     def reset(self) -> None:
-        """Begin anew: a receiver that has missed all before decodes what follows as it was encoded."""
+        """Begin anew: a receiver that has missed all before decodes what follows as it
+        was encoded."""
         self.recode(self.codec)
         self.position, self._filled, self._after_gap = None, 0, True
 
@@ -138,10 +148,12 @@ _EARLIER_HEADER = 4
 
 @dataclass(frozen=True, slots=True)
 class RedundancyRule:
-    """How many earlier payloads a packet carries: between ``least`` and ``most``, by the reported loss.
+    """How many earlier payloads a packet carries: between ``least`` and ``most``, by
+    the reported loss.
 
-    Any loss requires one; a loss above ``heavy`` requires two, as two packets in a row are then lost too often. After
-    ``patience`` reports without loss (ten seconds of them) the number is reduced by one.
+    Any loss requires one; a loss above ``heavy`` requires two, as two packets in a row
+    are then lost too often. After ``patience`` reports without loss (ten seconds of
+    them) the number is reduced by one.
     """
 
     least: int = 0
@@ -157,7 +169,8 @@ class RedundancyRule:
 
 
 class Redundancy:
-    """Applies a `RedundancyRule`; starts with one earlier payload and drops it once the link has proved free of loss.
+    """Applies a `RedundancyRule`; starts with one earlier payload and drops it once the
+    link has proved free of loss.
 
     >>> redundancy = Redundancy(RedundancyRule())
     >>> redundancy.update(0.05)
@@ -190,7 +203,8 @@ class Redundancy:
 class Packetizer:
     """Makes one stream of packets, not yet encrypted.
 
-    The encoder is of this stream, or the one encoder of several streams that carry the same sound.
+    The encoder is of this stream, or the one encoder of several streams that carry the
+    same sound.
     """
 
     def __init__(
@@ -199,8 +213,8 @@ class Packetizer:
         self.encoder = encoder
         self.packets = self.octets = 0
         self.ssrc, self._redundancy = ssrc, redundancy
-        # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
-        # roll-over count.
+        # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first
+        # packets cannot then cause a wrong roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
         self._marker = True
         self._past: deque[Payload] = deque(maxlen=2)
@@ -213,7 +227,8 @@ class Packetizer:
         return packet
 
     def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
-        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
+        """Make the stream's next packet from a payload at ``position`` samples since
+        the start of the stream."""
         payload = Payload(kind, (self.encoder.origin + position) % (1 << 32), content)
         earlier, moving = self._earlier(payload), self.encoder.moving
         packet = Packet(
@@ -224,7 +239,8 @@ class Packetizer:
         return packet
 
     def report(self, now: float) -> SenderReport:
-        """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
+        """Make the sender report; ``now`` is of any clock, the same that evaluates the
+        receiver's report."""
         timestamp = self.encoder.origin + (self.encoder.position or 0)
         return SenderReport(
             self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets
@@ -250,14 +266,17 @@ class Packetizer:
 
 
 MAX_CONCEALED_GAP = 0.1
-"""Seconds of lost sound that are concealed; a longer gap is skipped, as no extrapolation of it would be right."""
+"""Seconds of lost sound that are concealed; a longer gap is skipped, as no
+extrapolation of it would be right."""
 
 SOUND_STALE_AFTER = 0.06
-"""Seconds above the minimum delay from which sound is stale: the delay noticed in a texture (Okamoto 2009)."""
+"""Seconds above the minimum delay from which sound is stale: the delay noticed in a
+texture (Okamoto 2009)."""
 
 PACKET_HISTORY = 0.256 + SOUND_STALE_AFTER
-"""Seconds of a backlog that are decoded, counted from its newest packet: a window of the detector, and what is fresh.
-What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
+"""Seconds of a backlog that are decoded, counted from its newest packet: a window of
+the detector, and what is fresh. What is older can no longer change a prediction, and
+decoding it would only delay what is fresh."""
 
 
 class DecodedAudio(msgspec.Struct, frozen=True, eq=False):
@@ -273,14 +292,16 @@ class DecodedAudio(msgspec.Struct, frozen=True, eq=False):
 class _Waiting(msgspec.Struct, frozen=True):
     payload: Payload
     primary: bool
-    """Whether it is its packet's own payload, not a redundant copy in a later packet."""
+    """Whether it is its packet's own payload, not a redundant copy in a later
+    packet."""
     arrival: float
 
 
 class Depacketizer:
     """Decodes one stream of packets.
 
-    ``reorder`` is how many packets may wait for a missing one, 0 or 1; ``start`` is the position of the first sample.
+    ``reorder`` is how many packets may wait for a missing one, 0 or 1; ``start`` is the
+    position of the first sample.
     """
 
     def __init__(self, *, reorder: int = 1, start: int = 0) -> None:
@@ -292,7 +313,8 @@ class Depacketizer:
         self._delay = MinDelayFilter()
         self._decoder: Decoder | None = None
         self._timestamps = TimestampUnwrapper(start)
-        # The window: everything before `_next` has been returned or given up, and what waits lies after it.
+        # The window: everything before `_next` has been returned or given up, and what
+        # waits lies after it.
         self._next = self._newest = start
         self._moving = False
         self._size = 0
@@ -306,11 +328,13 @@ class Depacketizer:
 
     @property
     def waiting(self) -> bool:
-        """Whether a packet waits for an earlier one, so that `poll` may return sound."""
+        """Whether a packet waits for an earlier one, so that `poll` may return
+        sound."""
         return bool(self._waiting)
 
     def push(self, packets: Sequence[Packet], *, now: float) -> list[DecodedAudio]:
-        """Take all packets that have arrived by ``now`` (s); return the sound that can be decoded, oldest first."""
+        """Take all packets that have arrived by ``now`` (s); return the sound that can
+        be decoded, oldest first."""
         decoded: list[DecodedAudio] = []
         alone = len(packets) == 1 and not self._waiting
         for packet in packets:
@@ -324,8 +348,8 @@ class Depacketizer:
         if self._waiting:
             self._skip_old()
             self._decode_contiguous(decoded, now)
-            # More packets wait than may: the one before them is lost. Redundant copies do not count, because they say
-            # nothing about the order of the packets.
+            # More packets wait than may: the one before them is lost. Redundant copies
+            # do not count, because they say nothing about the order of the packets.
             while (
                 sum(waiting.primary for waiting in self._waiting.values())
                 > self._reorder
@@ -341,7 +365,8 @@ class Depacketizer:
         return decoded
 
     def _count(self, packet: Packet, now: float) -> int | None:
-        """Count a packet; return its position in samples, ``None`` if it is of no use."""
+        """Count a packet; return its position in samples, ``None`` if it is of no
+        use."""
         timestamp = packet.payload.timestamp
         if not self.reception.count(packet.sequence, timestamp, now=now):
             return None
@@ -351,7 +376,8 @@ class Depacketizer:
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
-        # The place of a late one has been filled, from a copy or by concealment: `_next` never moves back.
+        # The place of a late one has been filled, from a copy or by concealment:
+        # `_next` never moves back.
         return None if self.reception.came_late(position, self._next) else position
 
     def _accept(self, packet: Packet, position: int, now: float) -> None:
@@ -372,14 +398,16 @@ class Depacketizer:
             self._waiting[position] = waiting
 
     def _skip_old(self) -> None:
-        """Drop what is too old to matter, when much more than a window has arrived at once after a stall."""
+        """Drop what is too old to matter, when much more than a window has arrived at
+        once after a stall."""
         oldest = max(self._waiting, default=0) - round(PACKET_HISTORY * CLOCK_RATE)
         old = [position for position in self._waiting if position < oldest]
         if not old:
             return
         for position in old:
             self.reception.stats.packets_skipped += self._waiting.pop(position).primary
-        # The window moves to the oldest payload that is kept, without concealment: the gap is no loss of the network.
+        # The window moves to the oldest payload that is kept, without concealment: the
+        # gap is no loss of the network.
         following = min(self._waiting)
         self.reception.stats.samples_skipped += following - self._next
         self._next = following
@@ -411,7 +439,8 @@ class Depacketizer:
         return True
 
     def _fill_gap(self, decoded: list[DecodedAudio], now: float) -> None:
-        """Conceal or skip the gap before the oldest waiting payload, and decode from there."""
+        """Conceal or skip the gap before the oldest waiting payload, and decode from
+        there."""
         # A copy may still wait for a place that its packet has filled meanwhile.
         self._waiting = {
             start: waiting
@@ -450,7 +479,8 @@ class Depacketizer:
         return DecodedAudio(block, stale, waited=now - arrival)
 
     def _decoder_for(self, payload: Payload) -> Decoder:
-        """Return the decoder of the stream: its first payload decides codec and channels until the next handshake."""
+        """Return the decoder of the stream: its first payload decides codec and
+        channels until the next handshake."""
         if self._decoder is None:
             self._decoder = open_decoder(payload.kind)
         if self._decoder.kind != payload.kind:

@@ -1,8 +1,11 @@
-"""The only module of the link that uses a socket; a filter in the kernel drops foreign datagrams before they cost time.
+"""The only module of the link that uses a socket; a filter in the kernel drops foreign
+datagrams before they cost time.
 
-The filter is a program of classic BPF (Linux, ``man 7 socket``, SO_ATTACH_FILTER) over the datagram with its UDP header
-of 8 bytes. It lets pass what may begin a handshake, and of SRTP and SRTCP the peer's streams alone: their SSRC comes
-from the handshake, so that nobody who cannot read the traffic guesses it. Whatever passes is authenticated as before.
+The filter is a program of classic BPF (Linux, ``man 7 socket``, SO_ATTACH_FILTER) over
+the datagram with its UDP header of 8 bytes. It lets pass what may begin a handshake,
+and of SRTP and SRTCP the peer's streams alone: their SSRC comes from the handshake, so
+that nobody who cannot read the traffic guesses it. Whatever passes is authenticated as
+before.
 """
 
 import contextlib
@@ -38,12 +41,14 @@ def set_filter(
     stun: bool = True,
     channel: int | None = None,
 ) -> None:
-    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
+    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP
+    socket; everything without any SSRC.
 
-    With ``channel`` the socket belongs to a `Way`: STUN passes too (with ``stun``), and where it is not 0, what is in
-    that channel.
+    With ``channel`` the socket belongs to a `Way`: STUN passes too (with ``stun``), and
+    where it is not 0, what is in that channel.
 
-    Where the system has no such filter, everything passes too: the session refuses the same datagrams, only later.
+    Where the system has no such filter, everything passes too: the session refuses the
+    same datagrams, only later.
     """
     if sys.platform != "linux":
         return
@@ -51,7 +56,8 @@ def set_filter(
         if not streams:
             target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
             return
-        # Two structures of the kernel, sock_filter and sock_fprog: it copies both during the call.
+        # Two structures of the kernel, sock_filter and sock_fprog: it copies both
+        # during the call.
         instructions = _program(
             sorted(streams), handshakes=handshakes, stun=stun, channel=channel
         )
@@ -117,7 +123,8 @@ def _program(
 
 
 def _accept_stun(header: int) -> Iterator[Instruction]:
-    """Let STUN after ``header`` pass: by its first byte (RFC 7983), its cookie, and a length in words of four bytes."""
+    """Let STUN after ``header`` pass: by its first byte (RFC 7983), its cookie, and a
+    length in words of four bytes."""
     yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 7, 0, END_OF_STUN)
     yield (_LOAD_WORD, 0, 0, header + _FIRST_BYTE + 4)
@@ -130,7 +137,8 @@ def _accept_stun(header: int) -> Iterator[Instruction]:
 
 
 CHANNEL_HEADER = 4
-"""Bytes before each datagram in a TURN channel: the channel's number and the datagram's length (RFC 8656, 12.4)."""
+"""Bytes before each datagram in a TURN channel: the channel's number and the datagram's
+length (RFC 8656, 12.4)."""
 
 END_OF_STUN = 4
 """First byte from which a datagram is no STUN message any more (RFC 7983 section 7)."""
@@ -139,48 +147,55 @@ STUN_COOKIE = 0x2112A442
 """Bytes 4 to 7 of every STUN message (RFC 8489 section 5)."""
 
 MAX_STUN = 8
-"""Maximum STUN messages of one read, from the peer or from others; the rest is dropped, and what follows for a while.
-Two ends exchange four in five seconds."""
+"""Maximum STUN messages of one read, from the peer or from others; the rest is dropped,
+and what follows for a while. Two ends exchange four in five seconds."""
 
 _LARGEST = 2_048
 _MOST_AT_ONCE = 256
 """Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
 
 _QUEUE = 1 << 20
-"""Bytes of a socket's queue, if the system permits so many: datagrams that arrive while the process is late."""
+"""Bytes of a socket's queue, if the system permits so many: datagrams that arrive while
+the process is late."""
 
 MAX_FOREIGN = 16
-"""Maximum datagrams of one read from others than the connected peer: 3,200 a second where a read waits 5 ms."""
+"""Maximum datagrams of one read from others than the connected peer: 3,200 a second
+where a read waits 5 ms."""
 
 MAX_PEER_HANDSHAKES = 64
-"""Maximum DTLS datagrams of one read from the address of the connected peer, which anybody can forge: a handshake and
-its retransmissions during a stall of seconds are fewer. The rest is dropped, and what follows for a while too."""
+"""Maximum DTLS datagrams of one read from the address of the connected peer, which
+anybody can forge: a handshake and its retransmissions during a stall of seconds are
+fewer. The rest is dropped, and what follows for a while too."""
 
 CLOSED_READS = 200
-"""Reads of up to `CLOSED_READ` s, or fewer of more, for which the kernel then drops DTLS from that address: about a
-second at an operator, to whom a packet comes every 5 ms, and at a robot, whose reads wait 50 ms."""
+"""Reads of up to `CLOSED_READ` s, or fewer of more, for which the kernel then drops
+DTLS from that address: about a second at an operator, to whom a packet comes every 5
+ms, and at a robot, whose reads wait 50 ms."""
 
 CLOSED_READ = 0.005
 
 FOREIGN_TURNS = 4
-"""Reads from one look at what others sent to the next, while the peer sends: 10 ms with packets of 2.5 ms."""
+"""Reads from one look at what others sent to the next, while the peer sends: 10 ms with
+packets of 2.5 ms."""
 
 _ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
 _MAPPED = "::ffff:"
 
 _EXPEDITED = 46 << 2
-"""DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
+"""DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of
+voice."""
 
 
 class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     """UDP at one port, of IPv4, IPv6 or both; a context manager.
 
-    While a peer is `follow`-ed, two sockets share the port. The system passes the peer's datagrams to one that is
-    connected to its address, and everybody else's to the first one, of which each `receive` takes only a few: so
-    strangers can fill their own queue and not the peer's. A filter in both drops what belongs to no stream of the peer.
-    Everything is sent through the first one, whose source address follows the route. An empty ``host`` is all addresses
-    of both families; port 0 lets the system choose. Raises `DeviceError` when the address is not of this machine, or is
-    in use.
+    While a peer is `follow`-ed, two sockets share the port. The system passes the
+    peer's datagrams to one that is connected to its address, and everybody else's to
+    the first one, of which each `receive` takes only a few: so strangers can fill their
+    own queue and not the peer's. A filter in both drops what belongs to no stream of
+    the peer. Everything is sent through the first one, whose source address follows the
+    route. An empty ``host`` is all addresses of both families; port 0 lets the system
+    choose. Raises `DeviceError` when the address is not of this machine, or is in use.
     """
 
     channel: int | None = None
@@ -211,10 +226,12 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         return self._socket.fileno()
 
     def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
-        """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
+        """Give the peer at this address, with these SSRCs, a socket of its own;
+        ``None`` when there is no session."""
         if remote is self._followed or remote == self._followed:
             return
-        # Another address takes another socket; the same one with renewed keys, only another filter.
+        # Another address takes another socket; the same one with renewed keys, only
+        # another filter.
         before, self._followed = self._followed, remote
         if remote is None or before is None or before[0] != remote[0]:
             self._connect(remote[0] if remote else None)
@@ -224,7 +241,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             set_filter(each, remote[1] if remote else (), channel=self.channel)
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
+        """Return the datagrams received, each with its source, oldest first; wait up to
+        ``timeout`` s for the first."""
         if self._peer_socket is None or self._followed is None:
             if timeout > 0 and not self._left:
                 select.select([self._socket], [], [], timeout)
@@ -239,7 +257,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._read_peer(self._peer_socket, self._followed[0]), timeout
         )
         datagrams += self._without_stun(from_peer, timeout, own=True)
-        # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
+        # Strangers wait while the peer's sound comes: a look at their queue takes as
+        # long as a packet.
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
             return datagrams
@@ -273,7 +292,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                 break
             except OSError:  # of an earlier datagram, as in `_read`
                 continue
-            # Asking takes less than the exception of an empty queue, and nearly always there is one datagram.
+            # Asking takes less than the exception of an empty queue, and nearly always
+            # there is one datagram.
             if not self._peer_poll.poll(0):
                 break
         return datagrams
@@ -281,7 +301,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     def _without_flood(
         self, datagrams: list[tuple[bytes, Address]], waited: float
     ) -> list[tuple[bytes, Address]]:
-        """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
+        """Drop handshakes from the peer's address where there are too many, here first
+        and then in the kernel."""
         if self._closed_reads:
             self._closed_reads = max(
                 0, self._closed_reads - max(1, round(waited / CLOSED_READ))
@@ -301,8 +322,9 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     def _without_stun(
         self, datagrams: list[tuple[bytes, Address]], waited: float, *, own: bool
     ) -> list[tuple[bytes, Address]]:
-        """Drop STUN where there is too much, here first and then in the kernel, for the peer's socket (``own``) alone
-        or for everybody's: a stranger closes it for strangers.
+        """Drop STUN where there is too much, here first and then in the kernel, for the
+        peer's socket (``own``) alone or for everybody's: a stranger closes it for
+        strangers.
         """
         if self.channel is None or not self._followed:
             return datagrams
@@ -344,13 +366,15 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._set_filter(True)
 
     def _address_of(self, target: Address) -> tuple[Any, ...]:
-        """Return the address as the socket takes it; that of the last call is kept, as most go to one peer."""
+        """Return the address as the socket takes it; that of the last call is kept, as
+        most go to one peer."""
         if target is not self._target[0]:
             self._target = target, _socket_address(target, self._socket.family)
         return self._target[1]
 
     def _connect(self, peer: Address | None) -> None:
-        """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""
+        """Replace the peer's socket; without one, or if the system refuses it, the
+        first one takes everything."""
         if self._peer_socket:
             self._left += _read(self._peer_socket, _MOST_AT_ONCE)
             self._peer_socket.close()
@@ -365,12 +389,14 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
 
 
 def is_stun(datagram: bytes) -> bool:
-    """Whether a datagram is for the process that keeps a way open, by its first byte."""
+    """Whether a datagram is for the process that keeps a way open, by its first
+    byte."""
     return bool(datagram) and datagram[0] < END_OF_STUN
 
 
 def resolve(host: str, port: int) -> list[Address]:
-    """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order; `DeviceError` when that fails."""
+    """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order;
+    `DeviceError` when that fails."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
@@ -381,7 +407,8 @@ def resolve(host: str, port: int) -> list[Address]:
 
 
 def _open(host: str, port: int) -> socket.socket:
-    """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too, where there is IPv6."""
+    """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too,
+    where there is IPv6."""
     families = (
         [socket.AF_INET6, socket.AF_INET]
         if not host
@@ -413,7 +440,8 @@ def _socket(family: int, *, only: bool) -> socket.socket:
 
 
 def prepare(opened: socket.socket) -> None:
-    """Never let a UDP socket wait; give it a large queue, and its packets the priority of voice."""
+    """Never let a UDP socket wait; give it a large queue, and its packets the priority
+    of voice."""
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
     with contextlib.suppress(
@@ -427,7 +455,8 @@ def prepare(opened: socket.socket) -> None:
 def _share(first: socket.socket, peer: Address) -> socket.socket:
     """Open a second socket at the port of ``first``, for one peer alone.
 
-    Sharing is permitted for the time of the two calls only, so that no other program can ever take the port too.
+    Sharing is permitted for the time of the two calls only, so that no other program
+    can ever take the port too.
     """
     only = first.family == socket.AF_INET6 and bool(
         first.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY)
@@ -449,7 +478,8 @@ def _share(first: socket.socket, peer: Address) -> socket.socket:
 
 def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
     datagrams: list[tuple[bytes, Address]] = []
-    # An error concerns an earlier datagram, which reached a closed port; the next may succeed.
+    # An error concerns an earlier datagram, which reached a closed port; the next may
+    # succeed.
     for _ in range(most):
         try:
             datagram, origin = source.recvfrom(_LARGEST)
@@ -462,7 +492,8 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
 
 
 def _address(address: tuple[Any, ...]) -> Address:
-    """Return host and port; an IPv4 address that a socket of IPv6 reports as ``::ffff:192.0.2.1`` in its usual form."""
+    """Return host and port; an IPv4 address that a socket of IPv6 reports as
+    ``::ffff:192.0.2.1`` in its usual form."""
     host = str(address[0])
     return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
 

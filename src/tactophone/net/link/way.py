@@ -1,11 +1,14 @@
-"""The way of a call: a socket that another process opened through two routers, and keeps open while this one uses it.
+"""The way of a call: a socket that another process opened through two routers, and
+keeps open while this one uses it.
 
-The process of the call (`net.call`) has found the way with STUN, perhaps through a TURN relay, and goes on to
-answer checks and to refresh what expires. It reads nothing from the socket any more: the live side does, tells
-protocols apart by their first byte (RFC 7983), and passes STUN on. Nothing here understands a STUN message.
+The process of the call (`net.call`) has found the way with STUN, perhaps through a TURN
+relay, and goes on to answer checks and to refresh what expires. It reads nothing from
+the socket any more: the live side does, tells protocols apart by their first byte (RFC
+7983), and passes STUN on. Nothing here understands a STUN message.
 
-The live side is started while the way is still searched for, and waits for it. When it hears nothing any more, it says
-so; the other process may then find a new way, over which the session goes on.
+The live side is started while the way is still searched for, and waits for it. When it
+hears nothing any more, it says so; the other process may then find a new way, over
+which the session goes on.
 """
 
 import contextlib
@@ -27,20 +30,24 @@ from tactophone.net.link.udp import (
 )
 
 Keeper: TypeAlias = socket
-"""The live side's end of a pair of sockets, to the process that finds the way and keeps it open."""
+"""The live side's end of a pair of sockets, to the process that finds the way and keeps
+it open."""
 
 PEER: Address = "100::1", 9
-"""The other end's address for the session, whichever way leads there; nobody sends from it (RFC 6666)."""
+"""The other end's address for the session, whichever way leads there; nobody sends from
+it (RFC 6666)."""
 
 WANTED, READING, SILENT = b"wanted", b"reading", b"silent"
-"""What the live side says to the process that keeps the way: a successor needs it, its datagrams are read here from now
-on, and it has brought nothing for `WAY_SILENCE`."""
+"""What the live side says to the process that keeps the way: a successor needs it, its
+datagrams are read here from now on, and it has brought nothing for `WAY_SILENCE`."""
 
 WAY_SILENCE = 1.0
-"""Seconds without a datagram of the peer, who sends several a second, until a new way is asked for, and again."""
+"""Seconds without a datagram of the peer, who sends several a second, until a new way
+is asked for, and again."""
 
 _READS = 16
-"""Reads from one look for a new way to the next, while the old one still works in one direction."""
+"""Reads from one look for a new way to the next, while the old one still works in one
+direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +72,8 @@ class Way:
 
     @classmethod
     def receive(cls, keeper: Keeper) -> Self:
-        """Take what `send` has sent; raises `DeviceError` if the other process has ended."""
+        """Take what `send` has sent; raises `DeviceError` if the other process has
+        ended."""
         message, descriptors, *_ = recv_fds(keeper, 1 << 12, 1)
         if not message:
             raise DeviceError("the call has ended")
@@ -74,10 +82,11 @@ class Way:
 
 
 class WaySocket(UdpSocket):
-    """As `UdpSocket`, over ways that are found; closing it leaves the way open for a successor.
+    """As `UdpSocket`, over ways that are found; closing it leaves the way open for a
+    successor.
 
-    ``keeper`` leads to the process that finds them; the first one is waited for. ``ask`` for it where a process before
-    this one has taken it already.
+    ``keeper`` leads to the process that finds them; the first one is waited for.
+    ``ask`` for it where a process before this one has taken it already.
     """
 
     def __init__(self, keeper: Keeper, *, ask: bool = False) -> None:
@@ -90,7 +99,8 @@ class WaySocket(UdpSocket):
         self._open()
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return the datagrams of the session; STUN goes to the process that keeps the way open."""
+        """Return the datagrams of the session; STUN goes to the process that keeps the
+        way open."""
         datagrams = super().receive(timeout)
         found = [
             (
@@ -129,7 +139,8 @@ class WaySocket(UdpSocket):
         return refused
 
     def _change(self, way: Way) -> None:
-        """Go on over another way; the session notices nothing but what was lost meanwhile."""
+        """Go on over another way; the session notices nothing but what was lost
+        meanwhile."""
         followed = self._followed
         self.close()
         self.way = way
@@ -168,7 +179,8 @@ class WaySocket(UdpSocket):
 
 
 def channel_content(datagram: bytes, channel: int) -> bytes:
-    """Return what a TURN relay passes on in a channel; empty if the datagram is of another one, or cut.
+    """Return what a TURN relay passes on in a channel; empty if the datagram is of
+    another one, or cut.
 
     >>> channel_content(bytes.fromhex("4000 0002 8001 ff"), 0x4000).hex()
     '8001'

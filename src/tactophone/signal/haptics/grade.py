@@ -1,8 +1,9 @@
 """How rough a touch is within its class, in steps that a finger can tell apart.
 
-Through one microphone the order of two surfaces is nearly always right where the boundary between the classes is not
-(docs/research/detector.md). So what is drawn follows the logit of the detector: P(rough) saturates, and two smooth
-surfaces have the same.
+Through one microphone the order of two surfaces is nearly always right where the
+boundary between the classes is not (docs/research/detector.md). So what is drawn
+follows the logit of the detector: P(rough) saturates, and two smooth surfaces have the
+same.
 """
 
 import math
@@ -11,15 +12,17 @@ from typing import NamedTuple
 from tactophone.core.types import Prediction, Touch
 
 GRADE_MEMORY = 0.7
-"""Seconds over which the evidence is averaged, and since a touch began at most: slow enough to compare two surfaces,
-and at once at a touch's start."""
+"""Seconds over which the evidence is averaged, and since a touch began at most: slow
+enough to compare two surfaces, and at once at a touch's start."""
 
 SAME_TOUCH = 0.25
-"""Seconds without contact after which the next touch is another one: a stroke that turns is silent for as long."""
+"""Seconds without contact after which the next touch is another one: a stroke that
+turns is silent for as long."""
 
 
 class Span(NamedTuple):
-    """The grades of a class by the logit: steep about its centre, and ever flatter beyond, so that no two are equal."""
+    """The grades of a class by the logit: steep about its centre, and ever flatter
+    beyond, so that no two are equal."""
 
     centre: float
     width: float
@@ -37,14 +40,16 @@ class Span(NamedTuple):
 
 
 SMOOTH_GRADE = 0.46
-"""Grade at which the paper's smooth stimulus is drawn; its rough one is drawn at 1, and what is smoother below this."""
+"""Grade at which the paper's smooth stimulus is drawn; its rough one is drawn at 1, and
+what is smoother below this."""
 
 SPANS = {
     Touch.SMOOTH: Span(-1.6, 1.0, 0.0, 0.68, SMOOTH_GRADE),
     Touch.ROUGH: Span(1.0, 2.0, 0.72, 1.0, 1.0),
 }
-"""A just-noticeable difference of `GradedProfile`'s vibration is 0.056: near the centre a unit of the logit is four of
-them in smooth and one in rough. A smooth touch stays weaker than any rough one, so a false bump cannot outdo it."""
+"""A just-noticeable difference of `GradedProfile`'s vibration is 0.056: near the centre
+a unit of the logit is four of them in smooth and one in rough. A smooth touch stays
+weaker than any rough one, so a false bump cannot outdo it."""
 
 
 class Grade:
@@ -63,7 +68,8 @@ class Grade:
         self._touched = self._end = -math.inf
 
     def push(self, prediction: Prediction) -> float:
-        """Take the next prediction; return the grade of its touch, 0 without contact."""
+        """Take the next prediction; return the grade of its touch, 0 without
+        contact."""
         if prediction.touch is Touch.NONE:
             return 0.0
         span = SPANS[prediction.touch]
@@ -75,7 +81,8 @@ class Grade:
         if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
             self._heard, self._end = 0.0, -math.inf
         self._touched = prediction.end
-        # A smooth without any roughness is what the contact gate says before a window is full of touch, or at its end.
+        # A smooth without any roughness is what the contact gate says before a window
+        # is full of touch, or at its end.
         if prediction.roughness > 0 or prediction.touch is Touch.ROUGH:
             passed = min(prediction.end - self._end, prediction.end - prediction.start)
             self._end = prediction.end

@@ -1,8 +1,9 @@
 """Bounds of the vibration that no sound, model, page or programming error can exceed.
 
-They are applied twice: the pipeline bounds each command, so that what is shown is what is rendered, and the oscillator
-bounds it again in the process that drives the actuator, so that nothing between the two needs to be trusted. The ramp
-of the vibration, and the time after which a stale command fades, are the oscillator's.
+They are applied twice: the pipeline bounds each command, so that what is shown is what
+is rendered, and the oscillator bounds it again in the process that drives the actuator,
+so that nothing between the two needs to be trusted. The ramp of the vibration, and the
+time after which a stale command fades, are the oscillator's.
 """
 
 import math
@@ -19,15 +20,18 @@ class Limits:
     Parameters
     ----------
     ceiling
-        Greatest amplitude, 0 to 1 of full drive. It may be assigned at any time, by any thread: gate, pipeline and
-        renderer of a finger share one object, so that each applies the same ceiling from then on.
+        Greatest amplitude, 0 to 1 of full drive. It may be assigned at any time, by any
+        thread: gate, pipeline and renderer of a finger share one object, so that each
+        applies the same ceiling from then on.
     lowest
-        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt Basslet (section IV-B).
+        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt
+        Basslet (section IV-B).
     highest
         End of the band in Hz.
     machine
-        The greatest ceiling of this machine, by default the one given. A waveform above it is cut at once; one above a
-        ceiling that was lowered since falls as smoothly as any other.
+        The greatest ceiling of this machine, by default the one given. A waveform above
+        it is cut at once; one above a ceiling that was lowered since falls as smoothly
+        as any other.
 
     Examples
     --------
@@ -52,10 +56,12 @@ class Limits:
             )
 
     def scale_for(self, peak: float) -> float:
-        """Return the factor that brings a profile's greatest amplitude ``peak`` down to the ceiling; at most 1.
+        """Return the factor that brings a profile's greatest amplitude ``peak`` down to
+        the ceiling; at most 1.
 
-        The factor applies to the whole profile. Bounding its strong end alone would reduce the contrast between rough
-        and smooth: from 25 to 19 dB for the paper's profile under a ceiling of 0.5.
+        The factor applies to the whole profile. Bounding its strong end alone would
+        reduce the contrast between rough and smooth: from 25 to 19 dB for the paper's
+        profile under a ceiling of 0.5.
 
         >>> Limits(ceiling=0.5).scale_for(1.0), Limits(ceiling=0.5).scale_for(0.2)
         (0.5, 1.0)
@@ -63,7 +69,8 @@ class Limits:
         return min(1.0, self.ceiling / peak) if peak > 0 else 1.0
 
     def bound(self, command: HapticCommand) -> HapticCommand:
-        """Return the nearest command within the bounds; silence for one that is not finite (see :func:`is_finite`)."""
+        """Return the nearest command within the bounds; silence for one that is not
+        finite (see :func:`is_finite`)."""
         if not is_finite(command):
             return HapticCommand(0.0, self.lowest, command.time)
         if (
@@ -80,14 +87,17 @@ class Limits:
 
 
 def is_finite(command: HapticCommand) -> bool:
-    """Whether amplitude and frequency are finite; an infinite one is a fault, not a strong vibration."""
+    """Whether amplitude and frequency are finite; an infinite one is a fault, not a
+    strong vibration."""
     return math.isfinite(command.amplitude) and math.isfinite(command.frequency)
 
 
 def peak_amplitude(profile: Profile) -> float:
-    """Return the greatest finite amplitude, 0 to 1, that a profile asks for between smooth and rough.
+    """Return the greatest finite amplitude, 0 to 1, that a profile asks for between
+    smooth and rough.
 
-    Found by trying 101 values of roughness for either touch, ends included, so that a profile need not declare it.
+    Found by trying 101 values of roughness for either touch, ends included, so that a
+    profile need not declare it.
     """
     commands = (
         profile.command(

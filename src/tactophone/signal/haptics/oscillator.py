@@ -1,13 +1,16 @@
-r"""The sine for the actuator: no click, no step, and silence when commands stop arriving.
+r"""The sine for the actuator: no click, no step, and silence when commands stop
+arriving.
 
-Amplitude and frequency follow their targets through a first-order low-pass. Between two commands the targets are
-constant, so everything has a closed form: ``n`` samples after a command that found amplitude :math:`a_0`,
+Amplitude and frequency follow their targets through a first-order low-pass. Between two
+commands the targets are constant, so everything has a closed form: ``n`` samples after
+a command that found amplitude :math:`a_0`,
 
 .. math:: a_n = a + (a_0 - a) r^n, \quad \varphi_n = \varphi_0 + (f n + (f_0 - f) \sum_{k=1}^n r^k) / f_s
 
-with :math:`r = e^{-1 / (\tau f_s)}`. A sample thus depends on the command and its distance from it, never on the
-device's block size: rendering in any pieces is bit-equal. After `SETTLED_TIME_CONSTANTS`, :math:`r^n` counts as
-zero, so that rest is exact silence.
+with :math:`r = e^{-1 / (\tau f_s)}`. A sample thus depends on the command and its
+distance from it, never on the device's block size: rendering in any pieces is
+bit-equal. After `SETTLED_TIME_CONSTANTS`, :math:`r^n` counts as zero, so that rest is
+exact silence.
 """
 
 import math
@@ -22,13 +25,15 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand
 from tactophone.signal.haptics.limits import Limits, is_finite
 
 RAMP = 0.004
-"""Seconds: time constant of the low-pass on amplitude and frequency. It bounds the slew: an amplitude never moves
-faster than ``1 / RAMP`` of full drive a second. That is far under the 30 ms of the shortest burst that a finger
-notices, and slow enough that nothing clicks. An amplitude falls to exact silence in 12 time constants, 48 ms."""
+"""Seconds: time constant of the low-pass on amplitude and frequency. It bounds the
+slew: an amplitude never moves faster than ``1 / RAMP`` of full drive a second. That is
+far under the 30 ms of the shortest burst that a finger notices, and slow enough that
+nothing clicks. An amplitude falls to exact silence in 12 time constants, 48 ms."""
 
 COMMAND_STALE_AFTER = 0.035
-"""Longest time, in s, from a vibration's last command to the beginning of its fade: three missed hops of 10.67 ms. The
-fade begins within 40 ms, and ends within 35 + 48 < 100 ms."""
+"""Longest time, in s, from a vibration's last command to the beginning of its fade:
+three missed hops of 10.67 ms. The fade begins within 40 ms, and ends within 35 + 48 <
+100 ms."""
 
 SETTLED_TIME_CONSTANTS = 12
 """Time constants after which the target counts as reached."""
@@ -37,28 +42,34 @@ NEGLIGIBLE = math.exp(-SETTLED_TIME_CONSTANTS)
 """What is left of a full gap by then: 6e-6, 104 dB down."""
 
 MAX_PIECE = 1024
-"""Samples rendered at once; longer blocks are rendered in such pieces, so that no memory is allocated later."""
+"""Samples rendered at once; longer blocks are rendered in such pieces, so that no
+memory is allocated later."""
 
 
 class Renderer:
-    """Base of the renderers: commands in, waveform out, called in the actuator's thread.
+    """Base of the renderers: commands in, waveform out, called in the actuator's
+    thread.
 
-    ``submit``, ``stop`` and ``release`` may be called from a thread other than ``render``'s: each sets one attribute.
+    ``submit``, ``stop`` and ``release`` may be called from a thread other than
+    ``render``'s: each sets one attribute.
 
     Parameters
     ----------
     limits
-        Bounds of everything rendered. Other limits may be assigned: ceiling and band take effect at once.
+        Bounds of everything rendered. Other limits may be assigned: ceiling and band
+        take effect at once.
 
     Attributes
     ----------
     faults
-        Counts of ``command`` (not finite, rendered as silence) and ``stale`` (a vibration faded because commands
-        stopped arriving).
+        Counts of ``command`` (not finite, rendered as silence) and ``stale`` (a
+        vibration faded because commands stopped arriving).
     silent
-        Whether the last samples rendered are all exactly 0; false where that is not known.
+        Whether the last samples rendered are all exactly 0; false where that is not
+        known.
     latency
-        Seconds from input to its first effect on the waveform; 0 where the first sample already moves towards it.
+        Seconds from input to its first effect on the waveform; 0 where the first sample
+        already moves towards it.
     stopped
         Whether :meth:`stop` is in force.
     """
@@ -71,7 +82,8 @@ class Renderer:
         self.stopped = False
 
     def submit(self, command: HapticCommand) -> None:
-        """Replace the current command; one that is not finite means silence. Never waits."""
+        """Replace the current command; one that is not finite means silence. Never
+        waits."""
         if not is_finite(command):
             self.faults["command"] += 1
             command = HapticCommand(0.0, self.limits.lowest, command.time)
@@ -79,7 +91,8 @@ class Renderer:
         self._slot = [command]
 
     def stop(self) -> None:
-        """Fade to silence and stay silent, whatever is submitted, until :meth:`release`."""
+        """Fade to silence and stay silent, whatever is submitted, until
+        :meth:`release`."""
         self.stopped = True
 
     def release(self) -> None:
@@ -141,8 +154,9 @@ class Oscillator(Renderer):
         """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         self._apply_changes()
         self.silent = True
-        # The newest command holds for so many samples more, counted as rendered: no clock is read, so that a late
-        # callback neither shortens nor lengthens a vibration. Silence never becomes stale.
+        # The newest command holds for so many samples more, counted as rendered: no
+        # clock is read, so that a late callback neither shortens nor lengthens a
+        # vibration. Silence never becomes stale.
         fresh = (
             max(0, self._timeout - self._since_command) if self._amplitude else len(out)
         )
@@ -155,8 +169,10 @@ class Oscillator(Renderer):
         self._write(out[fresh:])
 
     def _apply_changes(self) -> None:
-        """Follow a command, limits or a stop set since the last call, perhaps by another thread."""
-        # All are read once and compared by identity: no lock, and a change between two reads is seen next time.
+        """Follow a command, limits or a stop set since the last call, perhaps by
+        another thread."""
+        # All are read once and compared by identity: no lock, and a change between two
+        # reads is seen next time.
         seen, before = (
             (self._slot, self.limits, self.limits.ceiling, self.stopped),
             self._seen,
@@ -180,10 +196,12 @@ class Oscillator(Renderer):
             return
         now = min(self._age, self._settled)
         decay, decay_sum = float(self._decay[now]), float(self._decay_sum[now])
-        # The closed form restarts here: the present state becomes the initial state of the new segment, and each gap
-        # is the distance from the new target that has yet to decay.
+        # The closed form restarts here: the present state becomes the initial state of
+        # the new segment, and each gap is the distance from the new target that has yet
+        # to decay.
         here = self._amplitude + self._amplitude_gap * decay
-        # From silence a vibration begins at phase 0 and at its own frequency: nothing is left to glide from.
+        # From silence a vibration begins at phase 0 and at its own frequency: nothing
+        # is left to glide from.
         if here < NEGLIGIBLE:
             here, self._phase, self._frequency_gap = 0.0, 0.0, 0.0
         else:
@@ -206,13 +224,15 @@ class Oscillator(Renderer):
     def _write_piece(self, out: FloatArray) -> None:
         size, first = len(out), min(self._age, self._settled) + 1
         if first > self._settled and not self._amplitude:
-            # At rest: neither age nor phase need go on, since the next segment begins at phase 0.
+            # At rest: neither age nor phase need go on, since the next segment begins
+            # at phase 0.
             out[:] = 0.0
             self._age += size
             return
         self.silent = False
         envelope, phases = self._envelope[:size], self._phases[:size]
-        # Turns since the segment began: the target's, f n, and what the gap in frequency adds, (f0 - f) sum(r^k).
+        # Turns since the segment began: the target's, f n, and what the gap in
+        # frequency adds, (f0 - f) sum(r^k).
         np.add(self._counts[:size], self._age, out=phases)
         phases *= self._frequency
         if self._frequency_gap:
@@ -222,7 +242,8 @@ class Oscillator(Renderer):
             phases += envelope
         phases *= 1 / self.sample_rate
         phases += self._phase
-        # Whole turns are removed before the sine, which is exact and fast near zero only.
+        # Whole turns are removed before the sine, which is exact and fast near zero
+        # only.
         phases -= np.floor(phases, out=envelope)
         phases *= 2 * np.pi
         np.sin(phases, out=phases)
@@ -230,7 +251,8 @@ class Oscillator(Renderer):
             self._decay[first : first + size], self._amplitude_gap, out=envelope
         )
         envelope += self._amplitude
-        # Commands are bounded already, and a ceiling that was lowered is followed like a command: cut, it would click.
+        # Commands are bounded already, and a ceiling that was lowered is followed like
+        # a command: cut, it would click.
         if max(self._amplitude, self._amplitude + self._amplitude_gap) > (
             machine := self._seen[1].machine
         ):
@@ -242,11 +264,14 @@ class Oscillator(Renderer):
 def _tables(
     time_constant: float, settled: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the powers r^n of the decay after n = 0, 1, ... samples, and their running sums from n = 1.
+    """Return the powers r^n of the decay after n = 0, 1, ... samples, and their running
+    sums from n = 1.
 
-    The frequency n samples into a segment is f + (f0 - f) r^n. The phase adds up the frequencies of all samples before,
-    so that of the gap is (f0 - f) times the sum of r^k: a table of sums makes each sample's phase one product. From
-    ``settled`` on powers count as zero, and the sum stays what it is: what the gap has added to the phase for good.
+    The frequency n samples into a segment is f + (f0 - f) r^n. The phase adds up the
+    frequencies of all samples before, so that of the gap is (f0 - f) times the sum of
+    r^k: a table of sums makes each sample's phase one product. From ``settled`` on
+    powers count as zero, and the sum stays what it is: what the gap has added to the
+    phase for good.
     """
     powers = np.exp(-np.arange(1.0, settled + MAX_PIECE + 1) / time_constant)
     powers[settled - 1 :] = 0.0
@@ -254,7 +279,8 @@ def _tables(
 
 
 class Playback:
-    """Renders commands in stream time; the waveform is bit-equal in portions of any size.
+    """Renders commands in stream time; the waveform is bit-equal in portions of any
+    size.
 
     >>> playback = Playback(Oscillator())
     >>> wave = playback.push([HapticCommand(1.0, 60.0, time=0.005)], until=0.01)
@@ -268,7 +294,8 @@ class Playback:
         self._done = 0
 
     def push(self, commands: Iterable[HapticCommand], *, until: float) -> FloatArray:
-        """Take commands, oldest first; returns the waveform up to a time in s, shape ``(samples,)``."""
+        """Take commands, oldest first; returns the waveform up to a time in s, shape
+        ``(samples,)``."""
         self._waiting.extend(commands)
         end = max(self._done, round(until * self._oscillator.sample_rate))
         out = np.empty(end - self._done, np.float32)

@@ -1,14 +1,18 @@
-"""The sound itself as vibration, without a detector: what the paper's authors tried first (section III-B).
+"""The sound itself as vibration, without a detector: what the paper's authors tried
+first (section III-B).
 
-``direct``: the contact microphone's sound goes to the actuator through a band-pass of the tactile range, an expander
-that suppresses noise, and a transient shaper. ``pitch``: the sound is shifted down by three octaves first, so that the
-band in which surfaces differ falls into the tactile range. ``median-frequency``: a sine whose frequency is the median
-frequency of the sound, as the stimulus of Svensson et al. (2021) has it.
+``direct``: the contact microphone's sound goes to the actuator through a band-pass of
+the tactile range, an expander that suppresses noise, and a transient shaper. ``pitch``:
+the sound is shifted down by three octaves first, so that the band in which surfaces
+differ falls into the tactile range. ``median-frequency``: a sine whose frequency is the
+median frequency of the sound, as the stimulus of Svensson et al. (2021) has it.
 
-The low band is processed sample by sample at 4 kHz, so that the result is bit-equal in blocks of any size.
+The low band is processed sample by sample at 4 kHz, so that the result is bit-equal in
+blocks of any size.
 
-Sound alone has no information on contact, faults or stale data. So `PassthroughRenderer` gates it by the amplitude of
-the newest command, and only while commands keep arriving: whatever silences the oscillator silences it too.
+Sound alone has no information on contact, faults or stale data. So
+`PassthroughRenderer` gates it by the amplitude of the newest command, and only while
+commands keep arriving: whatever silences the oscillator silences it too.
 """
 
 import math
@@ -36,16 +40,20 @@ from tactophone.signal.haptics.oscillator import (
 )
 
 STEP_SIZE = 12
-"""Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
+"""Samples from one value of the low band to the next: 4 kHz, four times the highest
+frequency of the actuator."""
 
 TAPS = 97
-"""Length of the low-pass before decimation: 1 ms of delay, 50 dB down from 2.3 kHz on."""
+"""Length of the low-pass before decimation: 1 ms of delay, 50 dB down from 2.3 kHz
+on."""
 
 GRAIN = 1440
-"""Samples, 30 ms, over which the two heads of the pitch shifter alternate: two periods of 70 Hz."""
+"""Samples, 30 ms, over which the two heads of the pitch shifter alternate: two periods
+of 70 Hz."""
 
 MEDIAN_SIZE = 256
-"""Values, 64 ms at 4 kHz, over which the median frequency is taken: two periods of the actuator's lowest."""
+"""Values, 64 ms at 4 kHz, over which the median frequency is taken: two periods of the
+actuator's lowest."""
 
 MEDIAN_HOP = 16
 """Values, 4 ms, from one median to the next."""
@@ -101,7 +109,8 @@ class Passthrough:
         self.latency: float = (
             TAPS // 2 + STEP_SIZE + (GRAIN / 2 if shift != 1 else 0)
         ) / LIVE_SAMPLE_RATE
-        """Seconds: the low-pass, the step to the next value, and half a grain if pitch is shifted."""
+        """Seconds: the low-pass, the step to the next value, and half a grain if pitch
+        is shifted."""
         self.reset()
 
     def reset(self) -> None:
@@ -112,7 +121,8 @@ class Passthrough:
         self._last = 0.0
 
     def push(self, samples: FloatArray) -> FloatArray:
-        """Process 48 kHz sound, shape ``(samples, channels)``; returns the vibration it completes, in steps of 12."""
+        """Process 48 kHz sound, shape ``(samples, channels)``; returns the vibration it
+        completes, in steps of 12."""
         sound = np.nan_to_num(
             samples[:, 0].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0
         )
@@ -121,7 +131,8 @@ class Passthrough:
         self._waiting = np.concatenate((self._waiting, shifted))
         count = (len(self._waiting) - TAPS + 1) // STEP_SIZE
         if count <= 0:
-            # After a whole number of steps less than a window waits, and a view of it cannot be made.
+            # After a whole number of steps less than a window waits, and a view of it
+            # cannot be made.
             return np.zeros(0, np.float32)
         windows = sliding_window_view(self._waiting, TAPS)[
             : count * STEP_SIZE : STEP_SIZE
@@ -140,9 +151,11 @@ class Passthrough:
         return np.pad(vibration, (0, len(samples) - len(vibration)))
 
     def _shifted(self, sound: Floats) -> Floats:
-        """Shift the pitch with two delay heads that fall behind and jump forward in turn, each silent when it jumps."""
-        # ``behind`` grows by 1 - shift a sample: each head reads the past at ``shift`` times the speed, with a delay
-        # that wraps at one grain. The squared sines of the two heads, half a grain apart, add up to 1.
+        """Shift the pitch with two delay heads that fall behind and jump forward in
+        turn, each silent when it jumps."""
+        # ``behind`` grows by 1 - shift a sample: each head reads the past at ``shift``
+        # times the speed, with a delay that wraps at one grain. The squared sines of
+        # the two heads, half a grain apart, add up to 1.
         line = np.concatenate((self._past, sound))
         behind = (1 - self._shift) * (self._count + np.arange(len(sound)))
         place = np.arange(GRAIN + 1, len(line))
@@ -171,11 +184,14 @@ class Passthrough:
 
 
 class _Chain:
-    """Band-pass, expander, transient shaper, limiter, band limits: one value in, one out, at 4 kHz.
+    """Band-pass, expander, transient shaper, limiter, band limits: one value in, one
+    out, at 4 kHz.
 
-    The limiter turns pulses of one sign into a constant force, and edges into steps. What follows it takes both out
-    again: an integral of the output is subtracted, which is a high-pass that keeps the mean at 0 within the bounds too,
-    and no value is further from the last one than in a sine of full amplitude at the upper end of the band.
+    The limiter turns pulses of one sign into a constant force, and edges into steps.
+    What follows it takes both out again: an integral of the output is subtracted, which
+    is a high-pass that keeps the mean at 0 within the bounds too, and no value is
+    further from the last one than in a sine of full amplitude at the upper end of the
+    band.
     """
 
     def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
@@ -203,7 +219,8 @@ class _Chain:
         band = self._high.step(value - self._low.step(value))
         fast, slow = self._fast.step(abs(band)), self._slow.step(abs(band))
         under = min(1.0, slow / self._threshold) ** (RATIO - 1)
-        # The ratio is held within 12 dB either way: for a tap after silence it would be unbounded.
+        # The ratio is held within 12 dB either way: for a tap after silence it would be
+        # unbounded.
         sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** SHARPNESS
         wanted = math.tanh(band * under * sharp * self._gain) - self._offset
         wanted = min(
@@ -215,10 +232,12 @@ class _Chain:
 
 
 class _MedianChain(_Chain):
-    """A sine at the median frequency of the sound, as loud as the sound after the expander.
+    """A sine at the median frequency of the sound, as loud as the sound after the
+    expander.
 
-    The median is taken within the actuator's band, so that it can always be rendered: half of the power between
-    ``limits.lowest`` and ``limits.highest`` lies on either side. It lags by half of :data:`MEDIAN_SIZE`.
+    The median is taken within the actuator's band, so that it can always be rendered:
+    half of the power between ``limits.lowest`` and ``limits.highest`` lies on either
+    side. It lags by half of :data:`MEDIAN_SIZE`.
     """
 
     def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
@@ -287,7 +306,8 @@ PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = {
 
 @dataclass(frozen=True, slots=True)
 class GateProfile:
-    """The profile that gates passed sound: open in contact, closed without. Its frequency is unused."""
+    """The profile that gates passed sound: open in contact, closed without. Its
+    frequency is unused."""
 
     name: str
 
@@ -301,8 +321,9 @@ class GateProfile:
 class PassthroughRenderer(Renderer):
     """Renders sound, gated by the amplitude of commands.
 
-    ``passthrough`` makes vibration from sound, with a ceiling of 1, as the gate applies the ceiling; ``pull`` returns
-    the next so many samples of sound at 48 kHz, shape ``(samples, channels)``, silence where there is none.
+    ``passthrough`` makes vibration from sound, with a ceiling of 1, as the gate applies
+    the ceiling; ``pull`` returns the next so many samples of sound at 48 kHz, shape
+    ``(samples, channels)``, silence where there is none.
     """
 
     def __init__(
@@ -322,7 +343,8 @@ class PassthroughRenderer(Renderer):
 
     def reset(self) -> None:
         self._passthrough.reset()
-        # Vibration is made in whole steps: with this reserve, a full period is always ready.
+        # Vibration is made in whole steps: with this reserve, a full period is always
+        # ready.
         self._ready = np.zeros(STEP_SIZE - 1, np.float32)
         super().reset()
         self._seen = self._slot
@@ -334,12 +356,14 @@ class PassthroughRenderer(Renderer):
 
     def _write(self, out: FloatArray) -> None:
         target = self._target(len(out))
-        # The gate's gain falls towards its target as the oscillator's amplitude does: target + (gain - target) r^n.
+        # The gate's gain falls towards its target as the oscillator's amplitude does:
+        # target + (gain - target) r^n.
         np.multiply(self._gain - target, self._decay[: len(out)], out=out)
         out += target
         last = float(out[-1])
         self._gain = last if target or last > NEGLIGIBLE else 0.0
-        # Sound is fetched even while the gate is closed: the clocked buffer is steered by what is taken from it.
+        # Sound is fetched even while the gate is closed: the clocked buffer is steered
+        # by what is taken from it.
         out *= self._vibration(len(out))
         np.clip(out, -self.limits.machine, self.limits.machine, out=out)
 
@@ -348,8 +372,9 @@ class PassthroughRenderer(Renderer):
         slot = self._slot
         if slot is not self._seen:
             self._seen, self._since_command = slot, 0
-        # A period counts as a whole: it fades from its beginning if the command becomes stale anywhere in it. The
-        # fault is counted once, in the period that crosses the limit.
+        # A period counts as a whole: it fades from its beginning if the command becomes
+        # stale anywhere in it. The fault is counted once, in the period that crosses
+        # the limit.
         before, self._since_command = self._since_command, self._since_command + size
         if self._since_command > self._timeout:
             self.faults["stale"] += before <= self._timeout and slot[0].amplitude > 0
@@ -357,7 +382,8 @@ class PassthroughRenderer(Renderer):
         return 0.0 if self.stopped else self.limits.bound(slot[0]).amplitude
 
     def _vibration(self, size: int) -> FloatArray:
-        # Always in pieces of one length, which the clocked buffer needs, though PortAudio's periods may vary.
+        # Always in pieces of one length, which the clocked buffer needs, though
+        # PortAudio's periods may vary.
         self._period = max(self._period, size)
         while len(self._ready) < size:
             self._ready = np.concatenate(

@@ -1,9 +1,11 @@
-"""Rendering profiles: which vibration a prediction is mapped to, and what an actuator can play of it.
+"""Rendering profiles: which vibration a prediction is mapped to, and what an actuator
+can play of it.
 
-The paper's profile, the same graded within its classes, one fitted to perception, and some for actuators that cannot
-play the paper's sines. All go from *smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a
-true one. A profile takes no account of limits; :mod:`tactophone.signal.haptics.limits` scales and bounds what it asks
-for.
+The paper's profile, the same graded within its classes, one fitted to perception, and
+some for actuators that cannot play the paper's sines. All go from *smooth* (weak) to
+*rough* (strong), so that a false bump is never stronger than a true one. A profile
+takes no account of limits; :mod:`tactophone.signal.haptics.limits` scales and bounds
+what it asks for.
 """
 
 import itertools
@@ -37,15 +39,18 @@ SMOOTH_STIMULUS = Stimulus(120.0, -25.0)
 """They describe it as *fizzy*."""
 
 SMOOTHEST_STIMULUS = Stimulus(217.0, -46.0)
-"""Where `GradedProfile` ends: about 11 dB fainter to a finger than the paper's smooth."""
+"""Where `GradedProfile` ends: about 11 dB fainter to a finger than the paper's
+smooth."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperProfile:
-    """The paper's rendering: a sine between *smooth* and *rough* by the detector's confidence; *none* is silence.
+    """The paper's rendering: a sine between *smooth* and *rough* by the detector's
+    confidence; *none* is silence.
 
-    The paper does not say how to interpolate. Here the level is interpolated in dB and the frequency by ratio, as both
-    are perceived (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
+    The paper does not say how to interpolate. Here the level is interpolated in dB and
+    the frequency by ratio, as both are perceived (Weber's law; steps of 18 % in
+    frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
 
     >>> prediction = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
     >>> command = PaperProfile().command(prediction)
@@ -61,7 +66,8 @@ class PaperProfile:
         return self.between(prediction, prediction.roughness)
 
     def between(self, prediction: Prediction, share: float) -> HapticCommand:
-        """Return the vibration at a share of the way from smooth (0) to rough (1); under 0 it is smoother yet."""
+        """Return the vibration at a share of the way from smooth (0) to rough (1);
+        under 0 it is smoother yet."""
         frequency = (
             self.smooth.frequency
             * (self.rough.frequency / self.smooth.frequency) ** share
@@ -74,9 +80,11 @@ class PaperProfile:
 
 @dataclass(frozen=True, slots=True)
 class GradedProfile(PaperProfile):
-    """The paper's two stimuli, graded within a class: what is rougher is lower and stronger.
+    """The paper's two stimuli, graded within a class: what is rougher is lower and
+    stronger.
 
-    It remembers the touch (`Grade`); each pipeline needs one of its own. Smooth ends at `SMOOTHEST_STIMULUS`.
+    It remembers the touch (`Grade`); each pipeline needs one of its own. Smooth ends at
+    `SMOOTHEST_STIMULUS`.
     """
 
     name: str = "graded"
@@ -92,7 +100,8 @@ class GradedProfile(PaperProfile):
 def _vibration(
     prediction: Prediction, amplitude: float, frequency: float
 ) -> HapticCommand:
-    """Return the vibration for a prediction, silent without contact; its time is the window's end."""
+    """Return the vibration for a prediction, silent without contact; its time is the
+    window's end."""
     return HapticCommand(
         0.0 if prediction.touch is Touch.NONE else amplitude, frequency, prediction.end
     )
@@ -103,7 +112,8 @@ _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,
 
 @dataclass(frozen=True, slots=True)
 class ActuatorResponse:
-    """An actuator's resonance, band, motor speeds and level by frequency; NaN or empty where unknown.
+    """An actuator's resonance, band, motor speeds and level by frequency; NaN or empty
+    where unknown.
 
     >>> response = ActuatorResponse(lowest=80.0, levels=((80.0, -10.0), (160.0, 0.0)))
     >>> response.level_db(80.0), response.level_db(113.137).__round__(1), response.level_db(400.0)
@@ -116,13 +126,15 @@ class ActuatorResponse:
     """In Hz."""
     lowest: float = math.nan
     highest: float = math.nan
-    """`lowest` and `highest`: the band in Hz: where the level is at most 10 dB under that of the resonance."""
+    """`lowest` and `highest`: the band in Hz: where the level is at most 10 dB under
+    that of the resonance."""
     slowest: float = math.nan
     fastest: float = math.nan
-    """`slowest` and `fastest`: speeds of a rotating motor in Hz: the lowest at which it turns, and that at full
-    drive."""
+    """`slowest` and `fastest`: speeds of a rotating motor in Hz: the lowest at which it
+    turns, and that at full drive."""
     levels: tuple[tuple[float, float], ...] = ()
-    """``(frequency in Hz, level in dB relative to the resonance)``, frequencies rising."""
+    """``(frequency in Hz, level in dB relative to the resonance)``, frequencies
+    rising."""
 
     def __post_init__(self) -> None:
         for low, high in ((self.lowest, self.highest), (self.slowest, self.fastest)):
@@ -132,7 +144,8 @@ class ActuatorResponse:
                 )
 
     def level_db(self, frequency: float) -> float:
-        """Return the level at a frequency, interpolated over the logarithm of frequency; 0 where unknown."""
+        """Return the level at a frequency, interpolated over the logarithm of
+        frequency; 0 where unknown."""
         if not self.levels:
             return 0.0
         frequencies, levels = np.array(self.levels).T
@@ -154,11 +167,13 @@ def known(value: float, typical: float) -> float:
 
 
 MOST_HZ, MOST_DB = 20_000.0, 200.0
-"""Bounds of a measured response: no actuator is above, and powers of ten stay finite."""
+"""Bounds of a measured response: no actuator is above, and powers of ten stay
+finite."""
 
 
 def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
-    """Parse levels written as ``40:-12,160:0``; `ConfigError` for another form, or frequencies that do not rise.
+    """Parse levels written as ``40:-12,160:0``; `ConfigError` for another form, or
+    frequencies that do not rise.
 
     >>> parse_levels("40:-12, 160:0")
     ((40.0, -12.0), (160.0, 0.0))
@@ -179,11 +194,13 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
 
 @dataclass(frozen=True, slots=True)
 class DualSenseProfile(GradedProfile):
-    """The graded rendering on a DualSense's voice coils, moved into their band once it is measured.
+    """The graded rendering on a DualSense's voice coils, moved into their band once it
+    is measured.
 
-    No figures of these coils are published. Until `tactophone devices measure` has written theirs, the two stimuli are
-    the paper's; a band that begins above 60 Hz moves both up, an octave apart, so that the ratio that a finger
-    discriminates remains.
+    No figures of these coils are published. Until `tactophone devices measure` has
+    written theirs, the two stimuli are the paper's; a band that begins above 60 Hz
+    moves both up, an octave apart, so that the ratio that a finger discriminates
+    remains.
     """
 
     name: str = "dualsense"
@@ -202,25 +219,31 @@ class DualSenseProfile(GradedProfile):
 
 @dataclass(frozen=True, slots=True)
 class PerceptualProfile:
-    """Spaces roughness evenly in just-noticeable steps of frequency and of level over threshold.
+    """Spaces roughness evenly in just-noticeable steps of frequency and of level over
+    threshold.
 
-    Equal ratios of frequency are equal steps (Weber's law), and so are equal differences of level in dB; from high
-    and faint (smooth) to low and strong (rough). The paper's 60 to 120 Hz hold 4 steps of frequency, this band 11.
+    Equal ratios of frequency are equal steps (Weber's law), and so are equal
+    differences of level in dB; from high and faint (smooth) to low and strong (rough).
+    The paper's 60 to 120 Hz hold 4 steps of frequency, this band 11.
     """
 
     lowest: float = 40.0
     highest: float = 250.0
-    """`lowest` and `highest`: the actuator's measured band, in Hz, as far as a finger discriminates frequency in it."""
+    """`lowest` and `highest`: the actuator's measured band, in Hz, as far as a finger
+    discriminates frequency in it."""
     faint_db: float = 15.0
     strong_db: float = 33.0
-    """`faint_db` and `strong_db`: levels over threshold; 33 dB is what full drive reaches at 40 Hz."""
+    """`faint_db` and `strong_db`: levels over threshold; 33 dB is what full drive
+    reaches at 40 Hz."""
     name: str = "perceptual"
     response: ActuatorResponse = UNKNOWN
-    """The actuator's response, for which the level is corrected as far as full drive allows."""
+    """The actuator's response, for which the level is corrected as far as full drive
+    allows."""
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        """Make the profile for an actuator, in the part of the default band that it plays."""
+        """Make the profile for an actuator, in the part of the default band that it
+        plays."""
         return cls(
             lowest=response.within(cls().lowest),
             highest=response.within(cls().highest),
@@ -237,15 +260,18 @@ class PerceptualProfile:
 
 @dataclass(frozen=True, slots=True)
 class ErmProfile:
-    """For an eccentric rotating mass (ERM), whose speed sets frequency and strength together.
+    """For an eccentric rotating mass (ERM), whose speed sets frequency and strength
+    together.
 
-    Its force grows with the square of its speed; under a starting voltage it does not turn. The figures are those of
-    a coin motor such as Precision Microdrives 310-103: about 80 to 220 Hz.
+    Its force grows with the square of its speed; under a starting voltage it does not
+    turn. The figures are those of a coin motor such as Precision Microdrives 310-103:
+    about 80 to 220 Hz.
     """
 
     slowest: float = 80.0
     fastest: float = 220.0
-    """`slowest` and `fastest`: speeds in Hz: the lowest at which it turns, and that at full drive."""
+    """`slowest` and `fastest`: speeds in Hz: the lowest at which it turns, and that at
+    full drive."""
     name: str = "erm"
     grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
@@ -257,7 +283,8 @@ class ErmProfile:
         )
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
+        """Return the vibration that the motor makes; drive it by ``frequency /
+        fastest``."""
         share = self.grade.push(prediction)
         frequency = self.slowest + share * (self.fastest - self.slowest)
         return _vibration(prediction, (frequency / self.fastest) ** 2, frequency)
@@ -265,10 +292,12 @@ class ErmProfile:
 
 @dataclass(frozen=True, slots=True)
 class LraProfile:
-    """For a linear resonant actuator (LRA), which moves at its resonance alone: only the level carries roughness."""
+    """For a linear resonant actuator (LRA), which moves at its resonance alone: only
+    the level carries roughness."""
 
     resonance: float = 175.0
-    """In Hz; 150 to 235 by manufacturer. At 10 Hz beside it the force is half or less."""
+    """In Hz; 150 to 235 by manufacturer. At 10 Hz beside it the force is half or
+    less."""
     faint_db: float = -25.0
     """Level of smooth, in dB of full drive."""
     name: str = "lra"
@@ -288,11 +317,12 @@ class LraProfile:
 
 @dataclass(frozen=True, slots=True)
 class PiezoProfile:
-    """For a piezo bender: a spring, so its travel follows the voltage up to the resonance, and its force the square of
-    the frequency: 12 dB less an octave lower.
+    """For a piezo bender: a spring, so its travel follows the voltage up to the
+    resonance, and its force the square of the frequency: 12 dB less an octave lower.
 
-    Smooth is faint at the resonance, rough is full drive an octave below it. There the bender gives 12 dB less, so
-    smooth is rendered another 12 dB lower: what reaches the finger differs by 25 dB, as in the paper.
+    Smooth is faint at the resonance, rough is full drive an octave below it. There the
+    bender gives 12 dB less, so smooth is rendered another 12 dB lower: what reaches the
+    finger differs by 25 dB, as in the paper.
     """
 
     resonance: float = 200.0
@@ -322,14 +352,15 @@ CLICK_FREQUENCY = 250.0
 """Hz; where the skin is most sensitive (Verrillo 1963)."""
 
 CLICKS = frozenset({"contact"})
-"""Events that click: the onset, which is known within 5 ms. Whether it was a tap is known 25 ms later."""
+"""Events that click: the onset, which is known within 5 ms. Whether it was a tap is
+known 25 ms later."""
 
 
 class EventsProfile:
     """Adds a click to another profile at each onset of a touch.
 
-    It remembers when the click began; each pipeline needs one of its own. Without an event detector in the pipeline it
-    renders as the other profile does.
+    It remembers when the click began; each pipeline needs one of its own. Without an
+    event detector in the pipeline it renders as the other profile does.
     """
 
     name = "events"
@@ -339,7 +370,8 @@ class EventsProfile:
         self._clicked = -math.inf
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction; full amplitude for the length of a click."""
+        """Return the vibration for a prediction; full amplitude for the length of a
+        click."""
         if any(event.kind in CLICKS for event in prediction.events):
             self._clicked = prediction.end
         # Time may begin anew, where a stream is restarted.
@@ -386,7 +418,8 @@ _PATH = 200
 
 
 def discriminable_steps(profile: Profile) -> tuple[float, float]:
-    """Count the just-noticeable steps between a profile's smooth and rough: of frequency alone, and in all."""
+    """Count the just-noticeable steps between a profile's smooth and rough: of
+    frequency alone, and in all."""
     stimuli = []
     for place in range(_PATH + 1):
         roughness = place / _PATH

@@ -1,7 +1,9 @@
-"""How strong a vibration is to a finger, and how many steps of it a finger can discriminate.
+"""How strong a vibration is to a finger, and how many steps of it a finger can
+discriminate.
 
-Sensation level is the vibration's level over the detection threshold at its frequency (Verrillo, J. Acoust. Soc. Am.
-35, 1962, 1963: flat to 40 Hz, falling by 12 dB an octave from there to 250 Hz, rising again beyond).
+Sensation level is the vibration's level over the detection threshold at its frequency
+(Verrillo, J. Acoust. Soc. Am. 35, 1962, 1963: flat to 40 Hz, falling by 12 dB an octave
+from there to 250 Hz, rising again beyond).
 """
 
 import math
@@ -11,19 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 FULL_DRIVE_DB = 65.0
-"""Sensation level of full drive at 250 Hz: assumed for a strong voice coil; rough at 60 Hz is then 40 dB."""
+"""Sensation level of full drive at 250 Hz: assumed for a strong voice coil; rough at 60
+Hz is then 40 dB."""
 
 PITCH_JND = 0.18
-"""Just-noticeable difference of frequency (Pongrac, Multimedia Systems 13, 297, 2008)."""
+"""Just-noticeable difference of frequency (Pongrac, Multimedia Systems 13, 297,
+2008)."""
 
 LEVEL_JND_DB = 1.5
-"""Just-noticeable difference of level: a Weber fraction of 0.2, the finest of the published 0.2 to 0.58."""
+"""Just-noticeable difference of level: a Weber fraction of 0.2, the finest of the
+published 0.2 to 0.58."""
 
 _BEST, _CORNER = 250.0, 40.0
 
 
 def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Detection threshold in dB over that at 250 Hz, for the same drive of the actuator.
+    """Detection threshold in dB over that at 250 Hz, for the same drive of the
+    actuator.
 
     >>> [round(float(threshold_db(f)), 1) for f in (20, 40, 60, 120, 250)]
     [31.7, 31.7, 24.7, 12.7, 0.0]
@@ -62,9 +68,11 @@ def amplitude_for(level_db: float, frequency: float) -> float:
 
 
 def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Count the just-noticeable steps along a path of vibrations: of frequency alone, and of frequency and level.
+    """Count the just-noticeable steps along a path of vibrations: of frequency alone,
+    and of frequency and level.
 
-    ``stimuli`` are amplitude and frequency, from one end of the path to the other, densely.
+    ``stimuli`` are amplitude and frequency, from one end of the path to the other,
+    densely.
 
     Both together add up as independent sensations do (root of the sum of squares).
 

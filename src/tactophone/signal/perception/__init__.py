@@ -1,1 +1,2 @@
-"""Sound to prediction: resample, window, run the model, decide; and the health of the microphones."""
+"""Sound to prediction: resample, window, run the model, decide; and the health of the
+microphones."""

@@ -1,10 +1,12 @@
-"""Calibrates a set-up from silence, a stroke and taps, and keeps the result in a file that other commands read.
+"""Calibrates a set-up from silence, a stroke and taps, and keeps the result in a file
+that other commands read.
 
-Three sounds give the contact threshold and show the faults of a set-up; a fourth, of a robot that moves in the air,
-gives the margin by which bands have to exceed their noise. At the threshold, silence is loud enough to
-pass for contact a chosen number of times a minute. Five seconds suffice to find it: the upper tail of the power of
-noise falls exponentially (Pickands, "Statistical inference using extreme order statistics", Ann. Statist. 3, 119,
-1975), and its mean excess is known from the loudest fifth.
+Three sounds give the contact threshold and show the faults of a set-up; a fourth, of a
+robot that moves in the air, gives the margin by which bands have to exceed their noise.
+At the threshold, silence is loud enough to pass for contact a chosen number of times a
+minute. Five seconds suffice to find it: the upper tail of the power of noise falls
+exponentially (Pickands, "Statistical inference using extreme order statistics", Ann.
+Statist. 3, 119, 1975), and its mean excess is known from the loudest fifth.
 """
 
 import dataclasses
@@ -53,14 +55,16 @@ from tactophone.signal.perception.noise_floor import (
 )
 
 CLIPPED = 0.05
-"""Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
+"""Share of clipped samples in a half second that is a fault once the gain was found
+good: a knob was turned."""
 
 _TABLE = "calibration"
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Levels of a set-up (a finger, its microphones, their gain); one entry for each channel where several."""
+    """Levels of a set-up (a finger, its microphones, their gain); one entry for each
+    channel where several."""
 
     made: str
     source: str
@@ -70,9 +74,11 @@ class Calibration:
     false_alarms_per_minute: float
     """Chosen: false contacts in a minute of silence."""
     threshold_dbfs: float
-    """Level of the contact microphone from which there is contact, for :class:`ContactGate`."""
+    """Level of the contact microphone from which there is contact, for
+    :class:`ContactGate`."""
     window_dbfs: float
-    """The same for a whole window of 256 ms, as in the paper: lower, as a level over a longer time varies less."""
+    """The same for a whole window of 256 ms, as in the paper: lower, as a level over a
+    longer time varies less."""
     floor_dbfs: tuple[float, ...]
     hum_dbfs: tuple[float, ...]
     """`floor_dbfs` and `hum_dbfs`: level and hum in silence."""
@@ -80,9 +86,11 @@ class Calibration:
     peak_dbfs: tuple[float, ...]
     """`stroke_dbfs` and `peak_dbfs`: median level and highest peak while stroked."""
     banded_dbfs: float = math.inf
-    """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it."""
+    """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did
+    not measure it."""
     margin_db: float = BAND_MARGIN_DB
-    """How far over its noise a band is heard: as little as the robot's own motion allows."""
+    """How far over its noise a band is heard: as little as the robot's own motion
+    allows."""
 
     def threshold_for(self, rule: LoudnessRule) -> float | None:
         """Return the contact threshold for a model's rule, if it was measured."""
@@ -114,7 +122,8 @@ class Calibration:
 
     def write(self, path: Path) -> None:
         """Write the file; raises `ConfigError` if it cannot be written."""
-        # Texts, numbers and lists are written alike in JSON and TOML; only infinity is not.
+        # Texts, numbers and lists are written alike in JSON and TOML; only infinity is
+        # not.
         entries = {
             name: json.dumps(value, ensure_ascii=False)
             for name, value in dataclasses.asdict(self).items()
@@ -133,7 +142,8 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file; raises `ConfigError` if it is missing, or not a file of :meth:`write`."""
+        """Read a file; raises `ConfigError` if it is missing, or not a file of
+        :meth:`write`."""
         again = "make one with `tactophone setup --check`"
         try:
             return msgspec.toml.decode(path.read_bytes(), type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
@@ -149,7 +159,8 @@ CALIBRATION_WINDOW = 0.256
 """Seconds over which the paper's gate measures the level."""
 
 LEVEL_TAIL = 0.2
-"""Share of the levels of silence, the loudest, that the threshold is extrapolated from."""
+"""Share of the levels of silence, the loudest, that the threshold is extrapolated
+from."""
 
 SPECTRUM_OVERLAP = 8
 """Levels measured within the duration of one, to use the few seconds fully."""
@@ -158,19 +169,23 @@ CALIBRATION_DRIFT_DB = 0.5
 """Noise floors change by as much from one minute to the next."""
 
 CLEARANCE_DB = 3.0
-"""Margin over the threshold that a stroke must have half of its time: the paper's own finger has 4 to 10."""
+"""Margin over the threshold that a stroke must have half of its time: the paper's own
+finger has 4 to 10."""
 
 HEADROOM_DB = 6.0
-"""Margin between the stroke's highest peak and full scale: people press harder later."""
+"""Margin between the stroke's highest peak and full scale: people press harder
+later."""
 
 FAINT_DBFS = -30.0
-"""A peak under this wastes more than four of the converter's bits and lets its noise in."""
+"""A peak under this wastes more than four of the converter's bits and lets its noise
+in."""
 
 CALIBRATION_CLIPPED_SHARE = 2e-3
 """Of the samples of a half second: single peaks may touch full scale."""
 
 RESTLESS_DB = 6.0
-"""Margin over the median at which the loudest window of silence shows that it was not silent."""
+"""Margin over the median at which the loudest window of silence shows that it was not
+silent."""
 
 MARGINS_DB = tuple(np.arange(4.0, 8.5, 0.5).tolist())
 """Margins of the bands that are tried on a robot's motion."""
@@ -179,7 +194,8 @@ MOST_MOTION = 0.02
 """Share of the motion that may be contact."""
 
 JERKS, JERK = 6, 0.5
-"""Starts and stops of the motion that was asked for, and seconds that each may be contact: they sound like a touch."""
+"""Starts and stops of the motion that was asked for, and seconds that each may be
+contact: they sound like a touch."""
 
 LOW_BANDS = 6
 """Bands under 500 Hz."""
@@ -187,7 +203,8 @@ LOW_BANDS = 6
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A fault of a set-up and its remedy; a set-up with a ``fatal`` one cannot be used."""
+    """A fault of a set-up and its remedy; a set-up with a ``fatal`` one cannot be
+    used."""
 
     code: str
     message: str
@@ -199,13 +216,15 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """What was measured and found, and by how many dB to turn each channel's gain (0: leave it)."""
+    """What was measured and found, and by how many dB to turn each channel's gain (0:
+    leave it)."""
 
     calibration: Calibration
     findings: tuple[Finding, ...]
     gain_db: tuple[int, ...]
     motion_db: float = math.nan
-    """How much louder than rest a robot's motion is under 500 Hz, in dB (median); NaN where it was not heard."""
+    """How much louder than rest a robot's motion is under 500 Hz, in dB (median); NaN
+    where it was not heard."""
 
     @property
     def passed(self) -> bool:
@@ -215,14 +234,16 @@ class CalibrationResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationSounds:
-    """The recordings of a calibration; all at one rate, float32 ``(samples, channels)``."""
+    """The recordings of a calibration; all at one rate, float32 ``(samples,
+    channels)``."""
 
     sample_rate: int
     silence: FloatArray
     stroke: FloatArray
     tap: FloatArray
     motion: FloatArray | None = None
-    """Of a robot that moves all the time, with three starts and stops, and touches nothing."""
+    """Of a robot that moves all the time, with three starts and stops, and touches
+    nothing."""
 
 
 def measure_calibration(
@@ -303,7 +324,8 @@ def measure_calibration(
 
 
 def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
-    """Return the threshold in dBFS at which silence opens the contact gate this often a minute."""
+    """Return the threshold in dBFS at which silence opens the contact gate this often a
+    minute."""
     fast, slow = (
         level_threshold(sounds, seconds, false_alarms_per_minute)
         for seconds in (FAST, SLOW)
@@ -314,7 +336,8 @@ def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) ->
 def level_threshold(
     sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float
 ) -> float:
-    """Return the level in dBFS, measured over ``duration`` s, that silence reaches this often a minute."""
+    """Return the level in dBFS, measured over ``duration`` s, that silence reaches this
+    often a minute."""
     powers = _powers(
         sounds.silence[:, CONTACT],
         round(duration * sounds.sample_rate),
@@ -324,7 +347,8 @@ def level_threshold(
     excess = (
         float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0
     )
-    # The mean of so few excesses is uncertain: one standard error, that of exponential values, is added.
+    # The mean of so few excesses is uncertain: one standard error, that of exponential
+    # values, is added.
     excess *= 1 + 1 / math.sqrt(
         LEVEL_TAIL * len(sounds.silence) / (duration * sounds.sample_rate)
     )
@@ -339,7 +363,8 @@ def level_threshold(
 def _banded_threshold(
     quiet: FloatArray, rate: int, false_alarms_per_minute: float
 ) -> float:
-    """Return the gate's threshold by the rule ``banded``; infinite where silence, or motion, was not steady."""
+    """Return the gate's threshold by the rule ``banded``; infinite where silence, or
+    motion, was not steady."""
     share = min(1.0, false_alarms_per_minute * SHORTEST_ALARM / 60)
     floor = measure_floor(
         [AudioBlock(quiet, rate)], sample_rate=rate, rule="banded", false_alarms=share
@@ -348,7 +373,8 @@ def _banded_threshold(
 
 
 def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
-    """Return the least margin with which motion is hardly contact, or the greatest; the share that is; `motion_db`."""
+    """Return the least margin with which motion is hardly contact, or the greatest; the
+    share that is; `motion_db`."""
     rate, motion = sounds.sample_rate, np.asarray(sounds.motion, np.float32)
     for margin in MARGINS_DB:
         floor = NoiseFloor(math.inf)
@@ -378,7 +404,8 @@ def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
 
 
 def _without_jerks(contacts: Sequence[Contact]) -> float:
-    """Return the share of contact but for starts and stops, from changes and heartbeats."""
+    """Return the share of contact but for starts and stops, from changes and
+    heartbeats."""
     times = np.array([each.time for each in (*contacts, contacts[-1])])
     edges = np.flatnonzero(
         np.diff([each.touching for each in contacts], prepend=False, append=False)
@@ -389,7 +416,8 @@ def _without_jerks(contacts: Sequence[Contact]) -> float:
 
 
 def _powers(samples: FloatArray, size: int, *, overlap: int = 1) -> NDArray[np.float64]:
-    """Return the mean powers of windows of ``size`` samples, ``overlap`` of them starting within each."""
+    """Return the mean powers of windows of ``size`` samples, ``overlap`` of them
+    starting within each."""
     total = np.concatenate([[0.0], np.cumsum(np.square(samples, dtype=np.float64))])
     return np.asarray((total[size:] - total[:-size])[:: max(1, size // overlap)] / size)
 
@@ -403,10 +431,12 @@ def _median(entries: Iterable[Sequence[float]]) -> tuple[float, ...]:
 
 
 def _gain_db(stroke: FloatArray, channel: int) -> int:
-    """Return by how much to turn the gain, so that the stroke keeps its headroom but is not faint.
+    """Return by how much to turn the gain, so that the stroke keeps its headroom but is
+    not faint.
 
-    Clipping hides the height of a peak; it is estimated from the quieter half: a peak is four standard deviations or
-    more, and the median of a normal distribution's absolute value is 0.6745 of one.
+    Clipping hides the height of a peak; it is estimated from the quieter half: a peak
+    is four standard deviations or more, and the median of a normal distribution's
+    absolute value is 0.6745 of one.
     """
     loud = np.abs(stroke[:, channel])
     if not loud.any():
@@ -419,7 +449,8 @@ def _gain_db(stroke: FloatArray, channel: int) -> int:
 def _faults(
     sounds: CalibrationSounds, calibration: Calibration, gain_db: Sequence[int]
 ) -> Iterator[Finding]:
-    """Yield the faults that the run-time detector finds in the three sounds, by a stricter limit for clipping."""
+    """Yield the faults that the run-time detector finds in the three sounds, by a
+    stricter limit for clipping."""
     reference = Reference(
         calibration.window_dbfs,
         calibration.floor_dbfs,
@@ -467,7 +498,8 @@ def _weaknesses(
     silence: Sequence[ChannelStatistics],
     gain_db: Sequence[int],
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the recordings, and what could be better in the set-up."""
+    """Yield what is wrong with the recordings, and what could be better in the
+    set-up."""
     levels = 10 * np.log10(
         np.maximum(
             _powers(

@@ -1,22 +1,27 @@
-"""The contact gate: detects the start and end of a touch within milliseconds, where a window of 256 ms cannot.
+"""The contact gate: detects the start and end of a touch within milliseconds, where a
+window of 256 ms cannot.
 
-A window still contains a touch 240 ms after the finger has lifted, and is only a twentieth full when the finger has
-just landed. So the gate measures the level four thousand times a second, beside the classifier. A clearly loud touch
-opens it by the level over 4 ms; any other by the level over 32 ms, because motor noise and hum sometimes rise 5 dB for
-4 ms, but not for 32. The gate closes when the longer level has fallen under the threshold.
+A window still contains a touch 240 ms after the finger has lifted, and is only a
+twentieth full when the finger has just landed. So the gate measures the level four
+thousand times a second, beside the classifier. A clearly loud touch opens it by the
+level over 4 ms; any other by the level over 32 ms, because motor noise and hum
+sometimes rise 5 dB for 4 ms, but not for 32. The gate closes when the longer level has
+fallen under the threshold.
 
-A level cannot tell motors from touch: a moving robot raises it by 3 dB, and the gate opens 2 dB over the floor. So
-sixteen bands decide, each over its own floor: motors raise few of them, and little; a touch raises many. Their
-windows are longer, so the level gate alone counts for the first 50 ms after it opens.
+A level cannot tell motors from touch: a moving robot raises it by 3 dB, and the gate
+opens 2 dB over the floor. So sixteen bands decide, each over its own floor: motors
+raise few of them, and little; a touch raises many. Their windows are longer, so the
+level gate alone counts for the first 50 ms after it opens.
 
-A robot that says when it starts and stops (`core.types.AudioBlock.moving`) is not felt then: around both, contact has
-to last before it counts.
+A robot that says when it starts and stops (`core.types.AudioBlock.moving`) is not felt
+then: around both, contact has to last before it counts.
 
-The threshold follows the noise floor (`signal.perception.noise_floor`) unless it was given or calibrated; then the
-level decides alone. A touch is held over a silence as short as that of a finger that has just landed, or of a stroke
-that turns.
+The threshold follows the noise floor (`signal.perception.noise_floor`) unless it was
+given or calibrated; then the level decides alone. A touch is held over a silence as
+short as that of a finger that has just landed, or of a stroke that turns.
 
-The paper has no such gate (it compares the level of the whole window): `feel --contact window` turns it off.
+The paper has no such gate (it compares the level of the whole window): `feel --contact
+window` turns it off.
 """
 
 import math
@@ -44,30 +49,37 @@ CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
 
 RELEASE_DB = 0.5
-"""Margin under a fixed threshold at which the slow level closes the gate. One measured in silence is 1.9 dB over noise
-that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a touch open."""
+"""Margin under a fixed threshold at which the slow level closes the gate. One measured
+in silence is 1.9 dB over noise that varies by 0.3 dB (`margin_db`): at 3 dB, that noise
+itself would keep a touch open."""
 
 SHORTEST_GATED_TOUCH = 0.03
-"""Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
+"""Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025,
+15:5057)."""
 
 TOUCH_HOLD = 0.1
 """Seconds that a touch is held over silence within it."""
 
 BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
-"""Mean over the bands of what exceeds floor and margin that begins contact, and that ends it."""
+"""Mean over the bands of what exceeds floor and margin that begins contact, and that
+ends it."""
 
 EARLY = 0.05
-"""Seconds from the opening of the level gate in which its word counts alone: the bands' windows are 64 ms long."""
+"""Seconds from the opening of the level gate in which its word counts alone: the bands'
+windows are 64 ms long."""
 
 PATIENCE = 0.011
-"""Longest time in s that sound waits while the level says what it said before: a window of the shipped models. A change
-that the bands alone tell, whose windows are six times as long, comes with the model's window."""
+"""Longest time in s that sound waits while the level says what it said before: a window
+of the shipped models. A change that the bands alone tell, whose windows are six times
+as long, comes with the model's window."""
 
 DISTRUST = 1.0
-"""Seconds after an opening that no band confirmed in which another counts for nothing: motors open the level gate."""
+"""Seconds after an opening that no band confirmed in which another counts for nothing:
+motors open the level gate."""
 
 JERK, PERSISTENT = 0.5, 0.15
-"""Seconds from a start or stop of the robot in which new contact counts only once it has lasted so long."""
+"""Seconds from a start or stop of the robot in which new contact counts only once it
+has lasted so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,13 +162,15 @@ class ContactGate:
         if not self._shared:
             self.ear.reset()
         self._steps = self._lasted = self._quiet = self._part = 0
-        # Of the level: whether it says contact, and only holds it; whether its word counts before the bands can tell.
+        # Of the level: whether it says contact, and only holds it; whether its word
+        # counts before the bands can tell.
         self._open = self._held = self._invalid = False
         self._believed, self._believed_from = False, 0
         # Of the bands: whether they are loud now, and the steps since.
         self._heard, self._silent_for = False, self._hold + 1
         self._reported = False, False
-        # Of a robot's starts and stops: until when contact has to last, since when it does, whether it still has to.
+        # Of a robot's starts and stops: until when contact has to last, since when it
+        # does, whether it still has to.
         self._moving, self._jerk_until, self._begun, self._waits = False, 0, -1, False
         if self.floor:
             self.floor.reset()
@@ -165,7 +179,8 @@ class ContactGate:
             self._move(self.floor)
 
     def begin(self, recording: RecordingFloor) -> None:
-        """Begin at the floor of a recording; where it has none or the level decides, with its threshold."""
+        """Begin at the floor of a recording; where it has none or the level decides,
+        with its threshold."""
         if self.floor and self._has_bands and recording.known:
             self.floor.begin(recording)
             self._move(self.floor)
@@ -173,7 +188,8 @@ class ContactGate:
             self.threshold.dbfs = recording.threshold_dbfs
 
     def push(self, block: AudioBlock) -> list[Contact]:
-        """Take sound; return each change of contact, and a heartbeat every second hop."""
+        """Take sound; return each change of contact, and a heartbeat every second
+        hop."""
         threshold = self.threshold
         if (
             threshold.dbfs != self._threshold_dbfs
@@ -184,7 +200,8 @@ class ContactGate:
             )  # another was assigned
         if block.moving is not self._moving:
             self._moving, self._jerk_until = block.moving, self._steps + self._jerk
-            # What begins at rest and is as young is the start itself; a landing that stops the robot is none.
+            # What begins at rest and is as young is the start itself; a landing that
+            # stops the robot is none.
             self._waits |= (
                 block.moving
                 and self._begun >= 0
@@ -201,17 +218,20 @@ class ContactGate:
         return block.samples.T[self.channel_of(block.channels) :][:1]
 
     def channel_of(self, channels: int) -> int:
-        """Return which of so many channels it hears: its microphone's, or the only one."""
+        """Return which of so many channels it hears: its microphone's, or the only
+        one."""
         return min(self.microphone, channels - 1)
 
     def share(self, ear: Ear, finger: int) -> None:
-        """Take levels of one of the fingers from an ear that hears all, and that others reset and let hear."""
+        """Take levels of one of the fingers from an ear that hears all, and that others
+        reset and let hear."""
         self.ear, self._finger, self._shared = ear, finger, True
         self.reset()
 
     @property
     def quiet(self) -> bool:
-        """Whether the level says of what was heard and not pushed what it said before; then it may wait `patience`."""
+        """Whether the level says of what was heard and not pushed what it said before;
+        then it may wait `patience`."""
         plain = (
             self.threshold.dbfs == self._threshold_dbfs
             and self.threshold.follows_floor is self._following
@@ -223,7 +243,8 @@ class ContactGate:
         )
 
     def _take(self, steps: int) -> list[Contact]:
-        """Evaluate steps one after another, and a row of the bands at each hop; return what changed."""
+        """Evaluate steps one after another, and a row of the bands at each hop; return
+        what changed."""
         finger, ear = self._finger, self.ear
         heard_slow, heard_fast, rows = (
             ear.slow[finger],
@@ -250,9 +271,11 @@ class ContactGate:
         return contacts
 
     def _stays(self, slow: list[float], fast: list[float]) -> bool:
-        """Whether the level plainly says of these steps what it said before, so that none needs a look of its own."""
-        # A comparison with NaN is false: invalid samples are looked at, and the first step after them. NaN begins at a
-        # step and lasts, longer than these steps: it is first or last.
+        """Whether the level plainly says of these steps what it said before, so that
+        none needs a look of its own."""
+        # A comparison with NaN is false: invalid samples are looked at, and the first
+        # step after them. NaN begins at a step and lasts, longer than these steps: it
+        # is first or last.
         if self._invalid or self._held:
             return False
         if not slow:
@@ -269,16 +292,19 @@ class ContactGate:
         was_open, held = self._open, self._held
         self._steps += 1
         self._lasted += 1
-        # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
+        # Every comparison with NaN is false: invalid samples close the gate at once,
+        # and keep it closed.
         self._invalid = not slow >= 0
         loud = slow >= self._open_from or fast >= self._clear_from
         if not loud and was_open and not held:
-            # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST_GATED_TOUCH` at least.
+            # Hysteresis: an open gate closes at a lower level, and a touch lasts for
+            # `SHORTEST_GATED_TOUCH` at least.
             loud = slow >= self._close_under or (
                 self._lasted < self._shortest and fast >= 0
             )
         self._quiet = 0 if loud else self._quiet + 1
-        # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
+        # A finger that has just landed, or that turns, lies still: a short silence does
+        # not end a touch.
         self._held = not loud and was_open and slow >= 0 and self._quiet <= self._hold
         self._open = loud or self._held
         if self._open and not was_open:
@@ -294,7 +320,8 @@ class ContactGate:
             self._hear(self.floor, bands)
         touching, _ = self._decide()
         if self.floor and self._following:
-            # Until the windows are full of sound, part of the levels is that of their zeros.
+            # Until the windows are full of sound, part of the levels is that of their
+            # zeros.
             full = self._steps * self._step_size >= BANDS_WINDOW * self._sample_rate
             self.floor.push(
                 level_dbfs if full else math.nan,
@@ -324,12 +351,14 @@ class ContactGate:
         if self._open and self._believed and self._lasted >= self._early:
             self._believed = False
             if self._silent_for > self._hold:
-                # The level said contact, and no band agreed: its next word counts for nothing.
+                # The level said contact, and no band agreed: its next word counts for
+                # nothing.
                 self._believed_from = self._steps + self._distrust
 
     @property
     def _by_bands(self) -> bool:
-        # Sound as loud as the highest threshold is touch, not noise, however steady it is.
+        # Sound as loud as the highest threshold is touch, not noise, however steady it
+        # is.
         known = (
             self.floor is not None
             and self.floor.known
@@ -338,7 +367,8 @@ class ContactGate:
         return known and self._has_bands and self._following
 
     def _decide(self) -> tuple[bool, bool]:
-        """Return whether there is contact, and whether it is only held: by the level, as the bands lag by a window."""
+        """Return whether there is contact, and whether it is only held: by the level,
+        as the bands lag by a window."""
         if not self._by_bands:
             return self._open, self._held
         touching = not self._invalid and (
@@ -361,7 +391,8 @@ class ContactGate:
         ]
 
     def _wait(self, touching: bool, held: bool) -> tuple[bool, bool]:
-        """Return a decision as it counts: not yet, where a robot starts or stops and the contact is young."""
+        """Return a decision as it counts: not yet, where a robot starts or stops and
+        the contact is young."""
         if not touching:
             self._begun, self._waits = -1, False
         elif self._begun < 0:

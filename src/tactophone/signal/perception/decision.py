@@ -1,4 +1,5 @@
-"""From probabilities and contact to a touch: the threshold, its hysteresis and its confirmation."""
+"""From probabilities and contact to a touch: the threshold, its hysteresis and its
+confirmation."""
 
 import math
 from dataclasses import dataclass
@@ -15,22 +16,25 @@ NEVER_ABSTAIN = 2.0
 """A probability that no *none* reaches."""
 
 FORGET_AFTER = 25
-"""Predictions without contact after which the next one is a new touch: a stroke that turns stands still, inaudible, for
-up to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
+"""Predictions without contact after which the next one is a new touch: a stroke that
+turns stands still, inaudible, for up to a quarter of a second; a finger that lifts
+stays away for longer (both on simulated strokes)."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecisionRule:
-    """When a prediction is *rough*; the defaults are the paper's: the likelier of smooth and rough, at once.
+    """When a prediction is *rough*; the defaults are the paper's: the likelier of
+    smooth and rough, at once.
 
     - ``rough_on``: rough share (see :func:`rough_share`), over 0 and under 1, from which the decision turns from smooth
       to rough.
     - ``rough_off``: rough share under which it turns back to smooth; at most ``rough_on``.
     - ``confirm``: consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough. A
-      touch that was rough before the still point of a stroke, of up to `FORGET_AFTER` predictions, is confirmed
-      already.
+      touch that was rough before the still point of a stroke, of up to `FORGET_AFTER`
+      predictions, is confirmed already.
     - ``abstain_from``: probability of *none* from which a touch is unlike any in training: it is rendered as plain
-      contact, smooth. :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none* is trained but not used.
+      contact, smooth. :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none*
+      is trained but not used.
 
     Raises `ValueError` if a value is out of range.
     """
@@ -48,7 +52,8 @@ class DecisionRule:
 
 
 class Decision:
-    """Turns the probabilities of each prediction into a touch and a roughness; keeps the last decision."""
+    """Turns the probabilities of each prediction into a touch and a roughness; keeps
+    the last decision."""
 
     def __init__(self, rule: DecisionRule) -> None:
         self._rule = rule
@@ -61,13 +66,15 @@ class Decision:
     def decide(
         self, probabilities: Probabilities, *, contact: bool
     ) -> tuple[Touch, float]:
-        """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
+        """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in
+        force.
 
-        Missing contact overrides the network, whose own *none* is trained but not used (paper, section IV-C).
+        Missing contact overrides the network, whose own *none* is trained but not used
+        (paper, section IV-C).
         """
         if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
-            # A window without contact, or with unknown sound, neither counts towards confirmation nor, for up to
-            # `FORGET_AFTER` windows, resets the decision.
+            # A window without contact, or with unknown sound, neither counts towards
+            # confirmation nor, for up to `FORGET_AFTER` windows, resets the decision.
             self._streak, self._quiet = 0, self._quiet + 1
             self._rough = self._rough and self._quiet < FORGET_AFTER
             return (Touch.SMOOTH if contact else Touch.NONE), 0.0
@@ -79,7 +86,8 @@ class Decision:
         self._rough = share >= threshold and (
             self._rough or self._streak >= self._rule.confirm
         )
-        # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where they are.
+        # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where
+        # they are.
         roughness = (
             0.5 * share / threshold
             if share < threshold
@@ -87,7 +95,8 @@ class Decision:
         )
         if self._rough:
             return Touch.ROUGH, roughness
-        # A share over the threshold that is not confirmed yet must not be rendered as rough either.
+        # A share over the threshold that is not confirmed yet must not be rendered as
+        # rough either.
         return Touch.SMOOTH, min(roughness, math.nextafter(0.5, 0))
 
 
@@ -102,7 +111,8 @@ def rough_share(probabilities: Probabilities) -> float:
 
 
 def count_bumps(rough: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> int:
-    """Count the false bumps of predictions: stretches with rough while a smooth surface is touched.
+    """Count the false bumps of predictions: stretches with rough while a smooth surface
+    is touched.
 
     >>> count_bumps(np.array([1, 1, 0, 1, 1], bool), np.array([1, 1, 1, 1, 0], bool))
     2
@@ -111,7 +121,8 @@ def count_bumps(rough: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> int:
 
 
 def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
-    """Count the dips of predictions: stretches without rough between two with it, within one touch of a rough surface.
+    """Count the dips of predictions: stretches without rough between two with it,
+    within one touch of a rough surface.
 
     >>> count_dips(np.array([1, 0, 0, 1, 0, 1], bool), np.array([1, 1, 1, 1, 0, 1], bool))
     1

@@ -1,13 +1,16 @@
-"""The detector: sound in; predictions out at every window, and whenever contact begins or ends.
+"""The detector: sound in; predictions out at every window, and whenever contact begins
+or ends.
 
-`WindowDetector` resamples, cuts windows, compares the level, runs the model's graph, decides. The paper
-classifies the last 256 ms of both microphones at every sound buffer (section III); this does so at the hop of the
-model's card. `TouchDetector` joins it with the contact gate. Predictions are bit-equal at any block size.
+`WindowDetector` resamples, cuts windows, compares the level, runs the model's graph,
+decides. The paper classifies the last 256 ms of both microphones at every sound buffer
+(section III); this does so at the hop of the model's card. `TouchDetector` joins it
+with the contact gate. Predictions are bit-equal at any block size.
 
-Several fingers share the calls of the graph, with a window of each. A detector takes a block of sound as a generator.
-Where windows fall due it yields them, and it is sent their predictions. So whoever has several detectors collects what
-all of them wait for (`process_together`), and a single detector is the case of one. Batching other
-fingers into the same call changes a finger's result only in the last bits.
+Several fingers share the calls of the graph, with a window of each. A detector takes a
+block of sound as a generator. Where windows fall due it yields them, and it is sent
+their predictions. So whoever has several detectors collects what all of them wait for
+(`process_together`), and a single detector is the case of one. Batching other fingers
+into the same call changes a finger's result only in the last bits.
 """
 
 import enum
@@ -50,23 +53,27 @@ from tactophone.signal.perception.resample import (
 )
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
-"""A detector and the windows that it waits for, oldest first: the sample after the last, and the sound."""
+"""A detector and the windows that it waits for, oldest first: the sample after the
+last, and the sound."""
 
 Processing: TypeAlias = Generator[PendingWindows, list[Prediction], list[Prediction]]
-"""A detector at work on a block: yields windows, is sent their predictions, and returns those of the block."""
+"""A detector at work on a block: yields windows, is sent their predictions, and returns
+those of the block."""
 
 
 def push_together(
     detectors: Sequence[Detector], blocks: Sequence[AudioBlock]
 ) -> list[list[Prediction]]:
-    """Let several detectors process a block each, their windows together; returns the predictions of each."""
+    """Let several detectors process a block each, their windows together; returns the
+    predictions of each."""
     return process_together(
         [_processing(*each) for each in zip(detectors, blocks, strict=True)]
     )
 
 
 def _processing(detector: Detector, block: AudioBlock) -> Processing:
-    # A detector of a user's own need not have this method, and computes its windows alone.
+    # A detector of a user's own need not have this method, and computes its windows
+    # alone.
     process: Callable[[AudioBlock], Processing] | None = getattr(
         detector, "process", None
     )
@@ -102,7 +109,8 @@ def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
     for number, (detector, _) in enumerate(pending):
         by_network.setdefault(detector.network, []).append(number)
     for numbers in by_network.values():
-        # A window of each finger at a time: what the graph remembers of a touch depends on the windows before.
+        # A window of each finger at a time: what the graph remembers of a touch depends
+        # on the windows before.
         for place in range(max(len(pending[number][1]) for number in numbers)):
             due = [number for number in numbers if place < len(pending[number][1])]
             found = _predict_one_each(
@@ -141,7 +149,8 @@ class WindowDetector:
     """Classifies a stream of sound, window by window, with a model of any kind.
 
     - ``model``: with one channel it uses the contact microphone, channel 0, unless its card says air. Some kinds are
-      trained to do without the air channel; for them, one channel less counts as digital silence.
+      trained to do without the air channel; for them, one channel less counts as
+      digital silence.
     - ``sample_rate``: of the sound to come, in Hz.
     - ``faults``: predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was
       not a probability distribution).
@@ -188,8 +197,8 @@ class WindowDetector:
         self.classify, self.state = engine.run, engine.new_state()
         """`state`: what the graph remembers of the touch."""
         self.reset()
-        # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
-        # the low-pass has all around it.
+        # Half the length of the low-pass, less a sample: the window ends *after* its
+        # last sample, which is known once the low-pass has all around it.
         self.latency: float = (
             self._resampler.latency + 1 / sample_rate - 1 / card.sample_rate
         )
@@ -219,12 +228,14 @@ class WindowDetector:
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
 
-        Raises `ModelError` if the block has fewer channels than the model needs or over two, or another rate.
+        Raises `ModelError` if the block has fewer channels than the model needs or over
+        two, or another rate.
         """
         return process_together([self.process(block)])[0]
 
     def process(self, block: AudioBlock) -> Processing:
-        """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
+        """Do as :meth:`push`, one of several detectors
+        (`tactophone.signal.perception.detector`)."""
         if block.sample_rate != self._sample_rate:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
@@ -243,7 +254,8 @@ class WindowDetector:
             )
         if self._arrived and self._arrived[0].shape[1] != channels:
             self._complete_windows()  # none: they fall due below
-        # Kept as it is until a window falls due: a packet is a quarter of a hop, and each call on it costs.
+        # Kept as it is until a window falls due: a packet is a quarter of a hop, and
+        # each call on it costs.
         self._arrived.append(samples)
         self.missing -= size
         if self.missing > 0 or not (windows := self._complete_windows()):
@@ -277,11 +289,13 @@ class WindowDetector:
     def measure(
         self, sound: FloatArray, level_dbfs: float, end: int
     ) -> tuple[float, bool]:
-        """Return the level of a window, ``(channels, samples)``, and whether that is contact.
+        """Return the level of a window, ``(channels, samples)``, and whether that is
+        contact.
 
         ``end`` is the sample after its last one.
         """
-        # As the gate stood when this window could be known, however many blocks later it is read.
+        # As the gate stood when this window could be known, however many blocks later
+        # it is read.
         gate = (
             self.contact_at(end / self.card.sample_rate + self.latency)
             if self.contact_at
@@ -303,7 +317,8 @@ class WindowDetector:
         probabilities: Probabilities,
         features: FloatArray,
     ) -> Prediction:
-        """Return the prediction of the next window, from its level and what the graph returned."""
+        """Return the prediction of the next window, from its level and what the graph
+        returned."""
         faulty = self._is_faulty(end, probabilities)
         if faulty or (
             self.no_touch and self.no_touch.push(features, probabilities, loud=loud)
@@ -326,7 +341,8 @@ class WindowDetector:
         return prediction
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
-        # The input samples that contribute to the window that ends before sample `end` at the model's rate.
+        # The input samples that contribute to the window that ends before sample `end`
+        # at the model's rate.
         ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
         first, last = (
             int((end - self.card.window_size) * ratio) - reach,
@@ -335,7 +351,8 @@ class WindowDetector:
         if self._invalid_samples.any_between(first, last + 1):
             self.faults["sound"] += 1
             return True
-        # Both comparisons with NaN are false; exp(log-softmax) in float32 sums to 1 within 1e-5.
+        # Both comparisons with NaN are false; exp(log-softmax) in float32 sums to 1
+        # within 1e-5.
         if not (abs(sum(probabilities) - 1) < 1e-3 and min(probabilities) >= 0):
             self.faults["model"] += 1
             return True
@@ -343,36 +360,41 @@ class WindowDetector:
 
 
 MAX_INTERVAL = 0.02
-"""Longest time, in s, without a prediction: where windows come more rarely, the newest one is repeated."""
+"""Longest time, in s, without a prediction: where windows come more rarely, the newest
+one is repeated."""
 
 WINDOW_MARGIN_DB = 6.0
-"""How far under the threshold the level of a window full of contact may lie for its prediction still to be used: a
-window covers eight times the sound that the gate does, so that single impacts, loud enough for the gate, count less."""
+"""How far under the threshold the level of a window full of contact may lie for its
+prediction still to be used: a window covers eight times the sound that the gate does,
+so that single impacts, loud enough for the gate, count less."""
 
 FULL_OF_CONTACT = 0.5
-"""Share of a window from which its prediction is used whatever its level. Before that the window must be as loud as
-contact: else the noise in it would be classified."""
+"""Share of a window from which its prediction is used whatever its level. Before that
+the window must be as loud as contact: else the noise in it would be classified."""
 
 PAUSE = 0.01
-"""How long (s) the last decision survives an abrupt silence. With the gate's 32 ms window, rough ends at most about
-40 ms after its sound."""
+"""How long (s) the last decision survives an abrupt silence. With the gate's 32 ms
+window, rough ends at most about 40 ms after its sound."""
 
 FADED_PAUSE = 0.08
-"""As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms (median) to 71 ms (p90)."""
+"""As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms
+(median) to 71 ms (p90)."""
 
 FADING, FADED_DB = 0.03, 12.0
 """Sound has faded where no window of the last 30 ms was 12 dB over the threshold."""
 
 LANDED = 0.04
-"""Seconds of a touch without rough: a landing clicks on a smooth surface too, and is silent afterwards."""
+"""Seconds of a touch without rough: a landing clicks on a smooth surface too, and is
+silent afterwards."""
 
 EVIDENCE, EVIDENCE_RATE = 12.0, 10.0
-"""Evidence of smooth that ends rough within a touch: at most 12, and 10 for each second for which it has been rough,
-because rough that has lasted is likely to go on, while a false bump must not be prolonged."""
+"""Evidence of smooth that ends rough within a touch: at most 12, and 10 for each second
+for which it has been rough, because rough that has lasted is likely to go on, while a
+false bump must not be prolonged."""
 
 EVIDENCE_OF_LOGIT, EVIDENCE_OF_UNKNOWN = 2.0, 0.1
-"""Evidence of a window, besides 1, for each unit by which its logit is under the threshold; and that of one whose sound
-is unknown."""
+"""Evidence of a window, besides 1, for each unit by which its logit is under the
+threshold; and that of one whose sound is unknown."""
 
 LONG_WINDOW = 0.1
 """Seconds from which a window counts as longer than what the gate measures, 32 ms."""
@@ -382,7 +404,8 @@ LONGEST_GAP = 0.25
 
 
 def begins_anew(lost: int, sample_rate: int) -> bool:
-    """Whether a stream begins anew after a jump of so many samples: back in time, or too far ahead to be joined."""
+    """Whether a stream begins anew after a jump of so many samples: back in time, or
+    too far ahead to be joined."""
     return not 0 <= lost <= LONGEST_GAP * sample_rate
 
 
@@ -410,30 +433,35 @@ TOUCH_TRANSITIONS: Mapping[TouchState, frozenset[TouchState]] = MappingProxyType
         # Invalid windows are withheld while the gate may go on touching.
         TouchState.FAULTY: frozenset(TouchState),
         TouchState.LANDING: frozenset(TouchState),
-        # Between two touches there is an update without contact, so landing never follows a decision. Only a window
-        # too quiet for the gate's threshold, early in a touch, brings it back.
+        # Between two touches there is an update without contact, so landing never
+        # follows a decision. Only a window too quiet for the gate's threshold, early in
+        # a touch, brings it back.
         TouchState.SMOOTH: frozenset(TouchState),
         TouchState.ROUGH: frozenset(TouchState) - {TouchState.LANDING},
         TouchState.PAUSED: frozenset(TouchState),
         TouchState.HELD: frozenset(TouchState),
     }
 )
-"""States of `TouchDetector` from one update to the next; what is missing never happens."""
+"""States of `TouchDetector` from one update to the next; what is missing never
+happens."""
 
 
 class TouchDetector:
     """Returns a prediction at every window and whenever contact begins or ends.
 
-    With a contact gate, the gate decides on contact, by a threshold that is given or follows the noise. The start of a
-    touch is reported at once, as smooth (a false bump is worse than a missed one), until the window is full enough of
-    contact to be classified. Where a window within a touch is too quiet to be classified, the last decision stands, and
-    rough stands until windows are evidence enough of smooth, or it would have holes (*dips*). The end of a touch is
-    reported at once, though the window still contains it. Without a gate, contact is that of the window, as in the
-    paper. Detector and gate are for sound of the same rate, and fed by this object alone; ``window`` is the length of
-    the detector's windows in s.
+    With a contact gate, the gate decides on contact, by a threshold that is given or
+    follows the noise. The start of a touch is reported at once, as smooth (a false bump
+    is worse than a missed one), until the window is full enough of contact to be
+    classified. Where a window within a touch is too quiet to be classified, the last
+    decision stands, and rough stands until windows are evidence enough of smooth, or it
+    would have holes (*dips*). The end of a touch is reported at once, though the window
+    still contains it. Without a gate, contact is that of the window, as in the paper.
+    Detector and gate are for sound of the same rate, and fed by this object alone;
+    ``window`` is the length of the detector's windows in s.
 
-    Predictions are bit-equal at any block size. Lost sound (a jump of a block's ``start``) is closed up: windows join
-    what was before it and what is after, and times follow the stream.
+    Predictions are bit-equal at any block size. Lost sound (a jump of a block's
+    ``start``) is closed up: windows join what was before it and what is after, and
+    times follow the stream.
     """
 
     def __init__(
@@ -450,7 +478,8 @@ class TouchDetector:
             detector.faults,
         )
         self.latency = detector.latency
-        # From here on all three share one threshold. While it follows the noise, it is the gate that moves it.
+        # From here on all three share one threshold. While it follows the noise, it is
+        # the gate that moves it.
         self.threshold = (
             gate.threshold
             if gate and gate.threshold.follows_floor
@@ -478,11 +507,13 @@ class TouchDetector:
 
     @property
     def floor(self) -> NoiseFloor | None:
-        """The noise floor that gate and windows follow; none where the threshold was given."""
+        """The noise floor that gate and windows follow; none where the threshold was
+        given."""
         return self.gate.floor if self.gate and self.threshold.follows_floor else None
 
     def begin(self, recording: RecordingFloor) -> None:
-        """Begin at the floor of the recording that is to come; without a gate, with its threshold."""
+        """Begin at the floor of the recording that is to come; without a gate, with its
+        threshold."""
         if self.gate:
             self.gate.begin(recording)
         else:
@@ -494,9 +525,11 @@ class TouchDetector:
         return process_together([self.process(block)])[0]
 
     def process(self, block: AudioBlock) -> Processing:
-        """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
-        # Detector and gate count the samples that they were given; predictions carry the time of the stream. So lost
-        # sound, a jump of a block's start, shifts all times after it; too long a gap begins anew.
+        """Do as :meth:`push`, one of several detectors
+        (`tactophone.signal.perception.detector`)."""
+        # Detector and gate count the samples that they were given; predictions carry
+        # the time of the stream. So lost sound, a jump of a block's start, shifts all
+        # times after it; too long a gap begins anew.
         lost = block.start - self._next
         if begins_anew(lost, block.sample_rate):
             self.reset()
@@ -544,7 +577,8 @@ class TouchDetector:
         self._begin(0)
 
     def _contact_at(self, time: float) -> Contact:
-        # Windows come in order, so what is older than the one asked for is asked for no more.
+        # Windows come in order, so what is older than the one asked for is asked for no
+        # more.
         contacts = self._contacts
         while len(contacts) > 1 and contacts[1].time <= time:
             contacts.popleft()
@@ -573,11 +607,13 @@ class TouchDetector:
     def _merge(
         self, predictions: list[Prediction], contacts: list[Contact], rate: int
     ) -> list[Prediction]:
-        """Put windows and changes of contact in the order in which they became known, to the sample."""
+        """Put windows and changes of contact in the order in which they became known,
+        to the sample."""
         events: list[tuple[int, Contact | Prediction]] = [
             (round(contact.time * rate), contact) for contact in contacts
         ]
-        # A thousandth of a sample covers the rounding of times; at odd rates windows end between two samples.
+        # A thousandth of a sample covers the rounding of times; at odd rates windows
+        # end between two samples.
         events += [
             (math.floor((window.end + self.latency) * rate + 1e-3), window)
             for window in predictions
@@ -595,7 +631,8 @@ class TouchDetector:
         return found
 
     def _persist(self, window: Prediction) -> Prediction:
-        """Let rough stand until the windows of this touch are evidence enough against it."""
+        """Let rough stand until the windows of this touch are evidence enough against
+        it."""
         if window.touch is Touch.ROUGH:
             self._against = 0.0
         if self._decided is not Touch.ROUGH or window.touch is not Touch.SMOOTH:
@@ -631,7 +668,8 @@ class TouchDetector:
         end = contact.time + self._shift - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
-        # Between two windows: the newest window's prediction, revised by contact, its bounds moved up to this moment.
+        # Between two windows: the newest window's prediction, revised by contact, its
+        # bounds moved up to this moment.
         return self._revise(
             replace(
                 self._newest, start=self._newest.start + end - self._newest.end, end=end
@@ -651,12 +689,14 @@ class TouchDetector:
             prediction.level_dbfs >= self._threshold_dbfs
             or now - self._since >= FULL_OF_CONTACT * self._window
         )
-        # A held touch may already be over, so it is rendered as smooth at most: a rough vibration would outlast the
-        # contact. So is a window that still holds more of what was before the touch.
+        # A held touch may already be over, so it is rendered as smooth at most: a rough
+        # vibration would outlast the contact. So is a window that still holds more of
+        # what was before the touch.
         if not paused and (self._held or not usable):
             self.state = TouchState.HELD if self._held else TouchState.LANDING
             return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-        # The level of a touch falls between two strokes, and where one turns: the last decision stands.
+        # The level of a touch falls between two strokes, and where one turns: the last
+        # decision stands.
         decided = (
             TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
         )

@@ -1,18 +1,24 @@
-"""Touch events by sound: taps, strokes that begin and end, slip; a knock in the air is no touch.
+"""Touch events by sound: taps, strokes that begin and end, slip; a knock in the air is
+no touch.
 
-Contact microphones separate a finger's taps by their onset (VSkin, Sun et al., CHI 2018; Acustico, Gong et al., UIST
-2020). Here an onset is a rise in 24 logarithmic bands over the loudest neighbour two steps before (SuperFlux, Böck &
-Widmer, DAFx 2013), against a threshold of median and deviation over the last half second: it looks at no later sound.
-Bands count by their excess over their own noise floor, so that the gain and the noise of a microphone do not matter.
-An onset is reported at once as *contact*, and as a *tap* when the next 80 ms are over and it was no knock in the air.
+Contact microphones separate a finger's taps by their onset (VSkin, Sun et al., CHI
+2018; Acustico, Gong et al., UIST 2020). Here an onset is a rise in 24 logarithmic bands
+over the loudest neighbour two steps before (SuperFlux, Böck & Widmer, DAFx 2013),
+against a threshold of median and deviation over the last half second: it looks at no
+later sound. Bands count by their excess over their own noise floor, so that the gain
+and the noise of a microphone do not matter. An onset is reported at once as *contact*,
+and as a *tap* when the next 80 ms are over and it was no knock in the air.
 
-What separates a touch-down from the bursts of sliding is that it comes out of rest: before it the level is steady, as
-that of noise is and that of sliding is not; nearly all of its excess rises within two steps, and it decays. And no
-other follows: grains and meshes strike a sliding tip in trains, and a finger that bounces does so more softly.
+What separates a touch-down from the bursts of sliding is that it comes out of rest:
+before it the level is steady, as that of noise is and that of sliding is not; nearly
+all of its excess rises within two steps, and it decays. And no other follows: grains
+and meshes strike a sliding tip in trains, and a finger that bounces does so more
+softly.
 
-Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*, or a *slip* if no touch-down was
-detected since the last sliding ended; its end is a *lift-off*, unless it goes on soon. A finger that rests sounds like
-one that has left: lift-off means that the sliding ended.
+Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*,
+or a *slip* if no touch-down was detected since the last sliding ended; its end is a
+*lift-off*, unless it goes on soon. A finger that rests sounds like one that has left:
+lift-off means that the sliding ended.
 """
 
 from collections import deque
@@ -36,11 +42,12 @@ EVENT_POWER_FLOOR = 1e-12
 """Power a band counts at least as, -120 dB: digital silence has no finite level."""
 
 RISE, FALL = 5.0, 15.0
-"""Speeds in dB/s at which the noise floor of a band follows its level up and down: it settles where one step in four is
-quieter, and rises by 10 dB in a stroke of 2 s."""
+"""Speeds in dB/s at which the noise floor of a band follows its level up and down: it
+settles where one step in four is quieter, and rises by 10 dB in a stroke of 2 s."""
 
 FLOOR_BIAS_DB = 2.0
-"""A band's excess counts from so far over its floor: half way to the median of noise in a band of one bin."""
+"""A band's excess counts from so far over its floor: half way to the median of noise in
+a band of one bin."""
 
 EVENT_SETTLED = 40
 """Steps, 0.1 s, from which the floor is first taken: its quarter that is quietest."""
@@ -49,45 +56,55 @@ EVENT_HISTORY = 200
 """Steps, half a second, of the adaptive threshold."""
 
 DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
-"""An onset's flux exceeds the median by six mean absolute deviations, and by 1.5 dB at least."""
+"""An onset's flux exceeds the median by six mean absolute deviations, and by 1.5 dB at
+least."""
 
 DECAYED_AFTER, CLASSIFIED_AFTER = 10, 32
-"""Steps, 25 ms, after an onset in which a tap decays; steps, 80 ms, in which no other follows."""
+"""Steps, 25 ms, after an onset in which a tap decays; steps, 80 ms, in which no other
+follows."""
 
 LIKE_IT, LIKE_IT_DB = 0.2, 10.0
-"""Another rise is of the same train if it has such a share of the sharpness and comes to within so many dB of the peak:
-a finger's bounces are softer."""
+"""Another rise is of the same train if it has such a share of the sharpness and comes
+to within so many dB of the peak: a finger's bounces are softer."""
 
 REST_FROM, REST_TO, STEADY_DB, STEADY = 52, 8, 0.8, 0.035
-"""Before an onset the excess is steady from 0.13 s to 20 ms, in which a codec smears the impact ahead: its deviation is
-under so many dB, as that of simulated noise is (0.24 to 0.74), or under so small a share of a tap's peak, which leaves
-room for an echo. A finger hardly lifts and lands again sooner; a sliding one is not so quiet where it turns. On twelve
-surfaces a sliding steel stylus brings 1 tap in 10 min, without this 282."""
+"""Before an onset the excess is steady from 0.13 s to 20 ms, in which a codec smears
+the impact ahead: its deviation is under so many dB, as that of simulated noise is (0.24
+to 0.74), or under so small a share of a tap's peak, which leaves room for an echo. A
+finger hardly lifts and lands again sooner; a sliding one is not so quiet where it
+turns. On twelve surfaces a sliding steel stylus brings 1 tap in 10 min, without this
+282."""
 
 REST_DB, LEAST_PEAK_DB = 4.0, 10.0
-"""Mean excess that steady noise stays under in nine steps of ten, simulated and in a real room: all shares are taken
-over it. The least peak of a tap: simulated ones have 13.7 dB and more, real ones 26, creeping up to 9.7."""
+"""Mean excess that steady noise stays under in nine steps of ten, simulated and in a
+real room: all shares are taken over it. The least peak of a tap: simulated ones have
+13.7 dB and more, real ones 26, creeping up to 9.7."""
 
 SHARP, IMPACT_DB, ATTACK, LATEST_PEAK = 0.83, 10.0, 2, 4
-"""Least share of a tap's peak that rises within an attack of two steps, or as many dB in them; most steps to the peak:
-a soft fingertip's comes within 10 ms. A codec spreads an impact over the 20 ms before it, so of a loud tap less than
-the share is one rise: in real ones 17 dB or more."""
+"""Least share of a tap's peak that rises within an attack of two steps, or as many dB
+in them; most steps to the peak: a soft fingertip's comes within 10 ms. A codec spreads
+an impact over the 20 ms before it, so of a loud tap less than the share is one rise: in
+real ones 17 dB or more."""
 
 RINGING, DECAYED = 0.6, 3
-"""Greatest share of a tap's peak that is left in the last steps of the 25 ms: a slip that begins at once goes on. In a
-room 0.5 is left of a real tap."""
+"""Greatest share of a tap's peak that is left in the last steps of the 25 ms: a slip
+that begins at once goes on. In a room 0.5 is left of a real tap."""
 
 CLICK_STEPS = 2
-"""A rise is reported as contact in its first or second step, if it is that of a tap so far: its peak is yet to come."""
+"""A rise is reported as contact in its first or second step, if it is that of a tap so
+far: its peak is yet to come."""
 
 SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
-"""Steps, 40 ms, over which the median excess of the bands begins sliding, and ends it."""
+"""Steps, 40 ms, over which the median excess of the bands begins sliding, and ends
+it."""
 
 TURN = 48
-"""Steps, 0.12 s, for which sliding must have ended before it is a lift-off: a finger that turns is as quiet."""
+"""Steps, 0.12 s, for which sliding must have ended before it is a lift-off: a finger
+that turns is as quiet."""
 
 QUIET_RATE, SLIDING_RATE = 0.01, 2e-4
-"""Share by which the background follows a step's level: within 0.25 s at rest, 12 s while sliding."""
+"""Share by which the background follows a step's level: within 0.25 s at rest, 12 s
+while sliding."""
 
 Floats = NDArray[np.float64]
 
@@ -125,7 +142,8 @@ class EventDetector:
         self._background: Floats = np.zeros((self._band_count, self._channels))
         self._first_levels: list[Floats] = []
         self._floor: Floats = np.zeros((self._band_count, self._channels))
-        # Of each step: excess of its bands in contact, and the mean over the bands of each channel.
+        # Of each step: excess of its bands in contact, and the mean over the bands of
+        # each channel.
         self._bands: deque[Floats] = deque(maxlen=2)
         self._means: deque[float] = deque(maxlen=EVENT_HISTORY)
         self._fluxes: deque[float] = deque(maxlen=EVENT_HISTORY)
@@ -137,11 +155,13 @@ class EventDetector:
         self._sliding, self._touched_down, self._still = False, False, 0
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
-        """Take sound; return the events that it completes, oldest first, at seconds since the stream began."""
+        """Take sound; return the events that it completes, oldest first, at seconds
+        since the stream began."""
         return [event for _, event in self.push_timed(block)]
 
     def push_timed(self, block: AudioBlock) -> list[tuple[float, TouchEvent]]:
-        """Do as :meth:`push`, and return with each event the moment in s at which it became known."""
+        """Do as :meth:`push`, and return with each event the moment in s at which it
+        became known."""
         if block.start != self._next:
             # Sound was lost: what was before is no background of what comes.
             self.reset()
@@ -164,7 +184,8 @@ class EventDetector:
         return events
 
     def _levels(self, sound: FloatArray) -> Floats:
-        """Return the level of each band and channel over a window, of which the last half is new."""
+        """Return the level of each band and channel over a window, of which the last
+        half is new."""
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
         bands = np.add.reduceat(spectrum, self._edges, axis=0)[
             : self._band_count
@@ -191,8 +212,8 @@ class EventDetector:
             and self._sharpest < flux
             and _is_sharp(flux, mean[CONTACT] - REST_DB)
         ):
-            # A sharper rise soon after an onset: what a codec smears before an impact, or a light touch before the
-            # landing, began too early.
+            # A sharper rise soon after an onset: what a codec smears before an impact,
+            # or a light touch before the landing, began too early.
             self._begin_onset(mean, flux)
         rising = self._count - self._onset < CLICK_STEPS and self._landed != self._onset
         if rising and mean[CONTACT] > LEAST_PEAK_DB and self._is_rise(mean[CONTACT]):
@@ -240,14 +261,16 @@ class EventDetector:
         return [TouchEvent("tap", self._time(self._onset))]
 
     def _is_rise(self, peak: float) -> bool:
-        """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
+        """Return whether a sharp rise out of rest made a peak, in shares of its height
+        over steady noise."""
         height = peak - REST_DB
         return self._unrest < max(STEADY_DB, STEADY * height) and _is_sharp(
             self._sharpest, height
         )
 
     def _flux(self, excess: Floats) -> float:
-        """Return the mean rise of the bands, in dB, over the loudest of three neighbours two steps before."""
+        """Return the mean rise of the bands, in dB, over the loudest of three
+        neighbours two steps before."""
         if len(self._bands) < 2:
             return 0.0
         before = self._bands[-2]
@@ -302,7 +325,8 @@ def _is_sharp(rise: float, height: float) -> bool:
 
 
 def _band_edges(size: int, rate: int) -> NDArray[np.intp]:
-    """Return the first bin of each band, and of what lies over them; fewer bands at low rates."""
+    """Return the first bin of each band, and of what lies over them; fewer bands at low
+    rates."""
     highest = min(HIGHEST, 0.45 * rate)
     edges = np.round(np.geomspace(LOWEST, highest, BANDS + 1) * size / rate).astype(
         np.intp
@@ -314,10 +338,12 @@ def _band_edges(size: int, rate: int) -> NDArray[np.intp]:
 
 
 class EventMerger:
-    """Adds a prediction for each touch event: the newest one, moved up to the event, which it carries.
+    """Adds a prediction for each touch event: the newest one, moved up to the event,
+    which it carries.
 
-    A prediction that a window brings comes every 10 ms; an event must be rendered within 5 ms. Bit-equal at any block
-    size, as events and predictions are ordered by when they became known.
+    A prediction that a window brings comes every 10 ms; an event must be rendered
+    within 5 ms. Bit-equal at any block size, as events and predictions are ordered by
+    when they became known.
     """
 
     def __init__(self, detector: EventDetector) -> None:
@@ -333,7 +359,8 @@ class EventMerger:
     def merge(
         self, block: AudioBlock, predictions: list[Prediction], *, latency: float
     ) -> Iterator[Prediction]:
-        """Yield a block's predictions, known ``latency`` s after their end, with those of its events."""
+        """Yield a block's predictions, known ``latency`` s after their end, with those
+        of its events."""
         waiting = list(predictions)
         for known, event in self._detector.push_timed(block):
             end = known - latency

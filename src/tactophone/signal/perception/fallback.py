@@ -1,8 +1,10 @@
-"""Detection with microphones that may fail: each sensor fault has a safe fallback, used as soon as it is found.
+"""Detection with microphones that may fail: each sensor fault has a safe fallback, used
+as soon as it is found.
 
-What still works is used as far as it can be trusted. Without a good air microphone the one-channel model predicts;
-with a contact microphone that clips, roughness is unknown but contact is not; where contact itself is in doubt, the
-output is silent. When the fault has healed, all is as before.
+What still works is used as far as it can be trusted. Without a good air microphone the
+one-channel model predicts; with a contact microphone that clips, roughness is unknown
+but contact is not; where contact itself is in doubt, the output is silent. When the
+fault has healed, all is as before.
 """
 
 import copy
@@ -32,7 +34,8 @@ from tactophone.signal.perception.models import fallback_model, open_detector
 from tactophone.signal.perception.noise_floor import NoiseFloor
 
 REMEMBERED_CELLS = 12
-"""Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of its beginning."""
+"""Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of
+its beginning."""
 
 
 class FallbackMode(enum.IntEnum):
@@ -61,7 +64,8 @@ _UNKNOWN = (0.0, 0.5, 0.5)
 
 
 def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode:
-    """Return the safe fallback for the present faults: that of the worst, given whether there is a ``spare`` model.
+    """Return the safe fallback for the present faults: that of the worst, given whether
+    there is a ``spare`` model.
 
     >>> fallback_mode([SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, 0)], spare=True).name
     'CONTACT_ONLY'
@@ -85,7 +89,8 @@ def with_fallback(
     reference: Reference | None = None,
     contact: ContactRule = "bands",
 ) -> "FallbackDetector":
-    """Add fallbacks to a detector of a model; with two microphones, one for the contact microphone alone stands by.
+    """Add fallbacks to a detector of a model; with two microphones, one for the contact
+    microphone alone stands by.
 
     Without the reference of the set-up's calibration, faults are found less sharply.
     """
@@ -104,8 +109,9 @@ def with_fallback(
 class FallbackDetector:
     """A detector that never relies on a faulty microphone.
 
-    ``main`` is for microphones without faults; ``spare`` uses the contact microphone alone, for when the air microphone
-    is faulty; ``None`` if there is none, or only one microphone.
+    ``main`` is for microphones without faults; ``spare`` uses the contact microphone
+    alone, for when the air microphone is faulty; ``None`` if there is none, or only one
+    microphone.
 
     - ``active``: which of the two is in use: name, latency, bandwidth and faults are its own.
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
@@ -128,8 +134,10 @@ class FallbackDetector:
         self._choose()
 
     def _choose(self) -> None:
-        """Choose the fallback for the faults that are present now, and the detector that it uses."""
-        # A model of one channel does without the second, which with a microphone on both inputs is the first again.
+        """Choose the fallback for the faults that are present now, and the detector
+        that it uses."""
+        # A model of one channel does without the second, which with a microphone on
+        # both inputs is the first again.
         single = self._main.detector.card.channels == 1
         faults = self._fault_detector.faults
         self.sensor_faults = tuple(
@@ -143,7 +151,8 @@ class FallbackDetector:
 
     @property
     def misfit(self) -> Misfit | None:
-        """What about the sound does not fit the model now; unlike a fault, it changes nothing."""
+        """What about the sound does not fit the model now; unlike a fault, it changes
+        nothing."""
         return self._main.misfit
 
     def push(self, block: AudioBlock) -> list[Prediction]:
@@ -151,7 +160,8 @@ class FallbackDetector:
         return process_together([self.process(block)])[0]
 
     def process(self, block: AudioBlock) -> Processing:
-        """Do as :meth:`push`, one of several detectors (`tactophone.signal.perception.detector`)."""
+        """Do as :meth:`push`, one of several detectors
+        (`tactophone.signal.perception.detector`)."""
         if block.start != self._next:
             self._fault_detector.reset()
             self._left = self._fault_detector.cell_size
@@ -192,7 +202,8 @@ class FallbackDetector:
             detector.reset()
 
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
-        """Cut a block where the fault detector measures, so that the mode changes at the same sample at any size."""
+        """Cut a block where the fault detector measures, so that the mode changes at
+        the same sample at any size."""
         start = 0
         while start < block.size:
             size = min(self._left, block.size - start)
@@ -213,7 +224,8 @@ class FallbackDetector:
             if not self.threshold.follows_floor:
                 active.threshold.dbfs = self.threshold.dbfs
         self._spare_in_use = active is not self._main
-        # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
+        # The main detector gets all sound, so that once the fault has healed it goes on
+        # as if there had been none.
         predictions = yield from self._main.process(part)
         if active is not self._main:
             predictions = yield from active.process(
@@ -227,7 +239,8 @@ class FallbackDetector:
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed and self._fault_detector.push(part):
             self._choose()
-            # While the contact microphone is faulty, the noise floor stays what it was before the fault was found.
+            # While the contact microphone is faulty, the noise floor stays what it was
+            # before the fault was found.
             if floor := self.active.floor:
                 if self.mode <= FallbackMode.ONE_CHANNEL:
                     self._floors.append(copy.copy(floor))

@@ -1,9 +1,11 @@
 """Whether the sound of a touch fits the model: a missing band, noise, another tip.
 
-The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
-After noise and gain are removed, touch is compared with simulated touch of the model's tip, and of soft and
-hard tips: Gaussians, wider the less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
-``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
+The windows that the detector classifies are summed up in half-octave bands, those of
+touch and those of silence apart. After noise and gain are removed, touch is compared
+with simulated touch of the model's tip, and of soft and hard tips: Gaussians, wider the
+less has been heard, which ``benchmarks/tip_sounds.py`` fits and writes to
+``models/tips.npz``. A notice is for people: it changes nothing that is rendered, and it
+ends when the sound fits again.
 """
 
 import functools
@@ -27,30 +29,34 @@ FIT_SPACING = 3
 """Every third window is taken, one in 30 ms: they hardly overlap."""
 
 LEAST, EVERY, LONG = 15, 8, 60
-"""Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s), and before one on noise, or on the
-tip while noise is unknown (1.8 s)."""
+"""Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s),
+and before one on noise, or on the tip while noise is unknown (1.8 s)."""
 
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
 
 RINGING, LEAST_NOISE = 10, 15
-"""Windows after a touch that are no silence yet, and those of silence from which its noise is known."""
+"""Windows after a touch that are no silence yet, and those of silence from which its
+noise is known."""
 
 SILENT_DB = -115.0
-"""Where the loudest band is fainter, there is no signal; digital silence has -120 dB."""
+"""Where the loudest band is fainter, there is no signal; digital silence has -120
+dB."""
 
 MISSING_DB = 20.0
-"""By how much, at least, each band over a cut-off is fainter than under the tip, beside the bands under it."""
+"""By how much, at least, each band over a cut-off is fainter than under the tip, beside
+the bands under it."""
 
 UNKNOWN_SHARE, UNKNOWN_MEMORY = 0.4, 300
-"""Share of a touch over which *unknown* is noticed, and windows over which it is measured: 3 s."""
+"""Share of a touch over which *unknown* is noticed, and windows over which it is
+measured: 3 s."""
 
 LEAST_BANDS = 3
 """Bands under a cut-off."""
 
 AUDIBLE_DB, AUDIBLE_SHARE = 3.0, 0.4
-"""Noise hides a touch that is 3 dB louder in less than this share of the bands. Simulated touches have 0.42 or more in
-a quiet room, soft rubber the least."""
+"""Noise hides a touch that is 3 dB louder in less than this share of the bands.
+Simulated touches have 0.42 or more in a quiet room, soft rubber the least."""
 
 RANGE_DB = 40.0
 """So far under a channel's loudest band, levels are not told apart."""
@@ -58,9 +64,10 @@ RANGE_DB = 40.0
 ANOTHER: Mapping[str, tuple[float, float]] = MappingProxyType(
     {"both": (4.0, 30.0), "contact": (1.0, 50.0), "air": (4.0, 20.0)}
 )
-"""Logarithm of the likelihood ratio from which, twice in a row, sound is of another tip; under 0 it is the model's own
-again. And how far from that tip's mean, by the logarithm of its likelihood, sound is of no tip: speech, a motor. For
-both microphones, and for one alone, of a soft tip's model and of a hard one's."""
+"""Logarithm of the likelihood ratio from which, twice in a row, sound is of another
+tip; under 0 it is the model's own again. And how far from that tip's mean, by the
+logarithm of its likelihood, sound is of no tip: speech, a motor. For both microphones,
+and for one alone, of a soft tip's model and of a hard one's."""
 
 
 class Misfit(NamedTuple):
@@ -72,9 +79,11 @@ class Misfit(NamedTuple):
 
 @functools.cache
 def _tips() -> dict[str, Floats]:
-    """Return for each microphone of `ANOTHER` the ``means``, soft tips before hard ones, and the covariance of all.
+    """Return for each microphone of `ANOTHER` the ``means``, soft tips before hard
+    ones, and the covariance of all.
 
-    In the coordinates ``values @ basis`` it is diagonal: 1, and ``within / n`` more for a description of ``n`` windows.
+    In the coordinates ``values @ basis`` it is diagonal: 1, and ``within / n`` more for
+    a description of ``n`` windows.
     """
     with np.load(Path(__file__).parent / "models" / "tips.npz") as file:
         return {name: np.asarray(file[name], np.float64) for name in file.files}
@@ -96,8 +105,9 @@ def _decibels(powers: Floats) -> Floats:
 class FitCheck:
     """Sums up the windows of touch and of silence, and says what does not fit.
 
-    ``name`` and ``tip`` are the model's; without a tip no sound is known to compare with, as that of a user's own
-    model. ``air``: its only channel is the air microphone.
+    ``name`` and ``tip`` are the model's; without a tip no sound is known to compare
+    with, as that of a user's own model. ``air``: its only channel is the air
+    microphone.
 
     - ``misfit``: what does not fit now, the first cause of several.
     """
@@ -111,7 +121,8 @@ class FitCheck:
             tip,
             air,
         )
-        # Read now, as a run may open no file once it goes. A tip whose sound is not in the file is not compared.
+        # Read now, as a run may open no file once it goes. A tip whose sound is not in
+        # the file is not compared.
         if tip and [*TIPS].index(tip) >= len(_tips()["both-means"]):
             self._tip = ""
         self.reset()
@@ -122,7 +133,8 @@ class FitCheck:
         self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
         self._decided_on, self._unknown = 0, 0.0
-        # Running means over windows of touch: levels, their squares, impulses of the slope.
+        # Running means over windows of touch: levels, their squares, impulses of the
+        # slope.
         self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
         self._noise = np.zeros(1)
 
@@ -159,9 +171,11 @@ class FitCheck:
         ) / self._decided_on
 
     def description(self) -> tuple[Floats, int]:
-        """Return touch less noise, whatever the gains, in dB for each channel heard, and the number of its windows.
+        """Return touch less noise, whatever the gains, in dB for each channel heard,
+        and the number of its windows.
 
-        Levels in the bands less their mean; their standard deviation; and three measures of impulses.
+        Levels in the bands less their mean; their standard deviation; and three
+        measures of impulses.
         """
         heard, levels = self._heard(), self._levels()
         level, square, impulses = self._touch
@@ -226,7 +240,8 @@ class FitCheck:
         return "both" if self._heard().sum() > 1 else "air" if self._air else "contact"
 
     def _cut_off(self) -> float:
-        """Return the frequency over which each channel lacks what touch has under this tip; 0 if there is none."""
+        """Return the frequency over which each channel lacks what touch has under this
+        tip; 0 if there is none."""
         levels = self._levels()
         means = _tips()[f"{self._microphones()}-means"][[*TIPS].index(self._tip)]
         off = levels - means[: levels.size].reshape(levels.shape)
@@ -253,8 +268,8 @@ class FitCheck:
             *tips[-1:] * (len(means) - len(tips)),
         ]  # one microphone has further rows of the last tip
         others = np.array([tip.hard != own.hard for tip in rows])
-        # Of one kind, a pad is told from rubber alone, by both microphones, and nothing else: a soft thing under a pad
-        # sounds like a hard one under rubber.
+        # Of one kind, a pad is told from rubber alone, by both microphones, and nothing
+        # else: a soft thing under a pad sounds like a hard one under rubber.
         others |= np.array([tip.impulses > own.impulses for tip in rows]) & (
             microphones == "both"
         )
@@ -283,9 +298,11 @@ class FitCheck:
 
 
 def _impulses(slopes: FloatArray) -> Floats:
-    """Return crest, kurtosis and mean absolute value of each channel, all by its RMS: ``(channels, 3)``, in dB."""
+    """Return crest, kurtosis and mean absolute value of each channel, all by its RMS:
+    ``(channels, 3)``, in dB."""
     sizes, squares = np.abs(slopes), np.square(slopes)
-    # The means of all in one call, and not by `mean`, which takes five times as long for so few.
+    # The means of all in one call, and not by `mean`, which takes five times as long
+    # for so few.
     mean, power, fourth = (
         np.add.reduce((sizes, squares, np.square(squares)), axis=2) / slopes.shape[1]
     )

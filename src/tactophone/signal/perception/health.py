@@ -1,15 +1,20 @@
-"""Health of the microphones: invalid samples, statistics of each signal, and the faults that show in them.
+"""Health of the microphones: invalid samples, statistics of each signal, and the faults
+that show in them.
 
-Invalid samples are those that no microphone can produce: NaN, infinities, and values far beyond full scale.
+Invalid samples are those that no microphone can produce: NaN, infinities, and values
+far beyond full scale.
 
-Statistics are half a second of sound in a few numbers, eight times a second. Everything is measured under 4 kHz, on
-sound averaged down to about 8 kHz, so that a codec's bandwidth does not change it; only clipping is measured on the
-original sound. Measures lie on a fixed grid of cells, whatever the block size.
+Statistics are half a second of sound in a few numbers, eight times a second. Everything
+is measured under 4 kHz, on sound averaged down to about 8 kHz, so that a codec's
+bandwidth does not change it; only clipping is measured on the original sound. Measures
+lie on a fixed grid of cells, whatever the block size.
 
-A fault is reported when its sign persists in the statistics. A contact microphone measures force, an air microphone
-acceleration: so contact sound is the louder and the duller of the two at the gains of any sensible set-up. That order
-reveals swapped microphones and a covered one. A sign is present, absent or hidden (hum under a loud stroke; a covered
-microphone in silence): a hidden one neither raises a fault nor ends it.
+A fault is reported when its sign persists in the statistics. A contact microphone
+measures force, an air microphone acceleration: so contact sound is the louder and the
+duller of the two at the gains of any sensible set-up. That order reveals swapped
+microphones and a covered one. A sign is present, absent or hidden (hum under a loud
+stroke; a covered microphone in silence): a hidden one neither raises a fault nor ends
+it.
 """
 
 import enum
@@ -28,14 +33,17 @@ from tactophone.core.microphones import AIR, CONTACT, MICROPHONES, check_channel
 from tactophone.core.types import AudioBlock, FloatArray
 
 PLAUSIBLE_PEAK = 8.0
-"""Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a broken driver or decoder."""
+"""Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a
+broken driver or decoder."""
 
 _NONE = np.empty(0, np.intp)
 
 
 def find_invalid(samples: FloatArray) -> NDArray[np.intp]:
-    """Return the indices at which any channel is invalid; ``samples`` has shape ``(samples, channels)``."""
-    # Sound with less energy than a single such sample contains none, so that most blocks need no further check.
+    """Return the indices at which any channel is invalid; ``samples`` has shape
+    ``(samples, channels)``."""
+    # Sound with less energy than a single such sample contains none, so that most
+    # blocks need no further check.
     if np.vdot(samples, samples) <= PLAUSIBLE_PEAK**2:
         return _NONE
     # Written so that a comparison with NaN, which is always false, counts as invalid.
@@ -57,7 +65,8 @@ class InvalidSampleFilter:
         self._count = 0
 
     def clean(self, samples: FloatArray) -> FloatArray:
-        """Return the next samples of the stream with invalid ones set to 0; the array itself if there are none."""
+        """Return the next samples of the stream with invalid ones set to 0; the array
+        itself if there are none."""
         here = find_invalid(samples)
         position, self._count = self._count, self._count + len(samples)
         if not len(here):
@@ -82,7 +91,8 @@ HEALTH_CELL = 0.125
 """Seconds between two measures."""
 
 CELLS = 4
-"""Cells that a measure covers: half a second separates 50 Hz from 60 Hz and holds several strokes of a wiggle."""
+"""Cells that a measure covers: half a second separates 50 Hz from 60 Hz and holds
+several strokes of a wiggle."""
 
 MAINS = (50, 60)
 """Hz."""
@@ -96,32 +106,36 @@ TREBLE_LOWEST_RATE = _BASS_RATE * _TREBLE_STEPS
 """Hz, of sound that can be measured."""
 _HARMONICS = 7
 FULL_SCALE = 0.999
-"""From here a sample is at full scale; the page's lamps have the same figure (``faces/web/static/meter.js``)."""
+"""From here a sample is at full scale; the page's lamps have the same figure
+(``faces/web/static/meter.js``)."""
 
 FAULT_CLIPPED_SHARE = 5e-3
-"""A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
+"""A recording is clipped when more than this share of one channel is: more than single
+peaks of hard strokes."""
 
 _LOUD, _LARGEST = 0.1, 4
-"""Neighbours equal over the first are against a rail, but not in quiet sound of few bits; the second is a limit."""
+"""Neighbours equal over the first are against a rail, but not in quiet sound of few
+bits; the second is a limit."""
 
 
 class ChannelStatistics(msgspec.Struct, frozen=True):
-    """Half a second of sound in numbers; one entry a channel where there are several."""
+    """Half a second of sound in numbers; one entry a channel where there are
+    several."""
 
     end: float
     """Seconds since the stream began."""
     level_dbfs: tuple[float, ...]
     treble_dbfs: tuple[float, ...]
-    """`level_dbfs` and `treble_dbfs`: RMS without the mean, and that of the difference of neighbours at 8 kHz, which
-    weighs 1 to 4 kHz most."""
+    """`level_dbfs` and `treble_dbfs`: RMS without the mean, and that of the difference
+    of neighbours at 8 kHz, which weighs 1 to 4 kHz most."""
     offset: tuple[float, ...]
     """The mean (DC), of full scale."""
     clipped: tuple[float, ...]
     """Share of samples at full scale or flat against a rail."""
     hum_dbfs: tuple[float, ...]
     masking_dbfs: tuple[float, ...]
-    """`hum_dbfs` and `masking_dbfs`: RMS of the mains' harmonics, and of the noise in the same narrow bands, which can
-    hide hum of that level."""
+    """`hum_dbfs` and `masking_dbfs`: RMS of the mains' harmonics, and of the noise in
+    the same narrow bands, which can hide hum of that level."""
     mains: int
     """50 or 60, whichever has more power in its harmonics, in Hz."""
     correlation: float
@@ -133,7 +147,8 @@ class ChannelStatistics(msgspec.Struct, frozen=True):
 
 
 class SignalStatistics:
-    """Measures a stream: blocks of any size in, a :class:`ChannelStatistics` out at each full cell.
+    """Measures a stream: blocks of any size in, a :class:`ChannelStatistics` out at
+    each full cell.
 
     >>> statistics = SignalStatistics(48_000)
     >>> tone = np.sin(2 * np.pi * 50 * np.arange(48_000) / 48_000).astype(np.float32)
@@ -169,7 +184,8 @@ class SignalStatistics:
         self._clipped: deque[NDArray[np.float64]] = deque(maxlen=CELLS)
 
     def _close(self, end: int) -> list[ChannelStatistics]:
-        # Channels first from here on: a sum over rows of two numbers takes ten times as long as one along a row.
+        # Channels first from here on: a sum over rows of two numbers takes ten times as
+        # long as one along a row.
         cell = np.ascontiguousarray(np.concatenate(self._parts).T)
         self._parts, self._filled = [], 0
         peak = np.abs(cell).max()
@@ -219,7 +235,8 @@ def _measure(
 
 
 def clipped_samples(sound: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples are at full scale or flat against a rail, of sound and in shape ``(channels, samples)``."""
+    """Return which samples are at full scale or flat against a rail, of sound and in
+    shape ``(channels, samples)``."""
     loud = np.abs(sound)
     railed: NDArray[np.bool_] = loud >= FULL_SCALE
     railed[:, 1:] |= (sound[:, 1:] == sound[:, :-1]) & (loud[:, 1:] > _LOUD)
@@ -229,18 +246,21 @@ def clipped_samples(sound: FloatArray) -> NDArray[np.bool_]:
 def _hum_powers(
     sound: NDArray[np.float64], rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the power of each mains' harmonics, and of the noise in their bands; shape ``(mains, channels)`` each."""
+    """Return the power of each mains' harmonics, and of the noise in their bands; shape
+    ``(mains, channels)`` each."""
     bass = _mean_of_neighbours(sound, _TREBLE_STEPS)
     size = bass.shape[1]
     taper, tones, noises = _harmonics(size, rate)
-    # The main lobe of a Hann window, three bins, holds all but 0.1 % of a tone; one-sided, so twice its power.
+    # The main lobe of a Hann window, three bins, holds all but 0.1 % of a tone;
+    # one-sided, so twice its power.
     power = (
         2
         * np.abs(np.fft.rfft((bass - bass.mean(axis=1)[:, None]) * taper)) ** 2
         / (size * (taper**2).sum())
     )
-    # The median of a noise bin's power, exponentially distributed, is its mean times ln 2. Of an even number of bins
-    # it is the mean of the two in the middle; `np.median` for each band takes ten times as long.
+    # The median of a noise bin's power, exponentially distributed, is its mean times ln
+    # 2. Of an even number of bins it is the mean of the two in the middle; `np.median`
+    # for each band takes ten times as long.
     middle = noises.shape[-1] // 2
     medians = np.sort(power[:, noises])[..., middle - 1 : middle + 1].mean(axis=-1)
     noise = 3 * medians / np.log(2)
@@ -252,7 +272,8 @@ def _hum_powers(
 def _harmonics(
     size: int, rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
-    """Return a taper, ``(size,)``, and the bins of tones and of noise, ``(mains, harmonics, bins)`` each."""
+    """Return a taper, ``(size,)``, and the bins of tones and of noise, ``(mains,
+    harmonics, bins)`` each."""
     centres = np.array(
         [
             [round(n * mains * size / rate) for n in range(1, _HARMONICS + 1)]
@@ -268,7 +289,8 @@ def _harmonics(
 
 
 def _mean_of_neighbours(sound: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Average each ``count`` samples to one; a sum of slices takes a fifth of the time of a mean over a short axis."""
+    """Average each ``count`` samples to one; a sum of slices takes a fifth of the time
+    of a mean over a short axis."""
     return np.asarray(sum(sound[:, n::count] for n in range(count)) / count)
 
 
@@ -287,7 +309,8 @@ def _dbfs(power: NDArray[np.float64]) -> tuple[float, ...]:
 
 
 RAISE_AFTER = 3
-"""Consecutive measures with the sign: with the half second that each covers, a fault is reported within 0.875 s."""
+"""Consecutive measures with the sign: with the half second that each covers, a fault is
+reported within 0.875 s."""
 
 HEAL_AFTER = 8
 """Consecutive measures without it: a second, so that a loose plug does not flicker."""
@@ -379,7 +402,8 @@ FAULTS = (
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Levels of a set-up without faults; the defaults hold for any set-up, less sharply."""
+    """Levels of a set-up without faults; the defaults hold for any set-up, less
+    sharply."""
 
     threshold_dbfs: float = -26.0
     """Level of the contact channel from which there is contact."""
@@ -389,16 +413,19 @@ class Reference:
     clipped: float = 0.3
     """Largest share of clipped samples that is no fault."""
     contrast_db: float = 0.0
-    """By how much contact is louder than air, in silence or during a stroke, whichever is less; 0 if unknown."""
+    """By how much contact is louder than air, in silence or during a stroke, whichever
+    is less; 0 if unknown."""
 
 
 UNCALIBRATED = Reference()
 
 DEAD_DBFS = -90.0
-"""No microphone and preamplifier is so quiet, but three steps of a 16-bit converter are."""
+"""No microphone and preamplifier is so quiet, but three steps of a 16-bit converter
+are."""
 
 DEAD_DROP_DB = 20.0
-"""Under the calibrated floor: a room may fall silent, but a microphone's own noise does not."""
+"""Under the calibrated floor: a room may fall silent, but a microphone's own noise does
+not."""
 
 FAULT_OFFSET = 0.05
 """Of full scale: -26 dBFS, the level of the paper's contact threshold."""
@@ -410,7 +437,8 @@ HARMLESS_HUM_DBFS = -45.0
 """Hum under this changes no prediction."""
 
 MAX_CORRELATION = 0.97
-"""Two microphones on one stroke reach 0.9; copies fall short of 1 only by the codec's noise."""
+"""Two microphones on one stroke reach 0.9; copies fall short of 1 only by the codec's
+noise."""
 
 _ELECTRIC = (FaultKind.DEAD, FaultKind.CLIPPED, FaultKind.OFFSET)
 _CLEAR_DB = 9.0
@@ -446,7 +474,8 @@ class FaultDetector:
         return self._statistics.cell_size
 
     def push(self, block: AudioBlock) -> bool:
-        """Take sound; return whether it completed a measure. Raises `ModelError` at over two channels."""
+        """Take sound; return whether it completed a measure. Raises `ModelError` at
+        over two channels."""
         check_channels(block.channels)
         measured = self._statistics.push(block)
         for statistics in measured:
@@ -467,9 +496,11 @@ class FaultDetector:
         self._streak = dict.fromkeys(FAULTS, 0)
 
     def _update(self, fault: SensorFault, sign: bool | None) -> None:
-        """Count measures that contradict the present state; enough of them in a row change it."""
+        """Count measures that contradict the present state; enough of them in a row
+        change it."""
         if sign is None:
-            # A hidden sign breaks the row towards a fault, but not the row towards its end.
+            # A hidden sign breaks the row towards a fault, but not the row towards its
+            # end.
             self._streak[fault] *= self._present[fault]
             return
         self._streak[fault] = (
@@ -482,10 +513,12 @@ class FaultDetector:
 def find_signs(
     statistics: ChannelStatistics, reference: Reference
 ) -> dict[SensorFault, bool | None]:
-    """Return whether the sign of each fault is present; ``None`` where it is hidden by the sound or another fault."""
+    """Return whether the sign of each fault is present; ``None`` where it is hidden by
+    the sound or another fault."""
     channels = range(len(statistics.level_dbfs))
     if max(statistics.level_dbfs) < DEAD_DBFS and reference == UNCALIBRATED:
-        # Files and paused sources are digital silence too; only a calibration gives the level of silence here.
+        # Files and paused sources are digital silence too; only a calibration gives the
+        # level of silence here.
         return dict.fromkeys(FAULTS)
     found: dict[SensorFault, bool | None] = {}
     for channel in channels:
@@ -526,7 +559,8 @@ def find_signs(
 def _shows_hum(
     statistics: ChannelStatistics, reference: Reference, channel: int
 ) -> bool | None:
-    """Hum is present when it is clear of the noise in its bands, and absent when that noise could not hide it."""
+    """Hum is present when it is clear of the noise in its bands, and absent when that
+    noise could not hide it."""
     limit = max(reference.hum_dbfs[channel] + HUM_RISE_DB, HARMLESS_HUM_DBFS)
     hum, masking = statistics.hum_dbfs[channel], statistics.masking_dbfs[channel]
     if hum > limit and hum > masking + _CLEAR_DB:
@@ -535,14 +569,17 @@ def _shows_hum(
 
 
 def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None:
-    """Whether the air microphone is under its floor, or a touch leaves it there or reaches it only as a thud.
+    """Whether the air microphone is under its floor, or a touch leaves it there or
+    reaches it only as a thud.
 
-    A thud is duller than the same touch on the contact microphone: by 1.9 dB at least over simulated objects, while a
-    free microphone is brighter, or on a glazed tile up to 0.4 dB duller.
+    A thud is duller than the same touch on the contact microphone: by 1.9 dB at least
+    over simulated objects, while a free microphone is brighter, or on a glazed tile up
+    to 0.4 dB duller.
     """
     touch_db = statistics.level_dbfs[CONTACT] - reference.threshold_dbfs
     air_db = statistics.level_dbfs[AIR] - reference.floor_dbfs[AIR]
-    # A room may have become quieter since it was calibrated; but not while something in it is touched.
+    # A room may have become quieter since it was calibrated; but not while something in
+    # it is touched.
     if air_db < (-_MARGIN_DB if touch_db > 0 else -_CLEAR_DB):
         return True
     if touch_db < _STRONG_DB:
@@ -554,9 +591,11 @@ def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None
 
 
 def _swapped(statistics: ChannelStatistics, reference: Reference) -> bool:
-    """Whether channel 1, without hum, is the louder one, and is also duller or was never the louder one at calibration.
+    """Whether channel 1, without hum, is the louder one, and is also duller or was
+    never the louder one at calibration.
 
-    Without a calibration the gains could be such that air is louder, so there it must also be duller, as contact is.
+    Without a calibration the gains could be such that air is louder, so there it must
+    also be duller, as contact is.
     """
     contact, air = (_without_hum(statistics, channel) for channel in (CONTACT, AIR))
     if air < contact + _MARGIN_DB:
@@ -572,7 +611,8 @@ def _without_hum(statistics: ChannelStatistics, channel: int) -> float:
     power = 10 ** (statistics.level_dbfs[channel] / 10) - 10 ** (
         statistics.hum_dbfs[channel] / 10
     )
-    # A hundredth of the hum escapes its bands: the rest must be above that to be anything else.
+    # A hundredth of the hum escapes its bands: the rest must be above that to be
+    # anything else.
     return 10 * math.log10(
         max(power, 0.02 * 10 ** (statistics.level_dbfs[channel] / 10))
     )

@@ -1,11 +1,13 @@
-"""The level of the contact microphone, which decides on contact: of a window, of steps of 0.25 ms, and of bands.
+"""The level of the contact microphone, which decides on contact: of a window, of steps
+of 0.25 ms, and of bands.
 
-There are three rules. The paper states an RMS level; its authors' code takes the mean of the absolute value, which is
-2 dB lower for Gaussian noise; ``banded`` leaves out hum and motors.
+There are three rules. The paper states an RMS level; its authors' code takes the mean
+of the absolute value, which is 2 dB lower for Gaussian noise; ``banded`` leaves out hum
+and motors.
 
 `StepLevels` carries a partial step over to the next packet. Steps of 0.25 ms divide
-packets of 2.5 ms. At a period of 64 samples they leave a remainder of 4 samples; with steps of 1 ms, clicks were
-detected 0.3 ms later (p50; docs/research/processor-time.md).
+packets of 2.5 ms. At a period of 64 samples they leave a remainder of 4 samples; with
+steps of 1 ms, clicks were detected 0.3 ms later (p50; docs/research/processor-time.md).
 """
 
 import functools
@@ -23,7 +25,8 @@ from tactophone.signal.perception.health import PLAUSIBLE_PEAK
 LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
 
 ZERO_DBFS = -200.0
-"""Replaces minus infinity, so that levels stay finite: below the least step of 24 bit sound (-138 dBFS)."""
+"""Replaces minus infinity, so that levels stay finite: below the least step of 24 bit
+sound (-138 dBFS)."""
 
 
 def rms_dbfs(samples: FloatArray) -> float:
@@ -38,15 +41,18 @@ def rms_dbfs(samples: FloatArray) -> float:
 
 
 def mean_absolute_dbfs(samples: FloatArray) -> float:
-    """Return the level of the mean absolute value of one channel, in dB of full scale."""
+    """Return the level of the mean absolute value of one channel, in dB of full
+    scale."""
     return _dbfs(float(np.abs(samples).mean(dtype=np.float64)))
 
 
 def banded_dbfs(samples: FloatArray) -> float:
-    """Return the RMS level of one channel between 1/32 and 1/2 of the Nyquist frequency: 250 Hz to 4 kHz at 16 kHz.
+    """Return the RMS level of one channel between 1/32 and 1/2 of the Nyquist
+    frequency: 250 Hz to 4 kHz at 16 kHz.
 
-    Hum, motors and the arm's sway are under that band, the sound of a sliding finger in it: on simulated sound it
-    detects 83 % of touching windows at 1 % false alarms, the unfiltered level 42 % (docs/research/detector.md).
+    Hum, motors and the arm's sway are under that band, the sound of a sliding finger in
+    it: on simulated sound it detects 83 % of touching windows at 1 % false alarms, the
+    unfiltered level 42 % (docs/research/detector.md).
 
     >>> hum, hiss = (np.sin(2 * np.pi * f * np.arange(512) / 512).astype(np.float32) for f in (3, 40))
     >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
@@ -58,7 +64,8 @@ def banded_dbfs(samples: FloatArray) -> float:
 
 
 def loudness(rule: LoudnessRule, channels: Sequence[FloatArray]) -> list[float]:
-    """Return the level in dBFS of each channel, of one length; spectra are computed in one call."""
+    """Return the level in dBFS of each channel, of one length; spectra are computed in
+    one call."""
     if rule != "banded" or len(channels) == 1:
         return list(map(LOUDNESS[rule], channels))
     size = len(channels[0])
@@ -85,7 +92,8 @@ def _taper(size: int) -> NDArray[np.float64]:
 
 
 def _dbfs(amplitude: float) -> float:
-    # Rounded to an inaudible 1e-6 dB, so that levels compare equal whatever the order of summation.
+    # Rounded to an inaudible 1e-6 dB, so that levels compare equal whatever the order
+    # of summation.
     return (
         max(ZERO_DBFS, round(20 * math.log10(amplitude), 6))
         if amplitude > 0
@@ -103,17 +111,19 @@ BANDED_RATE = 8000
 """Hz that ``banded`` sound is averaged down to; a step then holds two samples."""
 
 BANDED_LAG = 2
-"""Samples at 8 kHz between the two that ``banded`` subtracts: a band around 2 kHz, without offset, hum and motors
-(-22 dB at 50 Hz). Of lags 0 (all frequencies), 1, 2 and 4 and a 33-tap high-pass, it detects most touching windows of
-simulated sound at 1 % false alarms: 0.85, 0.92, 0.93, 0.93 and 0.92 (32 ms, floor known)."""
+"""Samples at 8 kHz between the two that ``banded`` subtracts: a band around 2 kHz,
+without offset, hum and motors (-22 dB at 50 Hz). Of lags 0 (all frequencies), 1, 2 and
+4 and a 33-tap high-pass, it detects most touching windows of simulated sound at 1 %
+false alarms: 0.85, 0.92, 0.93, 0.93 and 0.92 (32 ms, floor known)."""
 
 BANDED_POWER = 0.7
-"""Scales the power of differences so that simulated touches have the banded level of the windows (median; noise, which
-is brighter, lies 1 dB lower)."""
+"""Scales the power of differences so that simulated touches have the banded level of
+the windows (median; noise, which is brighter, lies 1 dB lower)."""
 
 
 class StepLevels:
-    """Measures steps of 0.25 ms, of several microphones at once; the same values at any block size.
+    """Measures steps of 0.25 ms, of several microphones at once; the same values at any
+    block size.
 
     - ``rule``: ``rms``, ``mean_absolute`` or ``banded``.
     - ``sample_rate``: in Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule
@@ -135,11 +145,13 @@ class StepLevels:
             1, round(whole_steps) if rule == "banded" else sample_rate // STEP_RATE
         )
         self.step_size = parts * self._decimation
-        # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
+        # The level is a mean of |x| to this power; so are the thresholds that it is
+        # compared with.
         self.power = 1 if rule == "mean_absolute" else 2
-        # The mean of `decimation` neighbours, a low-pass that costs little (what it lets alias is quiet in a contact
-        # sound), less the mean a lag before. As one filter, because each call on a packet costs more than its sums.
-        # Scaled so that the squares of a step's differences sum up to its power.
+        # The mean of `decimation` neighbours, a low-pass that costs little (what it
+        # lets alias is quiet in a contact sound), less the mean a lag before. As one
+        # filter, because each call on a packet costs more than its sums. Scaled so that
+        # the squares of a step's differences sum up to its power.
         mean = np.full(
             self._decimation,
             math.sqrt(BANDED_POWER / parts) / self._decimation,
@@ -149,11 +161,13 @@ class StepLevels:
             (-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean)
         )
         self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
-        # What precedes the next step and is part of its differences, and the beginning of that step; then new sound.
+        # What precedes the next step and is part of its differences, and the beginning
+        # of that step; then new sound.
         self._sound: FloatArray = np.zeros(
             (count, self._before + self.step_size + LARGEST_PIECE), np.float32
         )
-        # Of each number of steps: they always begin at the same place, and making a view takes as long as a sum.
+        # Of each number of steps: they always begin at the same place, and making a
+        # view takes as long as a sum.
         self._views: dict[int, tuple[FloatArray, FloatArray]] = {}
         self.reset()
 
@@ -166,7 +180,8 @@ class StepLevels:
         return round(duration * self._sample_rate / self.step_size)
 
     def push(self, contacts: FloatArray) -> FloatArray:
-        """Take samples, ``(count, samples)``; return power, or mean absolute value, of the steps that they complete.
+        """Take samples, ``(count, samples)``; return power, or mean absolute value, of
+        the steps that they complete.
 
         A step with invalid samples is NaN.
         """
@@ -203,7 +218,8 @@ class StepLevels:
         return np.asarray(sums / np.float32(self.step_size))
 
     def _make_views(self, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Return so many steps, and what the filter covers for each of their differences."""
+        """Return so many steps, and what the filter covers for each of their
+        differences."""
         rows, (far, one) = len(self._sound), self._sound.strides
         new = np.ndarray(
             (rows, steps, self.step_size),
@@ -223,11 +239,12 @@ class StepLevels:
 
 
 BANDS, LOWEST_BAND, HIGHEST_BAND = 16, 100.0, 8000.0
-"""Logarithmic bands of `BandLevels`, in Hz. From 250 Hz, 4 % less of a soft rubber tip's touch is found; up to 4 kHz
-only, motors pass for touch."""
+"""Logarithmic bands of `BandLevels`, in Hz. From 250 Hz, 4 % less of a soft rubber
+tip's touch is found; up to 4 kHz only, motors pass for touch."""
 
 BANDS_WINDOW, BANDS_HOP, BANDS_RATE = 0.064, 0.005, 16_000
-"""Seconds that a band's level covers, and about the seconds to the next; Hz that the sound is averaged down to."""
+"""Seconds that a band's level covers, and about the seconds to the next; Hz that the
+sound is averaged down to."""
 
 MOST_HOPS = 64
 """Hops of a longer block whose bands are measured at once."""
@@ -237,9 +254,11 @@ FAINTEST_POWER = 1e-14
 
 
 class BandLevels:
-    """Measures the level of bands every 5 ms, each over the 64 ms before; the same values at any block size.
+    """Measures the level of bands every 5 ms, each over the 64 ms before; the same
+    values at any block size.
 
-    ``hop`` is the number of samples from one row of levels to the next, ``count`` of microphones measured at once.
+    ``hop`` is the number of samples from one row of levels to the next, ``count`` of
+    microphones measured at once.
 
     >>> levels = BandLevels(48_000, hop=240)
     >>> [rows.shape for rows in levels.push(np.zeros((1, 500), np.float32))]
@@ -268,7 +287,8 @@ class BandLevels:
         self._rest = np.zeros((self._count, 0), np.float32)
 
     def push(self, contacts: FloatArray) -> list[FloatArray]:
-        """Take samples, ``(count, samples)``; return the levels in dBFS, ``(count, BANDS)``, of each hop they complete.
+        """Take samples, ``(count, samples)``; return the levels in dBFS, ``(count,
+        BANDS)``, of each hop they complete.
 
         While a window holds an invalid sample they are NaN.
         """
@@ -299,7 +319,8 @@ class BandLevels:
             return [
                 np.full((count, BANDS), 10 * np.log10(FAINTEST_POWER), np.float32)
             ] * steps
-        # As `sliding_window_view`, which takes as long as the rest of this for a single hop.
+        # As `sliding_window_view`, which takes as long as the rest of this for a single
+        # hop.
         windows = np.ndarray(
             (count, steps, size),
             np.float32,
@@ -317,14 +338,16 @@ class BandLevels:
 
 
 FAST, SLOW = 0.004, 0.032
-"""Seconds that the two levels of `Ear` cover: half a period of 125 Hz, and a period of 31 Hz."""
+"""Seconds that the two levels of `Ear` cover: half a period of 125 Hz, and a period of
+31 Hz."""
 
 MOST_STEPS = 64
 """Steps of a longer block that are taken at once."""
 
 
 class Ear:
-    """Measures what the contact gates of all fingers decide by, in one call for all, and keeps it until they take it.
+    """Measures what the contact gates of all fingers decide by, in one call for all,
+    and keeps it until they take it.
 
     - ``steps``: measures steps.
     - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of the steps not taken yet.
@@ -370,7 +393,8 @@ class Ear:
         return Ear(rule, sample_rate=sample_rate, bands=bands, count=count)
 
     def hear(self, contacts: FloatArray) -> None:
-        """Take samples, shape ``(count, samples)``; the steps of the first `ahead` of them were heard already."""
+        """Take samples, shape ``(count, samples)``; the steps of the first `ahead` of
+        them were heard already."""
         if contacts.shape[1] > self.ahead:
             self._measure(contacts[:, self.ahead :])
         self.ahead = max(0, self.ahead - contacts.shape[1])
@@ -380,7 +404,8 @@ class Ear:
                 queue.append(row)
 
     def hear_ahead(self, contacts: FloatArray) -> None:
-        """Take the steps of samples now that `hear` will be given with those that follow."""
+        """Take the steps of samples now that `hear` will be given with those that
+        follow."""
         self._measure(contacts)
         self.ahead += contacts.shape[1]
 

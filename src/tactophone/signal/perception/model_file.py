@@ -1,11 +1,14 @@
-"""Model files: one ONNX file with everything that the live side needs, checked before it runs.
+"""Model files: one ONNX file with everything that the live side needs, checked before
+it runs.
 
-The graph goes from sound to probabilities: it holds the features too, and what it remembers of a touch is an input and
-an output. What the network is trained for (rate, window, hop, channels, gate) is stored in the file as a *card*, so
-that no flag of the live commands can disagree. docs/reference/model-files.md describes the format.
+The graph goes from sound to probabilities: it holds the features too, and what it
+remembers of a touch is an input and an output. What the network is trained for (rate,
+window, hop, channels, gate) is stored in the file as a *card*, so that no flag of the
+live commands can disagree. docs/reference/model-files.md describes the format.
 
-A file may come from anywhere, so every number and every operator in it has bounds. A reader of protocol buffers, a few
-lines long, checks the operators before ONNX Runtime sees the file, because even loading a graph computes parts of it.
+A file may come from anywhere, so every number and every operator in it has bounds. A
+reader of protocol buffers, a few lines long, checks the operators before ONNX Runtime
+sees the file, because even loading a graph computes parts of it.
 """
 
 import hashlib
@@ -38,12 +41,13 @@ FORMAT_VERSION = 2
 CARD_KEY = "tactophone.card"
 
 SOUND, CONTACT_INPUT, STATE = "sound", "contact", "state"
-"""Inputs: a window of each finger, ``(fingers, channels, samples)``; of graphs that remember a touch, also whether the
-finger touches (0 or 1), ``(fingers,)``, and the state, in double precision, ``(fingers, size)``: zeros at the start."""
+"""Inputs: a window of each finger, ``(fingers, channels, samples)``; of graphs that
+remember a touch, also whether the finger touches (0 or 1), ``(fingers,)``, and the
+state, in double precision, ``(fingers, size)``: zeros at the start."""
 
 LOG_PROBABILITIES, FEATURES, STATE_OUT = "log_probabilities", "features", "state_out"
-"""Outputs: of none, smooth and rough, ``(fingers, 3)``; what the classifier takes, ``(fingers, features)``; the state
-for the next window."""
+"""Outputs: of none, smooth and rough, ``(fingers, 3)``; what the classifier takes,
+``(fingers, features)``; the state for the next window."""
 
 KINDS = ("paper", "texture", "cues")
 """Of features: see :mod:`tactophone.lab.training.features`."""
@@ -68,10 +72,11 @@ class Gate:
     """
 
     threshold_dbfs: float
-    """Level from which there is contact; the paper's "slightly exceeds" the noise floor (section III-C)."""
+    """Level from which there is contact; the paper's "slightly exceeds" the noise floor
+    (section III-C)."""
     rule: LoudnessRule = "rms"
-    """How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors' code, ``banded`` without
-    hum."""
+    """How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors'
+    code, ``banded`` without hum."""
 
     def __post_init__(self) -> None:
         if self.rule not in LOUDNESS or not -200 <= self.threshold_dbfs <= 0:
@@ -91,8 +96,8 @@ class ModelCard:
     sample_rate: Annotated[int, msgspec.Meta(ge=2_000, le=192_000)]
     window_size: Annotated[int, msgspec.Meta(ge=1)]
     hop: Fraction
-    """`sample_rate`, `window_size` and `hop`: Hz, from the lowest of a detector to the highest of sound cards; samples;
-    samples, as a fraction."""
+    """`sample_rate`, `window_size` and `hop`: Hz, from the lowest of a detector to the
+    highest of sound cards; samples; samples, as a fraction."""
     channels: Annotated[int, msgspec.Meta(ge=1, le=len(MICROPHONES))]
     """2 (contact, air) or 1: see ``microphone``."""
     gate: Gate
@@ -109,11 +114,13 @@ class ModelCard:
 
     @property
     def microphone(self) -> str:
-        """The microphone that a model of one channel uses where there are two: ``contact`` or ``air``."""
+        """The microphone that a model of one channel uses where there are two:
+        ``contact`` or ``air``."""
         return str(self.settings.get("microphone", "contact"))
 
     def heard(self, samples: FloatArray) -> FloatArray:
-        """Return the channels that the model uses of sound, ``(samples, channels)``, which may have more."""
+        """Return the channels that the model uses of sound, ``(samples, channels)``,
+        which may have more."""
         first = (
             AIR
             if samples.shape[1] > self.channels and self.microphone == "air"
@@ -128,14 +135,17 @@ class ModelCard:
 
     @property
     def imported(self) -> bool:
-        """Whether another program trained it: ``tactophone model import`` names its source."""
+        """Whether another program trained it: ``tactophone model import`` names its
+        source."""
         return "source" in self.training
 
     @property
     def tip(self) -> str:
-        """The tip that the model is for, one of :data:`tactophone.core.tips.TIP_NAMES`; empty where it is unknown.
+        """The tip that the model is for, one of :data:`tactophone.core.tips.TIP_NAMES`;
+        empty where it is unknown.
 
-        A tip decides the sign of some features, so a model is for one tip, or for several of its hardness.
+        A tip decides the sign of some features, so a model is for one tip, or for
+        several of its hardness.
         """
         return str(self.settings.get("tip", ""))
 
@@ -149,7 +159,8 @@ class ModelCard:
 
     @classmethod
     def from_json(cls, text: str) -> "ModelCard":
-        """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is not a card of this format."""
+        """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is
+        not a card of this format."""
         if len(text) > MAX_CARD:
             raise ValueError(
                 f"a card of {len(text)} characters, but at most {MAX_CARD}"
@@ -194,7 +205,8 @@ class ModelCard:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Model:
-    """A model file that was read: its card, and its network ready to run on one thread."""
+    """A model file that was read: its card, and its network ready to run on one
+    thread."""
 
     card: ModelCard
     session: "onnxruntime.InferenceSession"
@@ -227,7 +239,8 @@ def read_model(path: Path) -> Model:
             f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
             "authors' published models with `tactophone model import`"
         )
-    # The fingers of a hand, and a detector and its fallback, share the network of one file: its memory, and its calls.
+    # The fingers of a hand, and a detector and its fallback, share the network of one
+    # file: its memory, and its calls.
     digest = hashlib.sha256(content).digest()
     if (model := _OPEN_MODELS.get(digest)) is not None:
         return model
@@ -237,8 +250,9 @@ def read_model(path: Path) -> Model:
         raise ModelError(
             f"{path}: not a whole ONNX model ({error}); copy or export it again"
         ) from None
-    # ONNX Runtime computes what is constant while it loads, without any limit of time. So first everything is left to
-    # the inference that is checked, and has one; folding its constants then takes no longer than that did.
+    # ONNX Runtime computes what is constant while it loads, without any limit of time.
+    # So first everything is left to the inference that is checked, and has one; folding
+    # its constants then takes no longer than that did.
     session = _session(path, content, without=["ConstantFolding"])
     card = _card(path, session)
     try:
@@ -284,13 +298,15 @@ def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
 
 
 def _options() -> "onnxruntime.SessionOptions":
-    """One thread, no spinning: the network takes a fraction of a millisecond, and other threads need the processor."""
+    """One thread, no spinning: the network takes a fraction of a millisecond, and other
+    threads need the processor."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    # Not the runtime's own format, which `check_graph` cannot read and which bytes of both kinds could pass for.
+    # Not the runtime's own format, which `check_graph` cannot read and which bytes of
+    # both kinds could pass for.
     options.add_session_config_entry("session.load_model_format", "ONNX")
     options.log_severity_level = 3
     return options
@@ -316,22 +332,26 @@ MODEL_PROBE_TIMEOUT = 5.0
 """Seconds for all inferences at reading."""
 
 SLOWEST = 0.25
-"""Seconds of processor time for one inference; the live system has a hundredth of a second."""
+"""Seconds of processor time for one inference; the live system has a hundredth of a
+second."""
 
 MODEL_TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
-"""Operators that hold graphs of their own: how long they run cannot be known beforehand."""
+"""Operators that hold graphs of their own: how long they run cannot be known
+beforehand."""
 
 _FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 _GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5
 _SUBGRAPHS = {6, 11}
-"""Field numbers of ONNX's ModelProto, GraphProto and NodeProto, and those of AttributeProto that hold graphs."""
+"""Field numbers of ONNX's ModelProto, GraphProto and NodeProto, and those of
+AttributeProto that hold graphs."""
 
 
 def check_graph(content: bytes) -> None:
-    """Raise `ValueError` for a file with control flow or functions, or one that is no ONNX file."""
+    """Raise `ValueError` for a file with control flow or functions, or one that is no
+    ONNX file."""
     for number, value in _fields(memoryview(content)):
         if number == _FUNCTION:
             raise ValueError("it defines functions of its own")
@@ -355,7 +375,8 @@ def _check_node(node: memoryview) -> None:
         for number, value in _fields(node)
         if number == _ATTRIBUTE and value is not None
     ):
-        # Also the runtime's own operators of this kind, such as searches, whatever their names will be.
+        # Also the runtime's own operators of this kind, such as searches, whatever
+        # their names will be.
         if any(number in _SUBGRAPHS for number, _ in _fields(attribute)):
             raise ValueError(
                 f"an operator with a graph of its own ({', '.join(operators)})"
@@ -363,7 +384,8 @@ def _check_node(node: memoryview) -> None:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:
-    """Yield the fields of a protocol buffer: number, and content where it has a length."""
+    """Yield the fields of a protocol buffer: number, and content where it has a
+    length."""
     at = 0
     while at < len(message):
         key, at = _varint(message, at)
@@ -407,7 +429,8 @@ def _fraction(kind: type, value: Any) -> Fraction:
 
 
 def printable(value: Any) -> Any:
-    """Replace what a terminal may interpret, such as escape sequences, in all texts of nested entries."""
+    """Replace what a terminal may interpret, such as escape sequences, in all texts of
+    nested entries."""
     match value:
         case str():
             return plain(value)
@@ -419,7 +442,8 @@ def printable(value: Any) -> Any:
 
 
 def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> None:
-    """Raise `ValueError` unless the network maps a window to one row of classes, within `MODEL_PROBE_TIMEOUT`."""
+    """Raise `ValueError` unless the network maps a window to one row of classes, within
+    `MODEL_PROBE_TIMEOUT`."""
     inputs = {each.name: each for each in session.get_inputs()}
     outputs = {each.name: each.type for each in session.get_outputs()}
     stateful = len(inputs) > 1
@@ -484,7 +508,8 @@ def _probe(
     def run() -> None:
         rng = np.random.default_rng(0)
         try:
-            # A network may be quick on silence alone, and slow or of another shape once something is touched.
+            # A network may be quick on silence alone, and slow or of another shape once
+            # something is touched.
             for loudness in (0, 0.001, 0.01, 0.1, 1):
                 noise = (loudness * rng.standard_normal(zeros[SOUND].shape)).astype(
                     np.float32
@@ -517,10 +542,12 @@ def _probe(
 
 
 class Engine:
-    """Turns windows into probabilities; input and output arrays are allocated once for each number of fingers.
+    """Turns windows into probabilities; input and output arrays are allocated once for
+    each number of fingers.
 
-    A network whose file names the number of fingers instead of stating 1 computes all at once; each finger's result may
-    then differ by its last bits from what it is alone (by under 1e-5, a test holds). For others, each is a call.
+    A network whose file names the number of fingers instead of stating 1 computes all
+    at once; each finger's result may then differ by its last bits from what it is alone
+    (by under 1e-5, a test holds). For others, each is a call.
     """
 
     def __init__(self, session: "onnxruntime.InferenceSession") -> None:
@@ -541,10 +568,12 @@ class Engine:
         contact: Sequence[bool],
         states: Sequence[Any],
     ) -> list[tuple[Probabilities, FloatArray]]:
-        """Return the probabilities of none, smooth and rough for each finger, and the features that they follow from.
+        """Return the probabilities of none, smooth and rough for each finger, and the
+        features that they follow from.
 
-        Each finger's sound has the shape ``(channels, samples)``; its state is changed in place. A broken network
-        returns NaN, or numbers that do not sum to 1: the caller checks. The features are valid until the next run.
+        Each finger's sound has the shape ``(channels, samples)``; its state is changed
+        in place. A broken network returns NaN, or numbers that do not sum to 1: the
+        caller checks. The features are valid until the next run.
         """
         if self._alone and len(sound) > 1:
             parts = (
@@ -579,7 +608,8 @@ class Engine:
         if STATE in arrays:
             for row, state in zip(arrays[STATE_OUT], states, strict=True):
                 state[:] = row
-        # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
+        # exp of an invalid value far over 0 would overflow; capped at e it still fails
+        # the caller's check.
         probabilities = [
             (
                 math.exp(min(none, 1.0)),
@@ -591,7 +621,8 @@ class Engine:
         return list(zip(probabilities, arrays[FEATURES], strict=True))
 
     def _bind(self, count: int) -> tuple["onnxruntime.IOBinding", dict[str, Any]]:
-        # Bound once: naming and wrapping the arrays at every run takes longer than a small network itself.
+        # Bound once: naming and wrapping the arrays at every run takes longer than a
+        # small network itself.
         binding, arrays = self._session.io_binding(), {}
         for name, sizes in self._sizes.items():
             kind: Any = np.float64 if name in (STATE, STATE_OUT) else np.float32

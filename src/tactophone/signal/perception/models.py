@@ -1,4 +1,5 @@
-"""Opens a detector by name or path: the models inside the package, and files of the user's own."""
+"""Opens a detector by name or path: the models inside the package, and files of the
+user's own."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -49,7 +50,8 @@ def model_path(name: str) -> Path:
 
 
 def default_model(tip: str = DEFAULT_TIP) -> str:
-    """Return the name of the shipped model for a tip; each works with one channel as with two.
+    """Return the name of the shipped model for a tip; each works with one channel as
+    with two.
 
     A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
     """
@@ -61,9 +63,11 @@ def _model_for(tip: str) -> str:
 
 
 def tip_mismatch(card: ModelCard, tip: str) -> str:
-    """Return what is wrong with a model for a tip, and what to do; empty if they fit or the card names no tip.
+    """Return what is wrong with a model for a tip, and what to do; empty if they fit or
+    the card names no tip.
 
-    A tip decides the sign of some features: what is rough under one may come out smooth under another.
+    A tip decides the sign of some features: what is rough under one may come out smooth
+    under another.
     """
     if not card.tip or card.tip == tip or _model_for(tip) == _model_for(card.tip):
         return ""
@@ -77,9 +81,11 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
 
 
 def fallback_model(name: str) -> str | None:
-    """Return the model that replaces another where only the contact microphone works; itself, if it can.
+    """Return the model that replaces another where only the contact microphone works;
+    itself, if it can.
 
-    There is none for kinds that need both microphones and measure contact by another rule than the paper's.
+    There is none for kinds that need both microphones and measure contact by another
+    rule than the paper's.
     """
     kind = read_model(model_path(name)).card.kind
     if kind in SUPPORTS_MISSING_CHANNEL:
@@ -103,11 +109,11 @@ def open_detector(
     sample_rate
         In Hz.
     contact
-        What decides on contact: a gate, by ``bands`` or by its ``level`` alone, within milliseconds; or the level of a
-        whole ``window``, as in the paper.
+        What decides on contact: a gate, by ``bands`` or by its ``level`` alone, within
+        milliseconds; or the level of a whole ``window``, as in the paper.
     follow_floor
-        Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
-        threshold ends that, and the level decides.
+        Whether the contact gate's threshold begins at the model's own and then follows
+        the noise floor; assigning a threshold ends that, and the level decides.
 
     Raises
     ------
@@ -136,7 +142,8 @@ def open_detector(
 
 
 def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector | None:
-    """Open the detector that another package has registered under a name; ``None`` if it is a model's."""
+    """Open the detector that another package has registered under a name; ``None`` if
+    it is a model's."""
     if (
         name in shipped_models()
         or Path(name).is_file()
@@ -154,7 +161,8 @@ def with_gate(
     follow_floor: bool = False,
     bands: bool = True,
 ) -> TouchDetector:
-    """Join a detector and a contact gate of its model's threshold, which begins there and may follow the noise."""
+    """Join a detector and a contact gate of its model's threshold, which begins there
+    and may follow the noise."""
     contact = detector.card.gate
     floor = (
         NoiseFloor(contact.threshold_dbfs, spread_db=SPREAD_DB[contact.rule])

@@ -1,8 +1,10 @@
-"""Whether an air microphone hears something that is no touch: speech, rain, typing, claps.
+"""Whether an air microphone hears something that is no touch: speech, rain, typing,
+claps.
 
-A hard tip's model takes their clicks for strikes. Where it says rough, a logistic regression on its features tells them
-from touch (weights: ``benchmarks/no_touch.py --fit``). Such a window counts as unknown; once they prevail, touch is
-smooth until the sound is a touch again.
+A hard tip's model takes their clicks for strikes. Where it says rough, a logistic
+regression on its features tells them from touch (weights: ``benchmarks/no_touch.py
+--fit``). Such a window counts as unknown; once they prevail, touch is smooth until the
+sound is a touch again.
 """
 
 from pathlib import Path
@@ -15,10 +17,12 @@ SCORE_LIMIT = 4.0
 """Greatest score of a window for or against: no single one decides."""
 
 NOTICE_MEMORY, END_MEMORY = 40, 200
-"""Windows of sound after which the weight of one has fallen to 1/e, before a notice (0.4 s) and during one (2 s)."""
+"""Windows of sound after which the weight of one has fallen to 1/e, before a notice
+(0.4 s) and during one (2 s)."""
 
 NOTICE_FROM, END_UNDER = -1.5, -3.0
-"""Mean scores of rough windows from which it is noticed, and of all under which that ends; touch is near -4."""
+"""Mean scores of rough windows from which it is noticed, and of all under which that
+ends; touch is near -4."""
 
 NO_TOUCH_TEXT = (
     "this sounds like speech, rain or typing, not like touch, so rough is not rendered: move the air microphone to the "
@@ -27,7 +31,8 @@ NO_TOUCH_TEXT = (
 
 
 class NoTouchCheck:
-    """Scores the windows of one detector; ``noticed``: whether the sound of late is no touch."""
+    """Scores the windows of one detector; ``noticed``: whether the sound of late is no
+    touch."""
 
     def __init__(self, weights: FloatArray, bias: float) -> None:
         self._weights, self._bias = np.asarray(weights, np.float32), bias
@@ -44,7 +49,8 @@ class NoTouchCheck:
         *,
         loud: bool,
     ) -> bool:
-        """Take a window and what the model makes of it; return whether it, or the sound of late, is no touch."""
+        """Take a window and what the model makes of it; return whether it, or the sound
+        of late, is no touch."""
         rough = probabilities[Touch.ROUGH] > probabilities[Touch.SMOOTH]
         if not (loud and (rough or self.noticed) and np.isfinite(features).all()):
             return self.noticed

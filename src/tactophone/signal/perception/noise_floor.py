@@ -1,18 +1,21 @@
-"""The noise floor of the contact microphone: the one that gate and windows read; then the floor of a recording.
+"""The noise floor of the contact microphone: the one that gate and windows read; then
+the floor of a recording.
 
-A threshold in dBFS is right for one gain and one room. So sound is compared with its own noise: the level of each of
-sixteen bands, and that of the gate, has a floor that follows it. It settles where one level in six is quieter.
+A threshold in dBFS is right for one gain and one room. So sound is compared with its
+own noise: the level of each of sixteen bands, and that of the gate, has a floor that
+follows it. It settles where one level in six is quieter.
 
 What bounds it:
 
 - A touch slows its rise, so that a long stroke is not learnt as noise.
 - Noise that becomes louder at once is contact at first. If it stays steady for `LONGEST_TOUCH` s it is noise; for
-  `KNOWN_AGAIN` s if the floor has been as high before, as after a loose plug that was pushed back.
+  `KNOWN_AGAIN` s if the floor has been as high before, as after a loose plug that was
+  pushed back.
 - Digital silence is no floor: a source that pauses or a plug that is out must not make the gate open at its return.
 - The gate's threshold stays between `LOWEST_DBFS` and `HIGHEST_DBFS`.
 
-A recording can be read twice: `measure_floor` finds the floor of its quietest steady stretches, from which the live
-one begins.
+A recording can be read twice: `measure_floor` finds the floor of its quietest steady
+stretches, from which the live one begins.
 """
 
 import functools
@@ -50,10 +53,12 @@ FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
 SHORTEST_ALARM = 0.132
-"""Seconds that a false alarm lasts at least: what the gate measures, and its hold (`TOUCH_HOLD`)."""
+"""Seconds that a false alarm lasts at least: what the gate measures, and its hold
+(`TOUCH_HOLD`)."""
 
 RELEASE_SHARE = 0.2
-"""Of the margin: a touch ends where the level is so far under the threshold, still over most of the noise."""
+"""Of the margin: a touch ends where the level is so far under the threshold, still over
+most of the noise."""
 
 START_RELEASE_DB = 3.0
 """The same in dB until the floor is known."""
@@ -62,19 +67,23 @@ FLOOR_CELL = 20
 """Levels of a recording, 0.2 s, that are evaluated together."""
 
 START_HOPS = 80
-"""Levels, 0.4 s, in which the floor is first measured, as recordings begin with half a second of silence or less."""
+"""Levels, 0.4 s, in which the floor is first measured, as recordings begin with half a
+second of silence or less."""
 
 SPREAD_DB: Mapping[LoudnessRule, float] = MappingProxyType(
     {"banded": 1.0, "rms": 2.4, "mean_absolute": 2.4}
 )
-"""Standard deviation within a cell up to which it may be noise: on simulated silence it is 0.34 (at most 0.66) by the
-rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum and motors in it; on simulated touches 3.4 (median)."""
+"""Standard deviation within a cell up to which it may be noise: on simulated silence it
+is 0.34 (at most 0.66) by the rule ``banded`` and 1.2 (2.3) by ``rms``, which has hum
+and motors in it; on simulated touches 3.4 (median)."""
 
 STEADY_DB = 0.8
-"""Standard deviation of means over 0.2 s, five of them, in the median band up to which contact may be noise."""
+"""Standard deviation of means over 0.2 s, five of them, in the median band up to which
+contact may be noise."""
 
 LONGEST_TOUCH = 10.0
-"""Seconds of steady contact after which it is taken as noise; a hand cannot slide so evenly, an arm may."""
+"""Seconds of steady contact after which it is taken as noise; a hand cannot slide so
+evenly, an arm may."""
 
 KNOWN_AGAIN = 1.0
 """The same where the floor has been as high before."""
@@ -83,10 +92,12 @@ FALL, RISE, RISE_TOUCHED = 10.0, 2.0, 0.2
 """Most that the floor moves in dB/s: down, up, and up while touching."""
 
 APPROACH = 0.05
-"""Share of the difference to its level that the floor moves in a hop, within those bounds."""
+"""Share of the difference to its level that the floor moves in a hop, within those
+bounds."""
 
 QUIETER = 0.25
-"""Quantile of the levels that is the floor at the start, and after contact that was noise."""
+"""Quantile of the levels that is the floor at the start, and after contact that was
+noise."""
 
 SPREAD_SHARE = 0.002
 """Share by which the estimate of the noise's variance follows a level: within 2.5 s."""
@@ -95,8 +106,9 @@ FORGET_DB = 1.25e-4
 """By how much a hop lowers the highest floor that is remembered: 1.5 dB a minute."""
 
 BAND_MARGIN_DB = 5.0
-"""How far over its floor a band is heard. It is an edge, not a plateau: with 4 dB the motors of the one robot arm that
-was recorded are heard for half of the time (docs/research/contact.md)."""
+"""How far over its floor a band is heard. It is an edge, not a plateau: with 4 dB the
+motors of the one robot arm that was recorded are heard for half of the time
+(docs/research/contact.md)."""
 
 LOWEST_FLOOR_DBFS = -125.0
 """Of a band."""
@@ -105,29 +117,33 @@ SAME_DB = 2.0
 """Noise that is so little over a floor remembered may be that noise again."""
 
 LEAST_DB, MOST_DB = 0.3, 2.5
-"""Bounds of the noise's standard deviation, or a few odd cells would make the margin useless."""
+"""Bounds of the noise's standard deviation, or a few odd cells would make the margin
+useless."""
 
 HEAVY_TAIL = 10.0
-"""How many times as often as gamma noise real noise with hum, motors and a room exceeds a level."""
+"""How many times as often as gamma noise real noise with hum, motors and a room exceeds
+a level."""
 
 FLOOR_DRIFT_DB = 0.5
 """Noise floors change by as much from one minute to the next."""
 
 LOWEST_DBFS, HIGHEST_DBFS = -90.0, -12.0
-"""Bounds of the threshold: under the noise of good converters, and where no touch could be louder than noise."""
+"""Bounds of the threshold: under the noise of good converters, and where no touch could
+be louder than noise."""
 
 FLOOR_SILENT_DBFS = -120.0
 """Level under which there is no microphone: the last bit of 16 is at -98 dBFS."""
 
 FLOOR_WINDOW = SLOW
-"""Seconds that one level covers: as the slow one of the gate, whose threshold follows it."""
+"""Seconds that one level covers: as the slow one of the gate, whose threshold follows
+it."""
 
 
 class NoiseFloor:
     """Follows the level of the gate, and of the bands where there are any, every 5 ms.
 
-    ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of the
-    gate's level by which it may be noise, see `SPREAD_DB`.
+    ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest
+    standard deviation of the gate's level by which it may be noise, see `SPREAD_DB`.
 
     - ``threshold_dbfs``, ``release_dbfs``: the gate's threshold now, and the level under which a touch ends.
     - ``known``: whether the floor has been measured.
@@ -150,7 +166,8 @@ class NoiseFloor:
     _begin: "RecordingFloor | None"
 
     def reset(self) -> None:
-        """Return to the initial state: the floor is unknown, or that of the recording that is read."""
+        """Return to the initial state: the floor is unknown, or that of the recording
+        that is read."""
         self.threshold_dbfs = self._start_dbfs
         self.release_dbfs = self._start_dbfs - START_RELEASE_DB
         self.known = False
@@ -179,7 +196,8 @@ class NoiseFloor:
         return self._levels[:-1]
 
     def adopt(self, other: "NoiseFloor") -> None:
-        """Take over another's floor, measured on the same microphone by the same rule."""
+        """Take over another's floor, measured on the same microphone by the same
+        rule."""
         self.threshold_dbfs, self.release_dbfs, self.known = (
             other.threshold_dbfs,
             other.release_dbfs,
@@ -195,7 +213,8 @@ class NoiseFloor:
     def push(
         self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool
     ) -> None:
-        """Take the next levels, whether there is contact, and whether the gate's own level says so.
+        """Take the next levels, whether there is contact, and whether the gate's own
+        level says so.
 
         A level of NaN stands for sound that is not to be used.
         """
@@ -245,7 +264,8 @@ class NoiseFloor:
         self._update()
 
     def _follow(self, levels: Floats, *, touching: bool, loud: bool) -> None:
-        """Move the floor a little towards the levels; falling is always right, as nothing is quieter than silence."""
+        """Move the floor a little towards the levels; falling is always right, as
+        nothing is quieter than silence."""
         away = levels - self._levels
         over = float(away[-1])
         # Not `np.clip`, which takes three times as long for so few.
@@ -257,7 +277,8 @@ class NoiseFloor:
             move[-1] = min(move[-1], RISE_TOUCHED * BANDS_HOP)
         self._levels = np.maximum(self._levels + move, LOWEST_FLOOR_DBFS)
         if not touching and over < 2 * MOST_DB:
-            # The floor lies a standard deviation under the mean, so half of the mean square over it is the variance.
+            # The floor lies a standard deviation under the mean, so half of the mean
+            # square over it is the variance.
             self._variance = _bounded(
                 self._variance + SPREAD_SHARE * (over * over / 2 - self._variance)
             )
@@ -275,8 +296,9 @@ class NoiseFloor:
 def margin_db(spread_db: float, false_alarms: float) -> float:
     """Return how far over its mean, in dB, noise is contact for a share of the time.
 
-    The power of noise is gamma distributed, with a shape that follows from the standard deviation of its level; its
-    quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts `SHORTEST_ALARM`.
+    The power of noise is gamma distributed, with a shape that follows from the standard
+    deviation of its level; its quantile is Wilson and Hilferty's (Proc. Natl. Acad.
+    Sci. 17, 684, 1931). Each exceedance lasts `SHORTEST_ALARM`.
 
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
     (2.12, 4.78)
@@ -307,11 +329,13 @@ LEAST_CELLS = 2
 """Steady cells (0.2 s each) that show a floor: strokes have single ones too."""
 
 UNDER_DB, MOST_UNDER = 3.0, 0.02
-"""Nothing is quieter than silence: the share of levels that may lie so far under the floor. Of steady simulated noise
-none does; a stroke that was steady for a moment has quieter ones before and after."""
+"""Nothing is quieter than silence: the share of levels that may lie so far under the
+floor. Of steady simulated noise none does; a stroke that was steady for a moment has
+quieter ones before and after."""
 
 FLOOR_FADE = 10
-"""Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter than silence."""
+"""Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter
+than silence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,7 +343,8 @@ class RecordingFloor:
     """What a recording shows of its noise."""
 
     threshold_dbfs: float
-    """Contact threshold; where the floor is unknown, the lowest: all sound is contact."""
+    """Contact threshold; where the floor is unknown, the lowest: all sound is
+    contact."""
     floor_dbfs: float
     """Level of the noise; NaN where it is unknown."""
     loudest_dbfs: float
@@ -343,7 +368,8 @@ def measure_floor(
 ) -> RecordingFloor:
     """Measure the noise floor of a recording.
 
-    ``false_alarms`` is the wanted share of the time without contact that counts as contact.
+    ``false_alarms`` is the wanted share of the time without contact that counts as
+    contact.
     """
     levels, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
     starts = range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2)
@@ -383,7 +409,8 @@ def measure_floor(
 def _levels(
     blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule
 ) -> tuple[list[float], Floats]:
-    """Return the level over 32 ms in dBFS a hundred times a second, without digital silence, and those of the bands."""
+    """Return the level over 32 ms in dBFS a hundred times a second, without digital
+    silence, and those of the bands."""
     steps = StepLevels(rule, sample_rate=sample_rate)
     every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)

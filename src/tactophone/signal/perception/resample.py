@@ -1,17 +1,22 @@
-"""Resamples sound to the rate of a model and cuts it into windows, bit-equal at any block size.
+"""Resamples sound to the rate of a model and cuts it into windows, bit-equal at any
+block size.
 
-A rational resampler: between two rates in lowest terms ``up / down``, output sample ``n`` lies at input position
-``n * down / up``, and is the sum of the input samples around it, weighted by a windowed sinc whose cut-off is just
-under the lower of the two Nyquist frequencies. There are ``up`` sets of weights, one for each fractional position.
+A rational resampler: between two rates in lowest terms ``up / down``, output sample
+``n`` lies at input position ``n * down / up``, and is the sum of the input samples
+around it, weighted by a windowed sinc whose cut-off is just under the lower of the two
+Nyquist frequencies. There are ``up`` sets of weights, one for each fractional position.
 
-For 48 to 2 kHz the kernel is that of the paper's authors (torchaudio's default: a Hann-windowed sinc of six zeros a
-side, rolling off at 0.99 of the Nyquist frequency): 293 taps, half of which are the delay of 3.04 ms.
+For 48 to 2 kHz the kernel is that of the paper's authors (torchaudio's default: a
+Hann-windowed sinc of six zeros a side, rolling off at 0.99 of the Nyquist frequency):
+293 taps, half of which are the delay of 3.04 ms.
 
-Library resamplers do not serve here: soxr's stream delays sound by 150 to 600 ms at this ratio (measured).
+Library resamplers do not serve here: soxr's stream delays sound by 150 to 600 ms at
+this ratio (measured).
 
-Window ``k`` ends ``size + floor(k * hop)`` samples into the stream. The hop is a fraction because the paper classifies
-at every sound buffer: 512 samples at 48 kHz are 21 1/3 samples at 2 kHz, so that its windows end 21 or 22 samples
-apart. Every window is full of real sound: the first one ends ``size`` samples into the stream.
+Window ``k`` ends ``size + floor(k * hop)`` samples into the stream. The hop is a
+fraction because the paper classifies at every sound buffer: 512 samples at 48 kHz are
+21 1/3 samples at 2 kHz, so that its windows end 21 or 22 samples apart. Every window is
+full of real sound: the first one ends ``size`` samples into the stream.
 """
 
 import math
@@ -49,19 +54,21 @@ class Resampler:
         self.reset()
 
     def reset(self) -> None:
-        # Channels first and each contiguous, for speed. The stream is preceded by silence; `_kept` begins at input
-        # sample `_first`.
+        # Channels first and each contiguous, for speed. The stream is preceded by
+        # silence; `_kept` begins at input sample `_first`.
         self._kept: FloatArray = np.zeros((self._channels, self.reach), np.float32)
         self._first = -self.reach
         self._returned = 0
 
     def push(self, samples: FloatArray) -> FloatArray:
-        """Take sound, shape ``(samples, channels)``; return the output samples that it completes, alike."""
+        """Take sound, shape ``(samples, channels)``; return the output samples that it
+        completes, alike."""
         self._kept = np.concatenate((self._kept, samples.T), axis=1)
         return self._samples_before(self._first + self._kept.shape[1] - self.reach)
 
     def missing_until(self, end: int) -> int:
-        """Return how many more input samples must be pushed for the output samples before ``end`` to be returned.
+        """Return how many more input samples must be pushed for the output samples
+        before ``end`` to be returned.
 
         >>> resampler = Resampler(48_000, 16_000, channels=1)
         >>> silence = np.zeros((resampler.missing_until(160), 1), np.float32)
@@ -86,14 +93,17 @@ class Resampler:
         return self._samples_before(end)
 
     def _samples_before(self, position: int) -> FloatArray:
-        """Return the output samples before an input position that were not returned yet."""
+        """Return the output samples before an input position that were not returned
+        yet."""
         ready = -(-position * self._up // self._down)
         if ready <= self._returned:
             return np.empty((0, self._channels), np.float32)
-        # The input around each output sample, of shape (channels, samples, taps), and its weights.
+        # The input around each output sample, of shape (channels, samples, taps), and
+        # its weights.
         taps = self._kernels.shape[1]
         if self._up == 1:
-            # The kept sound begins with what the next output sample needs; those after it are whole hops further on.
+            # The kept sound begins with what the next output sample needs; those after
+            # it are whole hops further on.
             windows = _windows(self._kept, taps, hop=self._down)[
                 :, : ready - self._returned
             ]
@@ -105,8 +115,9 @@ class Resampler:
                 _windows(self._kept, taps, hop=1)[:, starts],
                 self._kernels[places % self._up],
             )
-        # A dot product for each sample: its rounding depends on the number of taps alone. A matrix product is faster,
-        # but its rounding changes with the number of rows.
+        # A dot product for each sample: its rounding depends on the number of taps
+        # alone. A matrix product is faster, but its rounding changes with the number of
+        # rows.
         output: FloatArray = np.vecdot(windows, weights).T
         self._returned = ready
         unneeded = max(
@@ -122,9 +133,11 @@ class Resampler:
 
 
 def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
-    """Return the weights of each fractional position, shape ``(up, taps)``; each set sums to 1.
+    """Return the weights of each fractional position, shape ``(up, taps)``; each set
+    sums to 1.
 
-    Source: windowed-sinc interpolation with a Hann window, J. O. Smith, "Digital Audio Resampling" (CCRMA, 2002).
+    Source: windowed-sinc interpolation with a Hann window, J. O. Smith, "Digital Audio
+    Resampling" (CCRMA, 2002).
 
     >>> design_kernels(48_000, 2000).shape
     (1, 293)
@@ -140,8 +153,9 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     if input_rate == output_rate:
         return np.ones((1, 1), np.float32)
     up = output_rate // math.gcd(input_rate, output_rate)
-    # The ideal low-pass is a sinc over all time; a Hann window, cos^2, ends it after six zeros a side. In input samples
-    # its zeros lie 1 / cutoff apart, so that the kernel reaches 6 / cutoff to either side.
+    # The ideal low-pass is a sinc over all time; a Hann window, cos^2, ends it after
+    # six zeros a side. In input samples its zeros lie 1 / cutoff apart, so that the
+    # kernel reaches 6 / cutoff to either side.
     cutoff = min(input_rate, output_rate) * ROLL_OFF / input_rate
     reach = math.ceil(ZERO_CROSSINGS / cutoff)
     offsets = np.arange(-reach, reach + 1) - np.arange(up)[:, None] / up
@@ -151,7 +165,8 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
 
 
 def _windows(kept: FloatArray, taps: int, *, hop: int) -> FloatArray:
-    """Return a view of stretches, shape ``(channels, starts, taps)``; NumPy's `sliding_window_view` takes longer."""
+    """Return a view of stretches, shape ``(channels, starts, taps)``; NumPy's
+    `sliding_window_view` takes longer."""
     channels, size = kept.shape
     shape = (channels, max(0, size - taps + hop) // hop, taps)
     return np.ndarray(shape, np.float32, kept, strides=(kept.strides[0], 4 * hop, 4))
@@ -184,9 +199,11 @@ class Windower:
         self._count = 0
 
     def push(self, samples: FloatArray) -> list[tuple[int, FloatArray]]:
-        """Take sound; return each completed window with the index of the sample after its last.
+        """Take sound; return each completed window with the index of the sample after
+        its last.
 
-        A window has shape ``(size, channels)`` and is a view: use it before the next push.
+        A window has shape ``(size, channels)`` and is a view: use it before the next
+        push.
         """
         if not len(samples):
             return []

@@ -1,4 +1,5 @@
-"""A player's page that sends anything: the finger is lifted, a stop stays, and no file grows."""
+"""A player's page that sends anything: the finger is lifted, a stop stays, and no file
+grows."""
 
 import asyncio
 import json
