@@ -13,10 +13,9 @@ COPY scripts/system-packages scripts/system-packages
 RUN scripts/system-packages jackd2 libopus0 libportaudio2 && rm -rf /var/lib/apt/lists/*
 
 COPY requirements/lock.txt requirements/lock.txt
-COPY pyproject.toml README.md LICENSE ./
-COPY src src
+COPY packages packages
 # The lock's versions; of its packages only those that these extras need.
-RUN pip install --no-cache-dir --constraint requirements/lock.txt '.[plot,sim,link,jack,portaudio,dashboard]'
+RUN pip install --no-cache-dir --constraint requirements/lock.txt './packages/tactophone[plot,link,jack,portaudio,dashboard]' './packages/tactophone-lab[sim]'
 
 RUN useradd --create-home tactophone && install -d -o tactophone /out
 USER tactophone

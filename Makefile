@@ -5,7 +5,8 @@ BIN     = $(VENV)/bin
 # Stamps: what the demo needs is installed, and what everything else needs, which includes it.
 DEMO    = $(VENV)/.demo
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples integrations hardware scripts/changed_tests.py scripts/docs_hooks.py scripts/moving_picture.py scripts/mutants.py scripts/paper_page.py scripts/tuning.py
+PROJECTS = packages/tactophone/pyproject.toml packages/tactophone-lab/pyproject.toml
+CODE    = conftest.py packages tests benchmarks examples integrations hardware scripts
 # One worker a core: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 CORES  := $(shell nproc)
@@ -19,10 +20,10 @@ export PYTHONDONTWRITEBYTECODE =
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
 	@$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
 
-$(DEMO): pyproject.toml requirements/demo.txt scripts/install scripts/system-packages
+$(DEMO): $(PROJECTS) requirements/demo.txt scripts/install scripts/system-packages
 	@scripts/install demo $(VENV) $(PYTHON)
 
-$(READY): pyproject.toml requirements/lock.txt scripts/install scripts/system-packages
+$(READY): $(PROJECTS) requirements/lock.txt scripts/install scripts/system-packages
 	@scripts/install test $(VENV) $(PYTHON)
 
 check: $(READY)  ## lint, types and the fast tests
@@ -32,15 +33,15 @@ check: $(READY)  ## lint, types and the fast tests
 # A room is a folder of tests and of src, on any floor: link, perception, lab.
 room: $(READY)  ## lint, types and tests of one room: make room ROOM=link
 	@$(if $(ROOM),,$(error name a room: make room ROOM=link))
-	@rooms=$$(find src/tactophone tests -type d -name '$(ROOM)' -not -path '*/node_modules/*'); \
+	@rooms=$$(find packages/*/src packages/*/tests tests -type d -name '$(ROOM)' -not -path '*/node_modules/*'); \
 	  test -n "$$rooms" || { echo "no room is named $(ROOM)" >&2; exit 1; }; set -ex; \
 	  $(BIN)/ruff check $$rooms; $(BIN)/ruff format --check $$rooms; $(BIN)/mypy; \
 	  $(PYTEST) -n $(CORES) -m 'not package' $(RERUNS) $$rooms
 
 # The unit tests are nice and fill what the realtime ones leave of the processors; the timed ones have all of them. RERUN
-# lists what had to be repeated, so that all sessions together fail at the third (tests/conftest.py). CHANGED=1 leaves out
+# lists what had to be repeated, so that all sessions together fail at the third (conftest.py). CHANGED=1 leaves out
 # the floors of tests that nothing changed since origin/main can break.
-TESTS := $(if $(CHANGED),$(shell python3 scripts/changed_tests.py),tests src)
+TESTS := $(if $(CHANGED),$(shell python3 scripts/changed_tests.py),tests packages)
 test: export TACTOPHONE_RERUN_LIST = $(abspath $(VENV))/.rerun
 test: $(READY)  ## everything that CI checks; CHANGED=1: what the changes since origin/main can break
 	@rm -f $(VENV)/.rerun
@@ -59,7 +60,7 @@ imports: $(READY)
 	$(BIN)/lint-imports
 
 fast: $(READY)
-	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package' tests
+	$(PYTEST) -n $(CORES) -m 'not realtime and not slow and not package' tests packages/*/tests
 
 unit: $(READY)
 	$(PYTEST) -n $(CORES) --dist worksteal -m 'not realtime and not package' $(TESTS)
@@ -76,9 +77,9 @@ package: $(READY)
 # each may be repeated; the summary shows why.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
-TIMED  = tests/live/runtime/test_safety.py tests/live/runtime/test_stalls.py tests/app/measurement/test_latency.py tests/cli/test_try.py \
-  tests/faces/bridges/test_osc.py tests/faces/bridges/test_ros.py tests/faces/web/test_strangers.py
-REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' $(filter tests%,$(TESTS)))))
+TIMED  = packages/tactophone/tests/live/runtime/test_safety.py packages/tactophone/tests/live/runtime/test_stalls.py packages/tactophone-lab/tests/measurement/test_latency.py packages/tactophone/tests/cli/test_try.py \
+  packages/tactophone/tests/faces/bridges/test_osc.py packages/tactophone/tests/faces/bridges/test_ros.py packages/tactophone/tests/faces/web/test_strangers.py
+REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' $(TESTS))))
 realtime: $(READY)
 	$(PYTEST) -n $(shell expr $(CORES) + 1) --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)
 
@@ -94,15 +95,15 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 
 # lerobot asks for another torch: LEROBOT=its/bin/python tests in an environment that has it (integrations/README.md).
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
-	$(PYTEST) -rs -n $(CORES) --dist worksteal integrations/*/tests tests/app/test_lerobot_readers.py
-	$(if $(LEROBOT),PYTHONPATH=src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -rs -p no:cacheprovider \
-	  integrations/lerobot_*/tests tests/app/test_lerobot.py tests/app/test_lerobot_readers.py)
+	$(PYTEST) -rs -n $(CORES) --dist worksteal integrations/*/tests packages/tactophone-lab/tests/app/test_lerobot_readers.py
+	$(if $(LEROBOT),PYTHONPATH=packages/tactophone/src:packages/tactophone-lab/src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -rs -p no:cacheprovider \
+	  integrations/lerobot_*/tests packages/tactophone-lab/tests/app/test_lerobot.py packages/tactophone-lab/tests/app/test_lerobot_readers.py)
 
 mutants: $(READY)  ## mutants of the safety code that no test of its room kills; about half an hour
 	$(BIN)/python scripts/mutants.py
 
 coverage: $(READY)
-	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered
+	$(PYTEST) -m 'not package' --cov=tactophone --cov=tactophone_lab --cov-report=term:skip-covered
 
 docs: $(READY)  ## the documentation site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

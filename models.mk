@@ -2,7 +2,7 @@
 # paper's network; each step under 15 minutes of one core. With TACTOPHONE_RECORDINGS set to a folder of real recordings,
 # the stylus learns from its `lmt` too. At -12 dB one take of 620 clips; training undoes the gain.
 SETS   = build/sets
-MODELS = src/tactophone/signal/perception/models
+MODELS = packages/tactophone/src/tactophone/signal/perception/models
 RENDER = $(BIN)/python -m tactophone simulate dataset --seconds 6 --tip
 EVERY  = --objects $(shell seq -s, 0 19),$(shell seq -s, 33 43) --gain -12
 QUIET  = --takes long_medium,short_light,wiggle

@@ -16,24 +16,24 @@ import numpy as np
 import torch
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.recordings.values import Recording
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.values import Recording
-from tactophone.lab.evaluation.predict import Predictor, TakePredictions
-from tactophone.lab.training.network import (
+from tactophone_lab.evaluation.predict import Predictor, TakePredictions
+from tactophone_lab.training.network import (
     PaperNetwork,
     Windows,
     find_windows,
     magnitudes,
     window_loudness,
 )
-from tactophone.lab.training.options import (
+from tactophone_lab.training.options import (
     NETWORK_HOP,
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,
 )
-from tactophone.lab.training.recipes import RecipeFile
-from tactophone.lab.training.tracks import read_signals
-from tactophone.lab.training.trainer import NetworkRecipe, Run
+from tactophone_lab.training.recipes import RecipeFile
+from tactophone_lab.training.tracks import read_signals
+from tactophone_lab.training.trainer import NetworkRecipe, Run
 
 CHANGES = ("rate", "window", "residual", "normalised")
 """Entries of a file beside those of a recipe file."""
@@ -76,7 +76,7 @@ class AblatedNetwork(PaperNetwork):
 
 @dataclass(frozen=True, slots=True)
 class Ablation:
-    """A method of `tactophone.lab.benchmark.folds`: a recipe of the paper's network,
+    """A method of `tactophone_lab.benchmark.folds`: a recipe of the paper's network,
     and what is undone."""
 
     recipe: NetworkRecipe

@@ -33,10 +33,8 @@ from numpy.typing import NDArray
 from distortions import GROUPS, distorted
 from rendered_real import AS_IT_IS, left_out, read_real
 from tactophone.app.recordings import open_recording
+from tactophone.core.recordings.values import Recording
 from tactophone.core.types import Prediction, Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.splits import kin_of
-from tactophone.lab.dataset.values import Recording
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.haptics.psychophysics import (
     LEVEL_JND_DB,
@@ -44,6 +42,8 @@ from tactophone.signal.haptics.psychophysics import (
     sensation_db,
 )
 from tactophone.signal.perception.model_file import Model
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import kin_of
 
 FIRST, SPACING, DURATION = 0.6, 1.0, 1.2
 """Seconds at which the first touch begins, from one to the next, and of each."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
 from tactophone.core.types import ContactRule, Touch
-from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.signal.perception.decision import count_dips
 from tactophone.signal.pipeline import open_pipeline
+from tactophone_lab.simulation.demonstration import demonstration
 
 BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""

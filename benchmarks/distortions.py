@@ -32,8 +32,8 @@ from scipy import signal
 from scipy.linalg import solve_toeplitz
 
 from tactophone.core.microphones import AIR
+from tactophone.core.recordings.values import Recording
 from tactophone.core.types import LIVE_SAMPLE_RATE
-from tactophone.lab.dataset.values import Recording
 from tactophone.net.link.codec import Codec, encode_and_decode
 
 Sound = NDArray[np.float64]

@@ -19,19 +19,19 @@ from pathlib import Path
 
 import numpy as np
 
+from tactophone.core.recordings.values import Dataset, Recording, slides_over, tip_of
 from tactophone.core.types import Touch
-from tactophone.lab.benchmark.methods import FEATURE_LATENCY
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.splits import split, with_kin
-from tactophone.lab.dataset.values import Dataset, Recording, slides_over, tip_of
-from tactophone.lab.evaluation.events import SOURCES_KEY, edge_delays, join_edges
-from tactophone.lab.evaluation.metrics import rough_score
-from tactophone.lab.evaluation.predict import TakePredictions, model_predictor
-from tactophone.lab.training.options import TrainingOptions
-from tactophone.lab.training.recipes import RECIPES, configure
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.noise_floor import measure_floor
+from tactophone_lab.benchmark.methods import FEATURE_LATENCY
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import split, with_kin
+from tactophone_lab.evaluation.events import SOURCES_KEY, edge_delays, join_edges
+from tactophone_lab.evaluation.metrics import rough_score
+from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
+from tactophone_lab.training.options import TrainingOptions
+from tactophone_lab.training.recipes import RECIPES, configure
 
 FOLDS = "5-fold"
 

@@ -27,7 +27,7 @@ import numpy as np
 import psutil
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
-from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.receive import ReceiveSession

@@ -22,13 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.app.measurement.impulses import PEAK, TONE, Graph, running_sides
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.runtime.pairing import Sides
+from tactophone_lab.measurement.impulses import PEAK, TONE, Graph, running_sides
 
 BLOCK = 128
 """Samples of a block of the stroke."""

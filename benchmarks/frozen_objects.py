@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.app.recordings import recording_predictor
+from tactophone.core.recordings.values import Recording
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.values import Recording
-from tactophone.lab.evaluation.events import decided_touches
-from tactophone.lab.evaluation.metrics import false_positives_at_recall, measure
-from tactophone.lab.evaluation.predict import in_true_contact, scores_of, true_contact
-from tactophone.lab.training.options import FeatureSpec
-from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import measure_floor
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.events import decided_touches
+from tactophone_lab.evaluation.metrics import false_positives_at_recall, measure
+from tactophone_lab.evaluation.predict import in_true_contact, scores_of, true_contact
+from tactophone_lab.training.options import FeatureSpec
+from tactophone_lab.training.tracks import extract_features
 
 REFERENCE = "paper"
 

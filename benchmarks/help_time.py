@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from tactophone.cli import VERBS
+from tactophone.cli.verbs import all_verbs
 
 REPEATS = 5
 
@@ -20,7 +20,7 @@ def main() -> None:
     if len(sys.argv) > 1:
         print_imports(sys.argv[1])
         return
-    times = {verb: seconds(verb) for verb in VERBS}
+    times = {verb: seconds(verb) for verb in all_verbs()}
     for verb, median in sorted(times.items(), key=lambda item: -item[1]):
         print(f"{verb:14} {median:.2f} s")
 

@@ -21,12 +21,6 @@ from numpy.typing import NDArray
 
 import peers
 from failsafe import freeze_operator, kill_robot, measure_time_to_silence
-from tactophone.app.measurement.impulses import (
-    Graph,
-    ImpulseLatency,
-    ImpulsePlayer,
-    measure,
-)
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.core.types import AudioBlock
@@ -36,6 +30,12 @@ from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.stream import BlockEncoder
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.pipeline import open_pipeline
+from tactophone_lab.measurement.impulses import (
+    Graph,
+    ImpulseLatency,
+    ImpulsePlayer,
+    measure,
+)
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")

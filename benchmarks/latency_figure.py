@@ -35,7 +35,9 @@ ROWS = {
 }
 """Period and label of each bar, and the first cell of its row."""
 
-_PALETTE = (DOCS.parent / "src/tactophone/core/palette.css").read_text()
+_PALETTE = (
+    DOCS.parent / "packages/tactophone/src/tactophone/core/palette.css"
+).read_text()
 COLOUR = dict(re.findall(r"--(\w+): (#\w+)", _PALETTE.partition("[data-theme")[0]))
 COLOURS = {
     "Tactophone, PCM": COLOUR["contact"],

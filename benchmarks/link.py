@@ -16,13 +16,8 @@ import numpy as np
 
 from tactophone.core.errors import ModelError
 from tactophone.core.types import AudioBlock, FloatArray, PipelineStep, Touch
-from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.motion import single
-from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
-from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import take_moves
-from tactophone.lab.simulation.takes import TAKES
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.events import PacketReceived
 from tactophone.net.link.packet import parse_packet
@@ -32,6 +27,11 @@ from tactophone.net.link.send import SendGroup
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.pipeline import open_pipeline
+from tactophone_lab.simulation.catalogue import find
+from tactophone_lab.simulation.motion import single
+from tactophone_lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.strokes import take_moves
+from tactophone_lab.simulation.takes import TAKES
 from virtual_link import ROBOT_ADDRESS, VirtualLink, paired_sessions
 
 RATE = 48_000

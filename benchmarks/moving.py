@@ -25,16 +25,8 @@ from numpy.typing import NDArray
 
 from distortions import GROUPS, distorted
 from rendered_real import AS_IT_IS, AUDIBLE_DB
-from tactophone.app.recordings import recording_predictor
+from tactophone.core.recordings.values import Recording
 from tactophone.core.types import AudioBlock, FloatArray, Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.values import Recording
-from tactophone.lab.evaluation.events import decided_touches
-from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.microphones import Electronics
-from tactophone.lab.simulation.participant import SimulatedParticipant
-from tactophone.lab.training.options import FeatureSpec
-from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.perception.calibration import (
     CalibrationSounds,
     measure_calibration,
@@ -43,6 +35,14 @@ from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB, NoiseFloor
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.events import decided_touches
+from tactophone_lab.simulation.catalogue import find
+from tactophone_lab.simulation.microphones import Electronics
+from tactophone_lab.simulation.participant import SimulatedParticipant
+from tactophone_lab.training.options import FeatureSpec
+from tactophone_lab.training.tracks import extract_features
 
 OBJECTS = ("whiteboard", "brick", "lava stone", "polished marble", "glazed tile")
 ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)

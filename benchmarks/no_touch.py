@@ -39,14 +39,14 @@ from no_touch_sounds import (
     over_noise,
 )
 from rendered_real import OPTIONS, read_real
+from tactophone.core.recordings.values import Recording, Segment
 from tactophone.core.types import AudioBlock, FloatArray, Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.values import Recording, Segment
-from tactophone.lab.training.baselines import FeatureRecipe
-from tactophone.lab.training.recipes import RECIPES, configure
-from tactophone.lab.training.sets import TrainingSet, inner_folds
-from tactophone.lab.training.tracks import extract_features, noise_level
 from tactophone.signal.pipeline import open_pipeline
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.recipes import RECIPES, configure
+from tactophone_lab.training.sets import TrainingSet, inner_folds
+from tactophone_lab.training.tracks import extract_features, noise_level
 
 RATE = 48_000
 
@@ -315,7 +315,9 @@ def main() -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path("src/tactophone/signal/perception/models/no-touch.npz"),
+        default=Path(
+            "packages/tactophone/src/tactophone/signal/perception/models/no-touch.npz"
+        ),
     )
     args = parser.parse_args()
     if args.fit:

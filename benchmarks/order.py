@@ -19,22 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from tactophone.app.recordings import recording_predictor
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.simulation.catalogue import SimulatedObject, find
-from tactophone.lab.simulation.render import (
+from tactophone.signal.perception.decision import rough_share
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.simulation.catalogue import SimulatedObject, find
+from tactophone_lab.simulation.render import (
     RenderOptions,
     plan_dataset,
     render_dataset,
     write_manifest,
 )
-from tactophone.lab.simulation.surface import Grains, Surface
-from tactophone.lab.simulation.takes import TAKES
-from tactophone.lab.training.baselines import FeatureRecipe
-from tactophone.lab.training.recipes import configure
-from tactophone.lab.training.tracks import extract_features, noise_level
-from tactophone.signal.perception.decision import rough_share
+from tactophone_lab.simulation.surface import Grains, Surface
+from tactophone_lab.simulation.takes import TAKES
+from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.recipes import configure
+from tactophone_lab.training.tracks import extract_features, noise_level
 
 Floats = NDArray[np.float64]
 

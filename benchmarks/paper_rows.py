@@ -32,13 +32,13 @@ from scipy import signal, stats
 from tactophone import AudioBlock, Prediction, Touch, open_pipeline
 from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.core.types import FloatArray
-from tactophone.lab.simulation import surface
-from tactophone.lab.simulation.catalogue import SimulatedObject, find
-from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.lab.simulation.motion import DEPTH, row, single
-from tactophone.lab.simulation.source import SimulatedFinger, Truth
-from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
-from tactophone.lab.simulation.surface import Grains, Ridges
+from tactophone_lab.simulation import surface
+from tactophone_lab.simulation.catalogue import SimulatedObject, find
+from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.motion import DEPTH, row, single
+from tactophone_lab.simulation.source import SimulatedFinger, Truth
+from tactophone_lab.simulation.strokes import Script, Visit, explore, log_uniform
+from tactophone_lab.simulation.surface import Grains, Ridges
 
 SHIPPED = ("texture", "paper", "paper-mono")
 STROKES = 8

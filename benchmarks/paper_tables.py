@@ -56,43 +56,43 @@ from tactophone.core.errors import (
     TactophoneError,
     did_you_mean,
 )
-from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
-from tactophone.lab.benchmark.folds import Cache, cross_validate, default_cache
-from tactophone.lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
-from tactophone.lab.benchmark.plan import origin_of
-from tactophone.lab.dataset.layouts import SPARE_OBJECT
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.splits import Fold, split
-from tactophone.lab.dataset.values import (
+from tactophone.core.recordings.layouts import SPARE_OBJECT
+from tactophone.core.recordings.values import (
     Dataset,
     Recording,
     Segment,
     fingerprint,
     stretches,
 )
-from tactophone.lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
-from tactophone.lab.evaluation.predict import (
-    Predictor,
-    TakePredictions,
-    in_true_contact,
-    model_predictor,
-    scores_of,
-)
-from tactophone.lab.training.baselines import FeatureRecipe
-from tactophone.lab.training.options import (
-    LABEL_LEVEL_DBFS,
-    NETWORK_RATE,
-    NETWORK_WINDOW_SIZE,
-    REFERENCE_GATE,
-)
-from tactophone.lab.training.recipes import RecipeFile
-from tactophone.lab.training.tracks import read_signals
+from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone.signal.perception.models import shipped_models
 from tactophone.signal.pipeline import open_pipeline
+from tactophone_lab.benchmark.folds import Cache, cross_validate, default_cache
+from tactophone_lab.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
+from tactophone_lab.benchmark.plan import origin_of
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import Fold, split
+from tactophone_lab.evaluation.bootstrap import COVERAGE, Estimate, estimate
+from tactophone_lab.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    in_true_contact,
+    model_predictor,
+    scores_of,
+)
+from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.options import (
+    LABEL_LEVEL_DBFS,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    REFERENCE_GATE,
+)
+from tactophone_lab.training.recipes import RecipeFile
+from tactophone_lab.training.tracks import read_signals
 
 GATES: Mapping[str, Gate] = {
     "authors' gate, 0.005": REFERENCE_GATE,
@@ -116,11 +116,11 @@ FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
 METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
 
 NETWORK_CODE = (
-    "lab/training/network.py",
-    "lab/training/tracks.py",
-    "lab/training/trainer.py",
+    "training/network.py",
+    "training/tracks.py",
+    "training/trainer.py",
 )
-"""Files of the package that train the paper's network."""
+"""Files of the laboratory that train the paper's network."""
 
 ABLATIONS = Path(__file__).parents[1] / "examples/recipes/ablations"
 
@@ -299,7 +299,7 @@ class KeptMethod(NetworkMethod):
 def training_key(method: NetworkMethod, recordings: Sequence[Recording]) -> str:
     """Hash what a model follows from: recipe, recordings and the statements of
     `NETWORK_CODE`, however laid out."""
-    package = Path(str(files("tactophone")))
+    package = Path(str(files("tactophone_lab")))
     code = (ast.dump(ast.parse((package / name).read_bytes())) for name in NETWORK_CODE)
     return hashlib.sha256(
         "\n".join((method.identity, fingerprint(recordings), *code)).encode()

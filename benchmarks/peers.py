@@ -15,11 +15,11 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from tactophone.app.measurement.impulses import ImpulseLatency, ImpulsePlayer, analyse
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.telemetry.layout import MARK, MARKS
+from tactophone_lab.measurement.impulses import ImpulseLatency, ImpulsePlayer, analyse
 
 FREE_PORTS = 18_464, 18_465
 """UDP ports of the two ends; JackTrip's own default is 4464."""

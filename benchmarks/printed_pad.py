@@ -19,21 +19,21 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.app.recordings import recording_predictor
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.evaluation.report import make_report
-from tactophone.lab.simulation import finger
-from tactophone.lab.simulation.catalogue import catalogue
-from tactophone.lab.simulation.render import (
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.report import make_report
+from tactophone_lab.simulation import finger
+from tactophone_lab.simulation.catalogue import catalogue
+from tactophone_lab.simulation.render import (
     RenderOptions,
     plan_dataset,
     render_dataset,
     write_manifest,
 )
-from tactophone.lab.simulation.takes import TAKES
-from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import model_path
+from tactophone_lab.simulation.takes import TAKES
 
 QUIET = ("long_medium", "short_light", "wiggle")
 SILICONE = {

@@ -38,19 +38,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distortions import GROUPS, distorted
-from tactophone.app.recordings import recording_predictor
+from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.splits import kin_of, with_kin
-from tactophone.lab.dataset.values import Dataset, Recording
-from tactophone.lab.evaluation.events import calibration_error, decided_touches
-from tactophone.lab.evaluation.metrics import rough_score
-from tactophone.lab.evaluation.predict import TakePredictions
-from tactophone.lab.evaluation.report import unknown_shares
-from tactophone.lab.training.options import FeatureSpec, TrainingOptions
-from tactophone.lab.training.recipes import configure
-from tactophone.lab.training.tracks import extract_features
 from tactophone.signal.perception.model_file import Model, read_model
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import kin_of, with_kin
+from tactophone_lab.evaluation.events import calibration_error, decided_touches
+from tactophone_lab.evaluation.metrics import rough_score
+from tactophone_lab.evaluation.predict import TakePredictions
+from tactophone_lab.evaluation.report import unknown_shares
+from tactophone_lab.training.options import FeatureSpec, TrainingOptions
+from tactophone_lab.training.recipes import configure
+from tactophone_lab.training.tracks import extract_features
 
 AUDIBLE_DB = 30.0
 

@@ -26,12 +26,6 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import psutil
 
     from second_operator import with_operator
-    from tactophone.app.measurement.impulses import (
-        Graph,
-        ImpulseLatency,
-        measure,
-        running_sides,
-    )
     from tactophone.core.hand import with_fingers
     from tactophone.core.settings import Settings, change
     from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Prediction
@@ -47,6 +41,12 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     from tactophone.net.link.session import Session
     from tactophone.net.link.udp import UdpSocket
     from tactophone.signal.pipeline import Hand, open_pipeline
+    from tactophone_lab.measurement.impulses import (
+        Graph,
+        ImpulseLatency,
+        measure,
+        running_sides,
+    )
 
 OPUS = ("link.codec=opus", "link.packet_duration=0.0025")
 LONG_PACKETS = ("link.codec=opus", "link.packet_duration=0.005")

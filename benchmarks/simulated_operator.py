@@ -28,19 +28,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
-from tactophone.lab.simulation.catalogue import TEST, SimulatedObject, blend, catalogue
-from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.lab.simulation.modes import Body, Mounting
-from tactophone.lab.simulation.motion import row
-from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import Script, Visit, explore, log_uniform
-from tactophone.lab.simulation.surface import Surface
 from tactophone.signal.haptics.psychophysics import (
     FULL_DRIVE_DB,
     LEVEL_JND_DB,
     PITCH_JND,
     threshold_db,
 )
+from tactophone_lab.simulation.catalogue import TEST, SimulatedObject, blend, catalogue
+from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.modes import Body, Mounting
+from tactophone_lab.simulation.motion import row
+from tactophone_lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.strokes import Script, Visit, explore, log_uniform
+from tactophone_lab.simulation.surface import Surface
 
 INTEGRATION = 0.03
 """Seconds; the shortest burst that people perceive as a vibration."""

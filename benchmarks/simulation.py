@@ -11,18 +11,18 @@ import time
 
 import numpy as np
 
-from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.motion import five_stones, single
-from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import take_moves
-from tactophone.lab.simulation.takes import TAKES, shuffled
+from tactophone_lab.simulation.catalogue import find
+from tactophone_lab.simulation.motion import five_stones, single
+from tactophone_lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.strokes import take_moves
+from tactophone_lab.simulation.takes import TAKES, shuffled
 
 OFFLINE, LIVE = 30.0, 20.0
 """Seconds of sound rendered for each figure."""
 
 BLOCK = 128
 
-_START = "from tactophone.lab.simulation.demonstration import demonstration; demonstration().render(128)"
+_START = "from tactophone_lab.simulation.demonstration import demonstration; demonstration().render(128)"
 
 
 def offline(name: str) -> float:

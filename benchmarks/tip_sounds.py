@@ -2,7 +2,7 @@
 wrong tip is noticed.
 
     python benchmarks/tip_sounds.py FOLDER ... --out
-    src/tactophone/signal/perception/models/tips.npz python benchmarks/tip_sounds.py
+    packages/tactophone/src/tactophone/signal/perception/models/tips.npz python benchmarks/tip_sounds.py
     FOLDER ... [--seconds 10]
 
 A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one
@@ -22,13 +22,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.values import Recording
 from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import open_detector
+from tactophone_lab.datasets.open import open_dataset
 
 RIDGE_DB = 1.2
 """Standard deviation that is added to every value, for what the sets do not vary;

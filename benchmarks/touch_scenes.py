@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, TouchEvent
-from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.lab.simulation.motion import single
-from tactophone.lab.simulation.source import SimulatedFinger, Truth
-from tactophone.lab.simulation.strokes import Script
+from tactophone_lab.simulation.catalogue import find
+from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.motion import single
+from tactophone_lab.simulation.source import SimulatedFinger, Truth
+from tactophone_lab.simulation.strokes import Script
 
 KNOCK_TO_CONTACT_DB = -20.0
 """What the finger passes on of a knock in the air to its contact microphone: a guess,

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.receive import ReceiveSession

@@ -30,7 +30,6 @@ import psutil
 from tactophone.app.replay import Replay
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
-from tactophone.lab.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.live.audio.actuator import RenderHand
 from tactophone.live.log.mcap import McapLog, read_log
 from tactophone.live.runtime import operator as operator_side
@@ -43,6 +42,7 @@ from tactophone.live.runtime.supervisor import RESTART_DELAY, ProcessInfo, Side
 from tactophone.live.runtime.watchdog import Verdict, Watchdog
 from tactophone.live.telemetry import memory
 from tactophone.live.telemetry.layout import Request
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.packet import Address
 
 STEP, QUIET_STEP = 0.005, 0.45

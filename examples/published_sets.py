@@ -40,13 +40,13 @@ from numpy.typing import NDArray
 
 from tactophone import DatasetError, TactophoneError, Touch
 from tactophone.core.processes import atomic_write, make_room
-from tactophone.lab.dataset.metadata import (
+from tactophone.core.recordings.metadata import (
     parse_label,
     refuse_link,
     rows,
     write_metadata,
 )
-from tactophone.lab.dataset.values import LABEL_NAMES, Problem, Recording
+from tactophone.core.recordings.values import LABEL_NAMES, Problem, Recording
 
 ARCHIVE = "https://cloud.vi.cs.uni-bonn.de/index.php/s/KmKSncpDzQ7i3je/download"
 """The authors' recordings, by the README of

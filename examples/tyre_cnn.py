@@ -13,13 +13,13 @@ import torch
 from numpy.lib.stride_tricks import sliding_window_view
 from torch import nn
 
-from tactophone.lab.benchmark.folds import cross_validate
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.splits import split
-from tactophone.lab.dataset.values import Recording
-from tactophone.lab.evaluation.predict import Predictor, TakePredictions
-from tactophone.lab.evaluation.report import make_report
-from tactophone.lab.training.sets import even_weights
+from tactophone.core.recordings.values import Recording
+from tactophone_lab.benchmark.folds import cross_validate
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import split
+from tactophone_lab.evaluation.predict import Predictor, TakePredictions
+from tactophone_lab.evaluation.report import make_report
+from tactophone_lab.training.sets import even_weights
 
 WINDOW, HOP, SLICE, BANDS, CONTACT_DB = 0.256, 0.032, 0.016, 32, 12.0
 

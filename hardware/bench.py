@@ -16,15 +16,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.app.setup import CHECKED_OBJECT, Step, record_act
+from tactophone.app.check import CHECKED_OBJECT, record_act
 from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.cli import console, options, output
-from tactophone.cli.guide import GuideScreen
-from tactophone.cli.setup import Steps, findings_in_words
+from tactophone.cli.guide import GuideScreen, findings_in_words
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.signal.perception.calibration import Finding
+from tactophone_lab.app.setup import Step
+from tactophone_lab.cli.setup import Steps
 
 WEIGHT = 0.1
 """In kg, of what stands on the pad."""

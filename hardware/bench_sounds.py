@@ -10,7 +10,7 @@ import numpy as np
 from scipy import signal
 
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
-from tactophone.lab.simulation.finger import Electronics, Finger
+from tactophone_lab.simulation.finger import Electronics, Finger
 
 PAD_MASS = 2e-3
 """Of pad, ring and disc, in kg."""

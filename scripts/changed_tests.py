@@ -2,57 +2,63 @@
 """Prints the folders and files of tests that the changes since origin/main can break;
 what lies on no floor breaks all.
 
-A floor's tests run if something changed on it or beneath it: `live` and `lab` do not
-know each other.
+A floor's tests run if something changed on it or beneath it. All of the laboratory is
+one floor, above the telephone.
 """
 
+import argparse
 import subprocess
 from pathlib import Path
 
-BENEATH = {
-    "core": (),
-    "signal": ("core",),
-    "net": ("core", "signal"),
-    "lab": ("core", "signal", "net"),
-    "live": ("core", "signal", "net"),
-    "faces": ("core", "signal", "net", "lab", "live"),
-    "app": ("core", "signal", "net", "lab", "live", "faces"),
-    "cli": ("core", "signal", "net", "lab", "live", "faces", "app"),
-}
+TELEPHONE = ("core", "signal", "net", "live", "faces", "app", "cli")
+"""Its floors, lowest first."""
+
+LABORATORY = "lab"
+
 APART = ("docs/", "README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-"""Read by the tests that always run, those beside the floors."""
+"""Read by the tests that always run, those of the repository."""
 
 
 def git(*words: str) -> list[str]:
-    return subprocess.run(
-        ["git", *words], capture_output=True, text=True, check=True
-    ).stdout.split("\n")[:-1]
+    done = subprocess.run(["git", *words], capture_output=True, text=True, check=True)
+    return done.stdout.split("\n")[:-1]
 
 
 def floor(path: str) -> str:
-    parts = Path(path).parts
-    inside = (
-        parts[2:3]
-        if parts[:2] == ("src", "tactophone")
-        else parts[1:2]
-        if parts[0] == "tests"
-        else ()
-    )
-    return inside[0] if inside and inside[0] in BENEATH else ""
+    """Return the floor of a file of a package or of its tests; empty for any other."""
+    match Path(path).parts:
+        case ("packages", "tactophone", "src", _, str(name), *_) if name in TELEPHONE:
+            return name
+        case ("packages", "tactophone", "tests", str(name), *_) if name in TELEPHONE:
+            return name
+        case ("packages", "tactophone-lab", "src" | "tests", *_):
+            return LABORATORY
+    return ""
 
 
-since = git("merge-base", "HEAD", "origin/main")[0]
-changed = {
-    *git("diff", "--name-only", since),
-    *git("ls-files", "--others", "--exclude-standard"),
-}
-touched = {floor(path) for path in changed if not path.startswith(APART)}
-if "" in touched:
-    print("tests src")
-else:
-    run = [name for name, beneath in BENEATH.items() if touched & {name, *beneath}]
-    beside = sorted(str(path) for path in Path("tests").glob("test_*.py"))
-    print(
-        *(f"{root}/{name}" for root in ("tests", "src/tactophone") for name in run),
-        *beside,
-    )
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
+    since = git("merge-base", "HEAD", "origin/main")[0]
+    changed = {
+        *git("diff", "--name-only", since),
+        *git("ls-files", "--others", "--exclude-standard"),
+    }
+    touched = {floor(path) for path in changed if not path.startswith(APART)}
+    if "" in touched:
+        print("tests packages")
+        return
+    run: list[str] = []
+    lowest = min((TELEPHONE.index(name) for name in touched - {LABORATORY}), default=-1)
+    if lowest >= 0:
+        for name in TELEPHONE[lowest:]:
+            run += [
+                f"packages/tactophone/tests/{name}",
+                f"packages/tactophone/src/tactophone/{name}",
+            ]
+    if touched:
+        run.append("packages/tactophone-lab")
+    print(*run, *sorted(map(str, Path("tests").glob("test_*.py"))))
+
+
+if __name__ == "__main__":
+    main()

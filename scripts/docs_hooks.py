@@ -11,7 +11,14 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 SHARED = (
-    Path(__file__).parent.parent / "src" / "tactophone" / "faces" / "web" / "static"
+    Path(__file__).parent.parent
+    / "packages"
+    / "tactophone"
+    / "src"
+    / "tactophone"
+    / "faces"
+    / "web"
+    / "static"
 )
 
 BLOCK = re.compile(r'<div class="[^"]*highlight"(?=><pre>(.*?)</pre></div>)', re.DOTALL)

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tactophone.app.figures import TOUCH_COLOURS
 from tactophone.core.types import Touch
-from tactophone.lab.dataset.plots import TOUCH_COLOURS
-from tactophone.lab.simulation.demonstration import demonstration
+from tactophone_lab.simulation.demonstration import demonstration
 
 SIZE, SCALE, RATE = (880, 400), 2, 10
 """Pixels; how much larger it is drawn, to smooth edges; frames a second."""

@@ -218,15 +218,17 @@ def survives(path: Path, tree: ast.Module, tests: list[str], limit: float) -> bo
 
 
 def module_name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)
+    return ".".join(
+        path.relative_to(ROOT / "packages/tactophone/src").with_suffix("").parts
+    )
 
 
 def tests_of(name: str) -> list[str]:
     """Paths of the file, for its examples, and of its tests."""
     file, tests = TARGETS[name]
-    room = ROOT / "tests" / Path(file).parent
+    room = ROOT / "packages/tactophone/tests" / Path(file).parent
     return [
-        str(ROOT / "src/tactophone" / file),
+        str(ROOT / "packages/tactophone/src/tactophone" / file),
         *(str(room / test) for test in tests.split()),
     ]
 
@@ -235,7 +237,7 @@ def run(name: str, share: float, seed: int) -> tuple[int, int]:
     """Test a share of one file's mutants; print the survivors, and return how many were
     tested and survived."""
     file, wanted = TARGETS[name][0], tests_of(name)
-    path = ROOT / "src/tactophone" / file
+    path = ROOT / "packages/tactophone/src/tactophone" / file
     begin = time.monotonic()
     if not survives(path, ast.parse(path.read_text("utf-8")), wanted, 600):
         sys.exit(f"{file}: its tests fail already; run pytest {' '.join(wanted)}")

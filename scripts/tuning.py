@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-ROOM = ROOT / "src" / "tactophone" / "signal" / "perception"
+ROOM = ROOT / "packages" / "tactophone" / "src" / "tactophone" / "signal" / "perception"
 PAGE = ROOT / "docs" / "reference" / "tuning.md"
 HEAD = """# What may be tuned in perception
 

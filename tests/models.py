@@ -11,7 +11,6 @@ import onnx.utils
 import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
-from tactophone.lab.training.export import join, magnitudes
 from tactophone.signal.perception.model_file import (
     CARD_KEY,
     FEATURES,
@@ -19,6 +18,7 @@ from tactophone.signal.perception.model_file import (
     Gate,
     ModelCard,
 )
+from tactophone_lab.training.export import join, magnitudes
 
 CARD = ModelCard(
     name="tiny",

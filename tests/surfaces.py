@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
+from tactophone.core.recordings.values import Dataset, Recording, Segment
 from tactophone.core.types import FloatArray, Touch
-from tactophone.lab.dataset.values import Dataset, Recording, Segment
 
 RATE = 16_000
 DURATION = 1.2

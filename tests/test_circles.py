@@ -1,4 +1,4 @@
-"""No module of the package imports itself through others, not even lazily or for types
+"""No module of either package imports itself through others, not even lazily or for types
 alone."""
 
 import ast
@@ -7,15 +7,16 @@ from pathlib import Path
 
 import pytest
 
-SRC = Path(__file__).parent.parent / "src"
+PACKAGES = Path(__file__).parent.parent / "packages"
 
 
 def imports() -> dict[str, set[str]]:
-    """Return the modules of the package that each one imports, in functions and
+    """Return the modules of both packages that each one imports, in functions and
     ``TYPE_CHECKING`` too."""
     paths = {
-        ".".join(path.relative_to(SRC).with_suffix("").parts): path
-        for path in SRC.rglob("*.py")
+        ".".join(path.relative_to(source).with_suffix("").parts): path
+        for source in PACKAGES.glob("*/src")
+        for path in source.rglob("*.py")
     }
     modules = {name.removesuffix(".__init__"): path for name, path in paths.items()}
     found: dict[str, set[str]] = {}

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.node import needs_node
 
 from tactophone.cli import _parse, main
 from tactophone.signal.perception.models import model_path, read_model
-from tests.node import needs_node
 
 ROOT = Path(__file__).parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -129,7 +129,7 @@ def test_files_and_tests_that_pages_name_exist() -> None:
 def test_tests_that_pages_name_without_their_file_exist() -> None:
     known = {
         name
-        for path in (ROOT / "tests").rglob("*.py")
+        for path in test_files()
         for name in re.findall(r"def (test_\w+)", path.read_text())
     }
     named = {
@@ -139,6 +139,12 @@ def test_tests_that_pages_name_without_their_file_exist() -> None:
     }
     assert len(named) > 20
     assert not {(page, name) for page, name in named if name not in known}
+
+
+def test_files() -> list[Path]:
+    """Return the tests of the repository and of its packages."""
+    folders = (ROOT / "tests", *ROOT.glob("packages/*/tests"))
+    return [path for folder in folders for path in folder.rglob("*.py")]
 
 
 def paper_points() -> list[dict[str, Any]]:
@@ -269,7 +275,7 @@ def test_the_code_of_the_readme_prints_what_it_says(
 def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(
     page: str,
 ) -> None:
-    texts = {path: path.read_text() for path in (ROOT / "tests").rglob("*.py")}
+    texts = {path: path.read_text() for path in test_files()}
     defined = set(re.findall(r"def (test_\w+)", "".join(texts.values())))
     lines = (ROOT / "docs/reference" / f"{page}.md").read_text().splitlines()
     heads = [
@@ -286,7 +292,9 @@ def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(
             files = [
                 name.split("::")[0]
                 for name in named
-                if name.startswith(("tests/", "benchmarks/", "integrations/"))
+                if name.startswith(
+                    ("tests/", "packages/", "benchmarks/", "integrations/")
+                )
             ]
             tests = [
                 name.rpartition("::")[2]

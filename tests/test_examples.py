@@ -166,9 +166,10 @@ def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_osc_messages_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("pythonosc")
-    from tactophone.faces.bridges.osc import OscBridge
     from tests.faces.bridges.test_osc import STEP
     from tests.live.runtime.live_system import free_port
+
+    from tactophone.faces.bridges.osc import OscBridge
 
     port = free_port()
     with (
@@ -184,8 +185,9 @@ def test_osc_messages_are_printed(tmp_path: Path) -> None:
 
 def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
-    from tactophone.faces.bridges.foxglove import FoxgloveBridge
     from tests.faces.bridges.test_osc import STEP
+
+    from tactophone.faces.bridges.foxglove import FoxgloveBridge
 
     name = f"test-{tmp_path.name}"
     with (
@@ -202,8 +204,9 @@ def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> No
 @pytest.mark.realtime
 def test_the_vibration_on_ros_is_printed(tmp_path: Path) -> None:
     pytest.importorskip("cyclonedds")
-    from tactophone.faces.bridges.ros import RosBridge
     from tests.faces.bridges.test_osc import STEP
+
+    from tactophone.faces.bridges.ros import RosBridge
 
     name = f"test-{tmp_path.name}"
     with (

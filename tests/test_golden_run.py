@@ -3,7 +3,6 @@ restructuring may change."""
 
 import pytest
 from opuslib_next.api.info import get_version_string
-
 from tests import golden
 
 WORDS = ("touch", "event")

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from tests.lab.dataset.folders import audiofolder, write_sound
+from tests.folders import audiofolder, write_sound
 
 ROOT = Path(__file__).parent.parent
 
@@ -59,9 +58,9 @@ sys.exit(main(sys.argv[1:]))
 
 IMPORTS = """
 import tactophone
-import tactophone.cli.data, tactophone.cli.dataset, tactophone.cli.evaluate, tactophone.cli.feel, tactophone.cli.model
-import tactophone.cli.record, tactophone.cli.setup, tactophone.cli.simulate, tactophone.cli.train
-import tactophone.faces.web.server, tactophone.lab.simulation.render
+import tactophone_lab.cli.data, tactophone_lab.cli.dataset, tactophone_lab.cli.evaluate, tactophone.cli.feel, tactophone.cli.model
+import tactophone_lab.cli.record, tactophone_lab.cli.setup, tactophone_lab.cli.simulate, tactophone_lab.cli.train
+import tactophone.faces.web.server, tactophone_lab.simulation.render
 import tests.conftest
 assert len(tactophone.classify(sys.argv[1]).times) > 10
 """
@@ -70,7 +69,9 @@ assert len(tactophone.classify(sys.argv[1]).times) > 10
 def without_unix(
     code: str, *words: str, cwd: Path, warnings: str = "default"
 ) -> "subprocess.CompletedProcess[str]":
-    paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
+    paths = os.pathsep.join(
+        map(str, (*ROOT.glob("packages/*/src"), *ROOT.glob("packages/*"), ROOT))
+    )
     environment = {**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "cp1252"}
     command = [
         sys.executable,
@@ -117,7 +118,7 @@ def test_the_modules_and_the_api_load_without_a_warning(folder: Path) -> None:
         "train simulated --out new.onnx --recipe level; evaluate new.onnx --data simulated",
         "model show texture",
         "setup --source finger --set simulation.gain_db=-20 --seconds 3 --yes --out own.onnx",
-        "setup --check --source finger --yes",
+        "check --source finger --yes",
         "settings",
     ],
     ids=lambda words: " ".join(words.split()[:2]),

@@ -9,17 +9,20 @@ import venv
 import zipfile
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import soundfile
+from tests.folders import audiofolder
 
-from tactophone.cli import EXTRAS_OF_VERB, VERBS
-from tactophone.core.extras import EXTRA_OF_MODULE
-from tests.lab.dataset.folders import audiofolder
+import tactophone
+import tactophone_lab.version
+from tactophone.cli.verbs import all_verbs
+from tactophone.core.extras import REQUIREMENT_OF_MODULE
 
 ROOT = Path(__file__).parent.parent
-INSTALL = re.compile(r"pip install 'tactophone\[([a-z,]+)\]'")
+INSTALL = re.compile(r"'tactophone(?:-lab)?\[([a-z,]+)\]'")
 
 WORDS = {
     "demo": ["--out", "demo"],
@@ -34,6 +37,8 @@ WORDS = {
     "replay": ["run.mcap"],
     "feel": ["finger.wav"],
     "model": ["show", "paper"],
+    "check": ["--source", "finger", "--yes"],
+    "import-model": ["general.pt"],
     "latency": ["--dummy"],
     "status": [],
     "stop": ["nobody"],
@@ -68,20 +73,43 @@ WORKING = {
 """Verbs that succeed with the core alone."""
 
 
+PACKAGES = ("tactophone", "tactophone-lab")
+
+
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``tactophone`` in a fresh environment, from the wheel, without extras."""
-    folder = tmp_path_factory.mktemp("package")
-    pip = [sys.executable, "-m", "pip", "--quiet"]
-    subprocess.run(
-        [*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True
-    )
+def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The wheel of each package."""
+    folder = tmp_path_factory.mktemp("wheels")
+    pip = [sys.executable, "-m", "pip", "--quiet", "wheel", "--no-deps"]
+    sources = [ROOT / "packages" / name for name in PACKAGES]
+    subprocess.run([*pip, "--wheel-dir", folder, *sources], check=True)
+    return {
+        name: next(folder.glob(f"{name.replace('-', '_')}-*.whl")) for name in PACKAGES
+    }
+
+
+def installed(folder: Path, *wheels: Path) -> Path:
+    """Return ``tactophone`` in a fresh environment with these wheels and what they
+    always need."""
     venv.create(folder / "venv", with_pip=False)
     python = folder / "venv" / "bin" / "python"
-    subprocess.run(
-        [*pip, "--python", python, "install", next(folder.glob("*.whl"))], check=True
-    )
+    pip = [sys.executable, "-m", "pip", "--quiet", "--python", python]
+    subprocess.run([*pip, "install", *wheels], check=True)
     return python.with_name("tactophone")
+
+
+@pytest.fixture(scope="module")
+def program(wheels: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Both packages, without extras."""
+    return installed(tmp_path_factory.mktemp("both"), *wheels.values())
+
+
+@pytest.fixture(scope="module")
+def telephone(
+    wheels: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The telephone alone, without extras."""
+    return installed(tmp_path_factory.mktemp("telephone"), wheels["tactophone"])
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +129,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.package
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", all_verbs())
 def test_without_extras_each_verb_works_or_names_the_extra(
     program: Path, folder: Path, verb: str
 ) -> None:
@@ -118,62 +146,85 @@ def test_without_extras_each_verb_works_or_names_the_extra(
     )
     assert "Traceback" not in done.stderr
     assert done.returncode == (0 if verb in WORKING else 1), done.stderr
-    if verb in EXTRAS_OF_VERB:
+    if needed := all_verbs()[verb].extras:
         assert len(done.stderr.splitlines()) == 1, done.stderr
-        named = INSTALL.findall(done.stderr)[0].split(",")
-        assert set(EXTRAS_OF_VERB[verb]) <= set(named)
+        named = {
+            name for found in INSTALL.findall(done.stderr) for name in found.split(",")
+        }
+        assert set(needed) <= named
 
 
 @pytest.mark.package
-def test_the_readmes_install_line_fits_the_wheel(program: Path) -> None:
-    line = re.search(
-        r"^pip install '\.\[([\w,]+)\]'$",
-        (ROOT / "README.md").read_text(),
-        re.MULTILINE,
+def test_the_telephone_alone_feels_a_recording(telephone: Path, folder: Path) -> None:
+    out = folder / "felt"
+    words = ["feel", "finger.wav", "--out", out]
+    done = subprocess.run(
+        [telephone, *words], cwd=folder, capture_output=True, text=True, check=False
     )
+    assert done.returncode == 0, done.stderr
+    assert list(out.rglob("*.wav"))
+    done = subprocess.run(
+        [telephone, "train", "set"], cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert "pip install tactophone-lab" in done.stderr
+
+
+def test_feeling_loads_nothing_of_the_laboratory() -> None:
+    code = (
+        "import sys, tactophone.app.feel, tactophone.app.runs, tactophone.app.replay\n"
+        "print([name for name in sys.modules if name.startswith('tactophone_lab')])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def projects() -> dict[str, dict[str, Any]]:
+    """Return the ``pyproject.toml`` of each package."""
+    return {
+        name: tomllib.loads((ROOT / "packages" / name / "pyproject.toml").read_text())
+        for name in PACKAGES
+    }
+
+
+def test_both_packages_have_one_version() -> None:
+    assert tactophone.__version__ == tactophone_lab.version.__version__
+    (needed,) = projects()["tactophone-lab"]["project"]["dependencies"]
+    assert needed == f"tactophone=={tactophone.__version__}"
+
+
+@pytest.mark.package
+def test_the_readmes_install_line_fits_the_wheels(wheels: dict[str, Path]) -> None:
+    line = re.search(r"^pip install '\./.*$", (ROOT / "README.md").read_text(), re.M)
     assert line
-    wheel = next(program.parents[2].glob("*.whl"))
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--dry-run",
-        "--no-index",
-        "--no-deps",
-        f"{wheel}[{line[1]}]",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "does not provide the extra" not in done.stderr
-    with zipfile.ZipFile(wheel) as opened:
-        metadata = next(
-            opened.read(name).decode()
-            for name in opened.namelist()
-            if name.endswith("METADATA")
-        )
-    assert set(line[1].split(",")) <= set(
-        re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE)
-    )
+    wanted = re.findall(r"'\./packages/([\w-]+)\[([\w,]+)\]'", line[0])
+    assert {name for name, _ in wanted} == set(PACKAGES)
+    for name, extras in wanted:
+        with zipfile.ZipFile(wheels[name]) as opened:
+            (path,) = (each for each in opened.namelist() if each.endswith("METADATA"))
+            metadata = opened.read(path).decode()
+        provided = re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE)
+        assert set(extras.split(",")) <= set(provided)
 
 
 @pytest.mark.slow
 def test_every_optional_module_has_its_extra() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
     declared = {
-        re.split(r"[^\w-]", requirement)[0].lower().replace("_", "-"): extra
-        for extra, requirements in extras.items()
+        re.split(r"[^\w-]", requirement)[0].lower().replace("_", "-"): (name, extra)
+        for name, project in projects().items()
+        for extra, requirements in project["project"]["optional-dependencies"].items()
         if extra != "all"
         for requirement in requirements
+        if not requirement.startswith("tactophone[")
     }
     distributions = packages_distributions()
-    for module, extra in EXTRA_OF_MODULE.items():
-        for name in distributions.get(
-            module, ()
-        ):  # Ray, for example, need not be installed here
-            assert declared[name.lower().replace("_", "-")] == extra
-    assert set(declared.values()) == set(EXTRA_OF_MODULE.values())
+    for module, required in REQUIREMENT_OF_MODULE.items():
+        # Ray, for example, need not be installed here.
+        for name in distributions.get(module, ()):
+            assert declared[name.lower().replace("_", "-")] == required
+    assert set(declared.values()) == set(REQUIREMENT_OF_MODULE.values())
 
 
 def test_a_release_states_where_source_issues_and_documentation_are(
@@ -187,21 +238,27 @@ def test_a_release_states_where_source_issues_and_documentation_are(
         for step in workflow["jobs"]["build"]["steps"]
         if "URL" in step.get("env", {})
     )
-    (tmp_path / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
+    for name in PACKAGES:
+        folder = tmp_path / "packages" / name
+        folder.mkdir(parents=True)
+        source = ROOT / "packages" / name / "pyproject.toml"
+        (folder / "pyproject.toml").write_bytes(source.read_bytes())
     subprocess.run(
         ["bash", "-ec", step["run"]],
         cwd=tmp_path,
         env={"URL": "https://host/owner/name"},
         check=True,
     )
-    urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
-    assert urls["Source"] == "https://host/owner/name"
-    assert urls["Issues"] == "https://host/owner/name/issues"
-    assert urls["Documentation"].startswith("https://host/owner/name/")
+    for name in PACKAGES:
+        text = (tmp_path / "packages" / name / "pyproject.toml").read_text()
+        urls = tomllib.loads(text)["project"]["urls"]
+        assert urls["Source"] == "https://host/owner/name"
+        assert urls["Issues"] == "https://host/owner/name/issues"
+        assert urls["Documentation"].startswith("https://host/owner/name/")
 
 
 def test_the_libraries_of_a_call_are_imported_by_its_own_process_alone() -> None:
-    source = Path(__file__).parents[1] / "src/tactophone"
+    source = Path(__file__).parents[1] / "packages/tactophone/src/tactophone"
     users = {
         path.relative_to(source).parent.as_posix()
         for path in source.rglob("*.py")

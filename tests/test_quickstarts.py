@@ -11,10 +11,10 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from tests.live.runtime.live_system import free_port
 
 from tactophone.cli import main
 from tactophone.net.link.identity import Identity
-from tests.live.runtime.live_system import free_port
 
 PAGES = Path(__file__).parent.parent / "docs" / "quickstart"
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from tests.sounds import blocks
 
 from tactophone.core.types import AudioBlock, Prediction, Touch
-from tactophone.lab.simulation.demonstration import demonstration
 from tactophone.signal.perception.models import (
     model_path,
     open_detector,
     shipped_models,
 )
-from tests.sounds import blocks
+from tactophone_lab.simulation.demonstration import demonstration
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "run_anywhere.py"
 LMT = ("G1RhombAluminumMesh_01.flac", "G4Bamboo_01.flac", "G7FineFoamVersion2_01.flac")
@@ -86,9 +86,8 @@ def compare(model: str, path: Path) -> None:
     assert {each.touch for each in expected} > {Touch.NONE}
 
 
-def test_it_is_short_and_imports_three_libraries() -> None:
+def test_it_imports_three_libraries() -> None:
     text = EXAMPLE.read_text()
-    assert len(text.splitlines()) <= 120
     imported = {
         name.partition(".")[0]
         for node in ast.walk(ast.parse(text))

@@ -12,19 +12,14 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parent.parent
+TELEPHONE = REPOSITORY / "packages" / "tactophone" / "src" / "tactophone"
 RUNTIME = REPOSITORY / "tests" / "node" / "node_modules" / "onnxruntime-web" / "dist"
-STATIC = REPOSITORY / "src" / "tactophone" / "faces" / "web" / "static"
+STATIC = TELEPHONE / "faces" / "web" / "static"
 PARTS = (
     *(HERE / name for name in ("index.html", "page.css", "page.js", "model.js")),
     STATIC.parents[2] / "core" / "palette.css",
     *(STATIC / name for name in ("capture.js", "fingertip.js", "speaker.js")),
-    REPOSITORY
-    / "src"
-    / "tactophone"
-    / "signal"
-    / "perception"
-    / "models"
-    / "stylus.onnx",
+    TELEPHONE / "signal" / "perception" / "models" / "stylus.onnx",
     *(
         RUNTIME / name
         for name in ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")

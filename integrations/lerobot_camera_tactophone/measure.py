@@ -18,11 +18,11 @@ from sklearn.metrics import roc_auc_score
 from sklearn.preprocessing import StandardScaler
 
 from tactophone import Touch, open_pipeline
-from tactophone.lab.simulation.catalogue import catalogue
-from tactophone.lab.simulation.motion import single
-from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import take_moves
-from tactophone.lab.simulation.takes import TAKES
+from tactophone_lab.simulation.catalogue import catalogue
+from tactophone_lab.simulation.motion import single
+from tactophone_lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.strokes import take_moves
+from tactophone_lab.simulation.takes import TAKES
 
 FPS, SECONDS, FOLDS = 30, 8.0, 5
 

@@ -20,13 +20,15 @@ from mujoco_tactophone import ContactMicrophone
 from mujoco_tactophone.world import STEP, pressed, stones_model
 
 from tactophone import LIVE_SAMPLE_RATE, Touch
-from tactophone.app.recordings import recording_predictor
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.evaluation.report import rendered_scores
-from tactophone.lab.simulation.catalogue import find
-from tactophone.lab.simulation.microphones import SessionVariation
-from tactophone.lab.simulation.motion import Move, single
-from tactophone.lab.simulation.render import (
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
+from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.report import rendered_scores
+from tactophone_lab.simulation.catalogue import find
+from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.motion import Move, single
+from tactophone_lab.simulation.render import (
     RenderJob,
     RenderMetadata,
     RenderOptions,
@@ -35,11 +37,9 @@ from tactophone.lab.simulation.render import (
     write_manifest,
     write_sound,
 )
-from tactophone.lab.simulation.source import SimulatedFinger
-from tactophone.lab.simulation.strokes import take_moves
-from tactophone.lab.simulation.takes import TAKES
-from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import model_path
+from tactophone_lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.strokes import take_moves
+from tactophone_lab.simulation.takes import TAKES
 
 sys.path.insert(0, str(Path(__file__).parent / "tests"))
 from test_mujoco import STONES, beside, thirds

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 
 from paper_tables import (
     FINE_TUNED,
@@ -24,13 +25,12 @@ from paper_tables import (
 )
 from tactophone.cli.output import out, show
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.values import Dataset, Recording, Segment
 from tactophone.core.types import Touch
-from tactophone.lab.benchmark.folds import Cache
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.values import Dataset, Recording, Segment
-from tactophone.lab.evaluation.bootstrap import Estimate
-from tactophone.lab.evaluation.predict import TakePredictions
-from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
+from tactophone_lab.benchmark.folds import Cache
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.evaluation.bootstrap import Estimate
+from tactophone_lab.evaluation.predict import TakePredictions
 
 RATE = 16_000
 

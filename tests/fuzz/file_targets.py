@@ -22,11 +22,6 @@ from tactophone.core.settings import Settings, change, read_settings
 from tactophone.core.types import Prediction, Touch
 from tactophone.faces.bridges.foxglove import _Viewer
 from tactophone.faces.web.dashboard import parse_request
-from tactophone.faces.web.game_rules import read_results
-from tactophone.lab.dataset.read import open_dataset
-from tactophone.lab.dataset.roughness import measure_heights, read_heights
-from tactophone.lab.recording.safe_writer import _read_entry
-from tactophone.lab.training.recipes import RecipeFile
 from tactophone.live.audio.files import FileSource
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.timeline import read_timeline
@@ -47,6 +42,11 @@ from tactophone.signal.haptics.profiles import (
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import ModelCard, check_graph, read_model
 from tactophone.signal.perception.models import default_model, model_path
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.roughness import measure_heights, read_heights
+from tactophone_lab.game.rules import read_results
+from tactophone_lab.recording.safe_writer import _read_entry
+from tactophone_lab.training.recipes import RecipeFile
 
 from .target import Run, Target
 

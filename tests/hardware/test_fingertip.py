@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tactophone.lab.simulation.finger import TIPS
+from tactophone_lab.simulation.finger import TIPS
 
 manifold3d = pytest.importorskip("manifold3d")
 

@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 
 from tactophone import LIVE_SAMPLE_RATE, AudioBlock, ConfigError, DatasetError
-from tactophone.lab.simulation.catalogue import SimulatedObject, find
-from tactophone.lab.simulation.contact import Motion
-from tactophone.lab.simulation.microphones import SessionVariation
-from tactophone.lab.simulation.modes import Mounting
-from tactophone.lab.simulation.motion import LIFT, Path, PlacedObject, Scene, single
-from tactophone.lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.catalogue import SimulatedObject, find
+from tactophone_lab.simulation.contact import Motion
+from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.modes import Mounting
+from tactophone_lab.simulation.motion import LIFT, Path, PlacedObject, Scene, single
+from tactophone_lab.simulation.source import SimulatedFinger
 
 Vector = tuple[float, float, float]
 

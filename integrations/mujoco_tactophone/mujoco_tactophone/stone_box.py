@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mujoco_tactophone.microphone import ContactMicrophone
 from mujoco_tactophone.world import PITCH, STEP, pressed, stones_model
 from tactophone import Pipeline, open_pipeline
-from tactophone.lab.simulation.modes import Mounting
+from tactophone_lab.simulation.modes import Mounting
 
 STONES = 5
 ROUGH = ("20", "22")

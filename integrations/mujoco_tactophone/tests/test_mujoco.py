@@ -12,8 +12,8 @@ from mujoco_tactophone import ContactMicrophone
 from mujoco_tactophone.world import STEP, pressed, stones_model, stroke
 
 from tactophone import LIVE_SAMPLE_RATE, ConfigError
-from tactophone.lab.simulation.motion import LIFT, Move
-from tactophone.lab.simulation.source import SimulatedFinger
+from tactophone_lab.simulation.motion import LIFT, Move
+from tactophone_lab.simulation.source import SimulatedFinger
 
 Sound = NDArray[np.float32]
 

@@ -1,0 +1,1 @@
+"""What users of the laboratory do: one function a verb."""

@@ -1,0 +1,382 @@
+"""What a benchmark compares, by name: methods behind one protocol,
+:class:`tactophone_lab.benchmark.folds.Method`.
+
+Every recipe of :data:`tactophone_lab.training.recipes.RECIPES` is a method through
+:func:`method_of`.
+
+A renderer of :data:`~signal.haptics.passthrough.PASSTHROUGH` has no detector: the
+finger itself must separate rough from smooth. In :class:`RendererMethod` a regression
+takes its place, on what a finger can perceive of the vibration: its level, its peaks,
+and its strength in bands from 35 Hz to 1 kHz.
+
+Besides what the protocol wants, each has ``rule``, the decision rule of the live
+system, and ``latency``, the seconds from a window's end to its prediction.
+"""
+
+import functools
+import itertools
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
+
+import numpy as np
+import onnxruntime
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.microphones import AIR
+from tactophone.core.recordings.values import Dataset, Recording, tip_of
+from tactophone.core.types import LIVE_SAMPLE_RATE
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import PASSTHROUGH, STEP_SIZE
+from tactophone.signal.perception.decision import DecisionRule
+from tactophone.signal.perception.model_file import (
+    FEATURES,
+    LOG_PROBABILITIES,
+    read_model,
+)
+from tactophone.signal.perception.resample import Resampler
+from tactophone_lab.evaluation.metrics import Floats
+from tactophone_lab.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    model_predictor,
+)
+from tactophone_lab.training.baselines import FeatureRecipe
+from tactophone_lab.training.options import VARIANTS, TrainingOptions
+from tactophone_lab.training.recipes import (
+    FEATURE_RECIPES,
+    RECIPES,
+    ConfiguredRecipe,
+    configure,
+)
+from tactophone_lab.training.sets import TrainingSet, even_weights
+from tactophone_lab.training.tracks import extract_features
+
+if TYPE_CHECKING:
+    from tactophone_lab.training.trainer import NetworkRecipe
+
+METHODS_VERSION = 1
+"""Raise it when a class here changes in a way that its settings do not show, so that
+cached folds are trained anew."""
+
+NO_AIR = "texture/no-air"
+"""An ablation: the model of ``texture`` with a silent air microphone."""
+
+NETWORK_CHANGES: dict[str, Any] = {"hop": 21, "batch_size": 500, "least_steps": 600}
+"""Of the training of the paper's network, as in docs/research/scores.md: its score is
+flat in the number of steps."""
+
+FAST_STEPS = 200
+"""Least steps of the network in a fast benchmark, of which its nine folds would
+otherwise take most of the time."""
+
+NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
+"""Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
+
+
+FULL_DRIVE = Limits(ceiling=1.0)
+
+WINDOW_SIZE, HOP = 1024, 128 / 3
+"""Samples of a vibration, at 4 kHz: the paper's 256 and 10.67 ms."""
+
+BAND_EDGES = np.geomspace(35, 1000, 9)
+"""Hz, of the bands of a vibration."""
+
+FAINTEST_VIBRATION = 1e-8
+"""Added to each power, as silence has no logarithm."""
+
+RENDERERS: Mapping[str, str] = {
+    f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH
+}
+"""The renderer of each method: a name that a recipe has too gets ``/felt``."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkMethod:
+    """The paper's network in a model file, which runs as the live system runs it."""
+
+    recipe: "NetworkRecipe"
+    title: str = ""
+    """In tables, in place of the recipe's name."""
+    rule: ClassVar[DecisionRule] = DecisionRule()
+    latency: ClassVar[float] = NETWORK_LATENCY
+
+    @property
+    def name(self) -> str:
+        return self.title or self.recipe.name
+
+    @property
+    def identity(self) -> str:
+        return f"model file {METHODS_VERSION} {self.recipe.identity}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "fold.onnx"
+            self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))
+            return model_predictor(read_model(path))
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureMethod:
+    """A recipe on features, run over a whole recording at once.
+
+    Features are computed once per recording and cached in the process, so that a fold
+    costs its training alone; tests hold that the predictions equal those of the
+    streaming detector, window for window.
+    """
+
+    recipe: FeatureRecipe
+    dropped: int | None = None
+    """An ablation: this channel is silent after training. The same weights, one
+    microphone less."""
+    rule: DecisionRule = field(default_factory=DecisionRule)
+    latency: ClassVar[float] = FEATURE_LATENCY
+
+    @property
+    def name(self) -> str:
+        return (
+            self.recipe.name
+            if self.dropped is None
+            else f"{self.recipe.name}/no-{('contact', 'air')[self.dropped]}"
+        )
+
+    @property
+    def identity(self) -> str:
+        return f"features {METHODS_VERSION} {self.recipe.identity}" + (
+            "" if self.dropped is None else f" without {self.dropped}"
+        )
+
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        """Train, and predict by the graph that a model file would hold."""
+        training_set = self.recipe.training_set(recordings)
+        return graph_predictor(
+            self.recipe.build(training_set).SerializeToString(),
+            training_set,
+            dropped=self.dropped,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RendererMethod:
+    """A logistic regression on the vibration that a renderer makes; always in
+    contact."""
+
+    name: str
+    """One of `RENDERERS`."""
+    rule: ClassVar[DecisionRule] = DecisionRule()
+
+    @property
+    def latency(self) -> float:
+        return PASSTHROUGH[RENDERERS[self.name]](None).latency
+
+    @property
+    def identity(self) -> str:
+        return f"regression {METHODS_VERSION} {self.name}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        """Fit, with every surface at the same weight."""
+        from sklearn.linear_model import LogisticRegression
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+
+        rows = [
+            vibration_features(recording, RENDERERS[self.name])[1]
+            for recording in recordings
+        ]
+        sizes, names = (
+            [len(windows) for windows in rows],
+            sorted({recording.surface for recording in recordings}),
+        )
+        rough = np.repeat([recording.rough for recording in recordings], sizes)
+        surface = np.repeat(
+            [names.index(recording.surface) for recording in recordings], sizes
+        )
+        model = make_pipeline(
+            StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky")
+        )
+        model.fit(
+            np.concatenate(rows),
+            rough,
+            logisticregression__sample_weight=even_weights(rough, surface),
+        )
+
+        def predict(recording: Recording) -> TakePredictions:
+            time, windows = vibration_features(recording, RENDERERS[self.name])
+            share = model.predict_proba(windows)[:, 1].astype(np.float32)
+            probabilities = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
+            return TakePredictions(
+                recording, time, probabilities, np.ones(len(time), bool)
+            )
+
+        return predict
+
+
+@functools.lru_cache(maxsize=1 << 13)
+def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Floats]:
+    """Log of eight band powers, level and crest of the vibration that a renderer makes
+    of a recording.
+
+    Returns the end of each window in s, and features of shape ``(windows, 10)``.
+    """
+    sound = recording.read(channels=1)
+    resampler = Resampler(sound.sample_rate, LIVE_SAMPLE_RATE, channels=1)
+    contact = np.concatenate([resampler.push(sound.samples), resampler.flush()])
+    vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(contact)[
+        STEP_SIZE - 1 :: STEP_SIZE
+    ]
+    rate = LIVE_SAMPLE_RATE // STEP_SIZE
+    starts = np.floor(
+        np.arange(max(0, int((len(vibration) - WINDOW_SIZE) / HOP) + 1)) * HOP
+    ).astype(np.intp)
+    windows = sliding_window_view(vibration, WINDOW_SIZE)[starts].astype(np.float64)
+    powers = np.square(np.abs(np.fft.rfft(windows * np.hanning(WINDOW_SIZE))))
+    bins = np.fft.rfftfreq(WINDOW_SIZE, 1 / rate)
+    pairs = itertools.pairwise(BAND_EDGES)
+    bands = np.stack(
+        [powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs],
+        axis=1,
+    )
+    power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
+    rows = np.log10(
+        np.column_stack(
+            [
+                bands / WINDOW_SIZE,
+                power,
+                (peak + FAINTEST_VIBRATION) / (power + FAINTEST_VIBRATION),
+            ]
+        )
+        + FAINTEST_VIBRATION
+    )
+    return (starts + WINDOW_SIZE) / rate, rows
+
+
+BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RendererMethod
+
+
+def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
+    return (
+        FeatureMethod(recipe)
+        if isinstance(recipe, FeatureRecipe)
+        else NetworkMethod(recipe)
+    )
+
+
+def recipe_method(name: str, *, channels: int) -> FeatureMethod:
+    """Return the method of a recipe on features, for sound of 1 or 2 channels."""
+    return FeatureMethod(
+        cast(FeatureRecipe, configure(name, TrainingOptions(channels=channels)))
+    )
+
+
+def method_names(channels: int) -> tuple[str, ...]:
+    """List the names of all methods, the reference first."""
+    networks = [
+        f"paper/{name}" for name in VARIANTS if channels == 2 or name == "one-channel"
+    ]
+    baselines = [name for name in FEATURE_RECIPES if name != "texture"]
+    return (
+        *networks,
+        *baselines,
+        *RENDERERS,
+        *((NO_AIR, "texture") if channels == 2 else ("texture",)),
+    )
+
+
+def methods_for(
+    dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False
+) -> tuple[BenchmarkMethod, ...]:
+    """Make the methods for a data set, all by default.
+
+    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises
+    `ConfigError` if a name is unknown.
+    """
+    allowed = method_names(channels_of(dataset))
+    if unknown := [name for name in names if name not in (*allowed, *method_names(2))]:
+        raise ConfigError(
+            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
+        )
+    needs = {
+        name: RECIPES[name].requires
+        for name in allowed
+        if name in RECIPES and RECIPES[name].requires
+    }
+    lacking = {
+        name
+        for name, key in needs.items()
+        if not any(take.known(key) for take in dataset.recordings)
+    }
+    chosen = [
+        name for name in allowed if name in (names or allowed) and name not in lacking
+    ]
+    return tuple(_make_method(name, dataset, fast=fast) for name in chosen)
+
+
+def channels_of(dataset: Dataset) -> int:
+    """2 if every recording has contact and air, otherwise 1."""
+    return (
+        2
+        if all(
+            set(recording.channels) == {"contact", "air"}
+            for recording in dataset.recordings
+        )
+        else 1
+    )
+
+
+def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
+    if name in RENDERERS:
+        return RendererMethod(name)
+    if name.startswith("paper/"):
+        from tactophone_lab.training.trainer import fastest_precision
+
+        # Without labelled segments every window is contact, both in training and in the
+        # model's gate.
+        segmented = any(recording.segments for recording in dataset.recordings)
+        changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
+        options = TrainingOptions(
+            variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
+            precision=fastest_precision(),
+            contact_threshold=None if segmented else "off",
+            **changes,
+        )
+        return method_of(configure("paper-fast", options))
+    recipe = name.partition("/")[0]
+    rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
+    dropped = AIR if name == NO_AIR else None
+    return replace(
+        recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule
+    )
+
+
+def graph_predictor(
+    graph: bytes, training_set: TrainingSet, *, dropped: int | None = None
+) -> Predictor:
+    """Return a predictor that runs a graph on all windows of a recording at once.
+
+    The features are as in training; the channel ``dropped`` carries nothing.
+    """
+    session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
+
+    def predict(recording: Recording) -> TakePredictions:
+        (track,) = extract_features([recording], training_set.spec)
+        if dropped is not None:
+            alive = np.arange(training_set.spec.channels) != dropped
+            # Constant features of a silent channel never trigger the detection of a
+            # change of surface.
+            track = replace(
+                track,
+                present=track.present & alive,
+                description=track.description * alive[:, None],
+            )
+        (log_probabilities,) = session.run(
+            [LOG_PROBABILITIES], {FEATURES: training_set.features([track])[0]}
+        )
+        contact = track.level_dbfs >= training_set.threshold_dbfs
+        return TakePredictions(
+            recording, track.end, np.exp(log_probabilities, dtype=np.float32), contact
+        )
+
+    return predict

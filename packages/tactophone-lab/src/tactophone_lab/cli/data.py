@@ -1,0 +1,136 @@
+"""Options of verbs that read a data set, train on it, or run folds of it."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.values import Dataset
+from tactophone_lab.datasets.checks import channels_of_all, usable, with_channels
+from tactophone_lab.datasets.open import open_dataset
+from tactophone_lab.datasets.splits import with_kin
+
+if TYPE_CHECKING:
+    from tactophone_lab.benchmark.folds import Cache
+
+
+def add_filter(parser: argparse.ArgumentParser) -> None:
+    words = "keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable"
+    parser.add_argument(
+        "--filter", action="append", metavar="KEY=VALUE[,VALUE...]", help=words
+    )
+
+
+def add_labels(parser: argparse.ArgumentParser) -> None:
+    words = "what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or the data card beside them)"
+    parser.add_argument("--labels", metavar="N=NAME[,...]", help=words)
+
+
+def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
+    return (
+        dict(options.assigned(args.labels.split(","), "--labels"))
+        if args.labels
+        else None
+    )
+
+
+def add_kin(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--kin",
+        type=Path,
+        metavar="CSV",
+        help="file with the columns surface,kin: surfaces of one kin stay on one side of a split (default: "
+        "the column kin, or the versions of a surface, by name)",
+    )
+
+
+def add_folds(parser: argparse._ActionsContainer) -> None:
+    """Add where folds run, and where their results are kept."""
+    add = parser.add_argument
+    add(
+        "--workers",
+        type=Within(int, 1),
+        default=2,
+        metavar="N",
+        help="processes, %(type)s",
+    )
+    add(
+        "--ray",
+        action="store_true",
+        help="run folds on a Ray cluster: RAY_ADDRESS, or a local one",
+    )
+    add(
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help="folder for the folds' results (default: the user's cache)",
+    )
+
+
+def cache_of(args: argparse.Namespace) -> "Cache":
+    from tactophone_lab.benchmark.folds import Cache, default_cache
+
+    return Cache(args.cache) if args.cache else default_cache()
+
+
+def open_filtered(
+    folder: Path,
+    filters: list[str] | None,
+    *,
+    channels: int = 1,
+    kin: Path | None = None,
+    segments: bool = False,
+    labels: Mapping[str, str] | None = None,
+) -> Dataset:
+    """Open a data set, apply the filters, and drop unusable recordings, each reported
+    on stderr.
+
+    Recordings with fewer ``channels`` are dropped where others have as many; those of
+    several labels are kept with ``segments``. Raises `DatasetError` if nothing is left.
+    """
+    dataset = open_dataset(folder, labels=labels)
+    for text in filters or ():
+        dataset = _filtered(dataset, text)
+    kept, problems = usable(dataset)
+    for problem in problems:
+        if problem.fatal:
+            output.note(f"left out: {problem}")
+    kept, lacking = with_channels(kept.labelled(segments=segments), channels)
+    for problem in lacking:
+        output.note(f"left out: {problem}")
+    return with_kin(kept, kin) if kin else kept
+
+
+def is_mono(folder: Path) -> bool:
+    """Return whether the recordings of a data set have one channel alone."""
+    return channels_of_all(open_dataset(folder)) == 1
+
+
+def joined(datasets: Sequence[Dataset]) -> Dataset:
+    """Join data sets for a training; the first one's folder stands for all."""
+    first = datasets[0]
+    return Dataset(
+        " + ".join(dataset.name for dataset in datasets),
+        first.root,
+        tuple(recording for dataset in datasets for recording in dataset.recordings),
+        tuple(problem for dataset in datasets for problem in dataset.problems),
+    )
+
+
+def _filtered(dataset: Dataset, text: str) -> Dataset:
+    key, equals, values = text.partition("=")
+    if not equals:
+        raise DatasetError(f"--filter {text}: write KEY=VALUE, such as tier=core")
+    allowed = set(values.split(","))
+    kept = dataset.where(lambda recording: recording.known(key) in allowed)
+    if not kept.recordings:
+        known = sorted(
+            {recording.known(key) or "(nothing)" for recording in dataset.recordings}
+        )
+        raise DatasetError(
+            f"--filter {text}: no recording has it; {key} is one of {', '.join(known[:12])}"
+        )
+    return kept

@@ -1,0 +1,304 @@
+"""``tactophone evaluate``: scores of a model, or of recipes by cross-validation."""
+
+import argparse
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
+from tactophone.core.errors import ConfigError
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
+from tactophone_lab.app.evaluation import (
+    HEADLINE,
+    Progress,
+    compare_recipes,
+    evaluate_model,
+    evaluate_recipe,
+    note_scores,
+)
+from tactophone_lab.cli.data import (
+    add_filter,
+    add_folds,
+    add_kin,
+    cache_of,
+    open_filtered,
+)
+from tactophone_lab.cli.train import add_recipe, recipe_for, recipe_of
+from tactophone_lab.datasets.splits import KIN_SPLIT, SPLITS
+
+if TYPE_CHECKING:
+    from tactophone_lab.evaluation.report import Report
+
+EXAMPLES = (
+    "tactophone evaluate texture --data recordings",
+    "tactophone evaluate --data recordings --recipe texture --baselines",
+    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1",
+)
+
+FLICKER = 60.0
+"""False bumps or dips a minute over which their number says no more."""
+
+_MEASURES = {
+    "balanced_accuracy": "balanced accuracy",
+    "smooth_accuracy": "smooth called smooth, of smooth",
+    "rough_accuracy": "rough called rough, of rough",
+    "false_positive_rate": "smooth called rough, of smooth",
+    "auc": "area under ROC curve",
+    "recall_at_1": "rough recall at 1 % false positives",
+    "rough_as_rough": "rough called rough, of all",
+    "rough_as_smooth": "rough called smooth, of all",
+    "smooth_as_rough": "smooth called rough, of all",
+    "smooth_as_smooth": "smooth called smooth, of all",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "model",
+        nargs="?",
+        metavar="MODEL",
+        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
+    )
+    add(
+        "--data",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="a data set, or class folders rough/ and smooth/",
+    )
+    add_filter(parser)
+    add_kin(parser)
+    add(
+        "--by-recording",
+        action="store_true",
+        help="list every recording instead of surfaces",
+    )
+    add(
+        "--note",
+        metavar="NAME",
+        help="write the scores into the model's card, under this name",
+    )
+    options.add_json(parser, "print JSON instead of tables")
+    group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
+    words = f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)"
+    group.add_argument("--split", metavar="NAME", help=words)
+    group.add_argument(
+        "--baselines",
+        type=Within(int, 0),
+        nargs="?",
+        const=1,
+        metavar="N",
+        help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
+        "(without N: 1)",
+    )
+    words = "an entry of a recipe file and its values, repeatable: every combination is tried, best first"
+    group.add_argument(
+        "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words
+    )
+    add_folds(group)
+    add_recipe(group)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.note and not args.model:
+        raise ConfigError("--note writes into a model's card: name the MODEL")
+    if args.vary:
+        if args.model:
+            raise ConfigError("--vary tries recipes: leave out the MODEL")
+        return _vary(args)
+    recipe = recipe_of(args) if args.model else recipe_for(args, args.data)
+    channels = (
+        read_model(model_path(args.model)).card.channels
+        if args.model
+        else recipe.configured().channels
+    )
+    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    with _progress() as report:
+        if args.model:
+            found, warnings = evaluate_model(args.model, dataset, report=report)
+            reports = {args.model: found}
+        else:
+            how, warnings = args.split or KIN_SPLIT, []
+            reports = evaluate_recipe(
+                recipe,
+                dataset,
+                how=how,
+                baselines=args.baselines,
+                cache=cache_of(args),
+                report=report,
+            )
+    for warning in warnings:
+        output.note(warning)
+    if args.note:
+        note_scores(args.model, args.note, reports[args.model], dataset)
+    output.show(
+        reports, _parts(reports, by_recording=args.by_recording), as_json=args.json
+    )
+    if next(iter(reports.values())).rendered.balanced_accuracy.value < 0.25:
+        output.note(
+            "warning: far worse than chance: check which labels are smooth, and the tip"
+        )
+    return 0
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Show a bar for each thing that is done."""
+    bars: dict[str, Callable[..., None]] = {}
+    with ExitStack() as stack:
+
+        def report(what: str, done: int, total: int, name: str) -> None:
+            if what not in bars:
+                stack.close()
+                bars[what] = stack.enter_context(output.progress(what, total))
+            bars[what](completed=done, note=name)
+
+        yield report
+
+
+def _parts(
+    reports: "Mapping[str, Report]", *, by_recording: bool
+) -> Iterator[output.Part]:
+    """Yield the scores by the name of what was scored; the first is the model or the
+    recipe, the others baselines."""
+    from tactophone_lab.evaluation.bootstrap import FEWEST_SURFACES
+    from tactophone_lab.evaluation.metrics import SCORING_RULES
+
+    first = next(iter(reports.values()))
+    known = math.isfinite(first.rendered.balanced_accuracy.low)
+    yield (
+        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
+        f"{first.contact:.0%} of them in contact by the gate.\n"
+        + (
+            "In brackets: 90 % intervals, surfaces drawn anew.\n"
+            if known
+            else f"No intervals: fewer than {FEWEST_SURFACES} surfaces of a class say too little of others.\n"
+        )
+    )
+    yield from _table(
+        "as rendered",
+        {
+            name: {
+                "balanced accuracy": report.rendered.balanced_accuracy,
+                "smooth as rough": report.rendered.smooth_as_rough,
+                "gaps": report.rendered.gaps,
+            }
+            for name, report in reports.items()
+        },
+    )
+    if not known and any(name.startswith("permuted") for name in reports):
+        yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
+    rates = (first.false_bumps, first.dips)
+    bumps, dips = (
+        "-"
+        if math.isnan(rate)
+        else f"{rate:.1f}"
+        if rate < FLICKER
+        else "over one a second"
+        for rate in rates
+    )
+    yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
+    unknown, inside, outside = map(
+        output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
+    )
+    yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
+    # Three columns of a score and its interval are what 80 characters hold.
+    headings = dict(
+        zip(
+            HEADLINE,
+            ("balanced accuracy", "area under ROC", "recall at 1 %"),
+            strict=False,
+        )
+    )
+    for rule in SCORING_RULES if len(reports) > 1 else ():
+        yield from _table(
+            f"{rule} rule",
+            {
+                name: {
+                    heading: report.rules[rule][measure]
+                    for measure, heading in headings.items()
+                }
+                for name, report in reports.items()
+            },
+        )
+    yield from _table(
+        "",
+        {
+            words: {f"{rule} rule": first.rules[rule][name] for rule in SCORING_RULES}
+            for name, words in _MEASURES.items()
+        },
+    )
+    rows = first.by_recording if by_recording else first.by_surface
+    table = Table(
+        "recording" if by_recording else "surface",
+        "label",
+        "updates",
+        "contact",
+        "authors",
+        "two-class",
+        show_edge=False,
+    )
+    for row in rows:
+        shares = (row.contact, row.authors, row.two_class)
+        cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
+        table.add_row(row.name, row.label, str(row.updates), *cells)
+    yield table
+
+
+def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:
+    yield output.table(
+        [{corner: name, **cells} for name, cells in rows.items()], **output.RULED
+    )
+    yield ""
+
+
+def _vary(args: argparse.Namespace) -> int:
+    choices = {
+        name: values.split(",")
+        for name, values in options.assigned(args.vary, "--vary").items()
+    }
+    recipes = {}
+    for combination in itertools.product(*choices.values()):
+        changes = dict(zip(choices, combination, strict=True))
+        name = ", ".join(f"{key} {value}" for key, value in changes.items())
+        recipes[name] = recipe_of(args).changed(changes, where=f"--vary, {name}")
+    channels = max(recipe.configured().channels for recipe in recipes.values())
+    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    with _progress() as report:
+        trials = compare_recipes(
+            recipes,
+            dataset,
+            how=args.split or "5-fold",
+            cache=cache_of(args),
+            workers=args.workers,
+            ray=args.ray,
+            report=report,
+        )
+    table = [
+        {
+            "settings": each.settings,
+            **{key.replace("_", " "): str(each.scores[key]) for key in HEADLINE[:3]},
+        }
+        for each in trials
+    ]
+    values = [
+        {
+            "settings": each.settings,
+            **{key: str(each.scores[key]) for key in HEADLINE[:3]},
+            "score": each.scores["balanced_accuracy"].value,
+        }
+        for each in trials
+    ]
+    output.show(values, [table], as_json=args.json)
+    output.log().print(
+        "the best of many is partly luck: score it again on surfaces that no trial was scored on"
+    )
+    return 0

@@ -1,0 +1,36 @@
+"""``tactophone import-model``: the paper authors' models as model files of ours."""
+
+import argparse
+from pathlib import Path
+
+EXAMPLES = (
+    "tactophone import-model general.pt",
+    "tactophone import-model model.pt --out notebook.onnx",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source",
+        type=Path,
+        metavar="FILE",
+        help="what the authors published (general.pt, fine_tuned.pt, piezo_only.pt) or "
+        "their notebook saved (model.pt, with its threshold; model_script.pt); a "
+        "TorchScript file is a program that torch runs while loading: import it only "
+        "from a source you trust",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="the model file to write (default: FILE.onnx, in this folder)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    from tactophone_lab.training.published_models import import_published
+
+    out = args.out or Path(args.source.stem + ".onnx")
+    import_published(args.source, out)
+    print(out)
+    return 0

@@ -1,0 +1,243 @@
+"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes."""
+
+import argparse
+import math
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactophone.cli import console, options, output
+from tactophone.cli.check import USUAL
+from tactophone.cli.guide import GuidePage, GuideScreen, Steps, ask, findings_in_words
+from tactophone.cli.options import Within
+from tactophone.core.errors import ConfigError
+from tactophone.core.settings import Settings
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES, tip_picture
+from tactophone.signal.perception.models import default_model
+from tactophone_lab.app.setup import (
+    ROUGH,
+    SLIDE,
+    SMOOTH,
+    Fitted,
+    SetUpSounds,
+    check_kind,
+    fit_finger,
+    record_set_up,
+)
+
+if TYPE_CHECKING:
+    from tactophone_lab.training.setup import SetUpFit
+
+QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
+
+EXAMPLES = (
+    "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
+    "tactophone setup --seconds 20 --out mine.onnx",
+)
+
+
+def _fitted(result: Fitted) -> Iterator[output.Part]:
+    fit, start = result.fit, result.start
+    before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
+    yield from findings_in_words(result.findings)
+    rows = [
+        (e.name, "rough" if e.rough else "smooth", e.before, e.after)
+        for e in fit.left_out
+    ]
+    yield [
+        {
+            "object": name,
+            "is": kind,
+            f"right, {start} as it ships": output.percent(shipped),
+            "right, left out of the fit": output.percent(own),
+        }
+        for name, kind, shipped, own in [
+            *rows,
+            (output.styled("bold", "balanced"), "", before, after),
+        ]
+    ]
+    if not fit.abstains:
+        unknown = output.percent(fit.unknown)
+        yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
+    if fit.keeps:
+        yield f"the boundary of {start} fits your objects and was kept; your tip and threshold are saved"
+    yield f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}"
+    if not after >= 0.75:  # also where it is NaN
+        yield output.styled("yellow", "note:", f" {_estimate(fit)}")
+    tip = "" if result.tip == DEFAULT_TIP else f"--tip {result.tip} "
+    yield output.styled(
+        "green",
+        "written:",
+        f" {result.file!s}; use it as {tip}--model of `feel` and `receive`",
+    )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        default=Path("finger.onnx"),
+        help="model file to write (default: %(default)s)",
+    )
+    add(
+        "--model",
+        default="",
+        metavar="NAME|FILE",
+        help="texture model to start from (default: the shipped one for the tip)",
+    )
+    for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
+        words = (
+            f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
+            f"{', '.join(names)})"
+        )
+        add(f"--{label}", metavar="NAMES", help=words)
+    add(
+        "--seconds",
+        type=Within(float, 2, 60, unit="s"),
+        default=SLIDE,
+        metavar="S",
+        help="time to slide on each object, %(type)s",
+    )
+    add(
+        "--yes",
+        action="store_true",
+        help="ask nothing, and start each step without a key press",
+    )
+    options.add_json(parser, "print the result as JSON")
+    add(
+        "--dashboard",
+        action="store_true",
+        help="guide on a page of this machine too, and print its address",
+    )
+    options.add_settings(parser, "setup")
+    options.add_finger(parser)
+
+
+def _settings(args: argparse.Namespace) -> Settings:
+    return options.settings_of(args, () if args.settings else USUAL)
+
+
+def run(args: argparse.Namespace) -> int:
+    settings = _settings(args)
+    file = args.out
+    smooth, rough = _names(args, "smooth"), _names(args, "rough")
+    page = GuidePage(wait=not args.yes) if args.dashboard else None
+    with console.single_keys() as has_keyboard, page or nullcontext():
+        slides = [
+            *(f"{name} (smooth)" for name in smooth),
+            *(f"{name} (rough)" for name in rough),
+        ]
+        screen = GuideScreen(
+            None, has_keyboard, page, steps=("tip", "silence", *slides)
+        )
+        tip = _ask_tip(args, screen)
+        with output.live_display() as live:
+            steps = Steps(replace(screen, live=live), unattended=args.yes)
+            sounds = record_set_up(
+                settings,
+                smooth,
+                rough,
+                seconds=args.seconds,
+                step=steps,
+                begin=steps.begin,
+            )
+        return _fit_and_write(args, file, sounds, tip, screen)
+
+
+def _fit_and_write(
+    args: argparse.Namespace,
+    file: Path,
+    sounds: SetUpSounds,
+    tip: str,
+    screen: GuideScreen,
+) -> int:
+    check_kind(args.model or default_model(tip))
+    findings = sounds.findings()
+    refused = any(finding.fatal for finding in findings)
+    words = "nothing was written: correct what is refused above, and run setup again"
+    if screen.page is not None:
+        screen.page.show(
+            findings=[str(each) for each in findings],
+            **({"instruction": words} if refused else {}),
+        )
+    if refused:
+        messages = [finding.message for finding in findings]
+        output.show(
+            {"passed": False, "findings": messages},
+            [*findings_in_words(findings), words],
+            as_json=args.json,
+        )
+        return 1
+    with output.progress("fitting", len(sounds.objects)) as update:
+        result = fit_finger(
+            sounds,
+            file,
+            tip=tip,
+            model=args.model,
+            report=lambda done: update(completed=done),
+        )
+    output.show(result, _fitted(result), as_json=args.json)
+    if screen.page is not None:
+        content = output.finite(output.as_values(result))
+        words = f"Written: {file}; {_estimate(result.fit)}. Now feel with it:"
+        screen.page.show(
+            result=content
+            | {"words": words, "command": f"tactophone receive --model {file}"}
+        )
+    return 0
+
+
+def _names(args: argparse.Namespace, label: str) -> list[str]:
+    given, usual = getattr(args, label), {"smooth": SMOOTH, "rough": ROUGH}[label]
+    names = (
+        list(usual)
+        if given is None
+        else [name.strip() for name in given.split(",") if name.strip()]
+    )
+    if not names:
+        raise ConfigError(
+            f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'"
+        )
+    return names
+
+
+def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
+    """Show the picture and read the answer; the setting where nobody is asked."""
+    tip = _settings(args).capture.tip
+    if args.yes or not screen.answers:
+        return tip
+    keys = f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}"
+    key = ask(
+        screen,
+        QUESTION,
+        {name: name for name in TIP_NAMES},
+        f"{QUESTION}\n\n{tip_picture()}\n\n{keys}",
+    )
+    return (
+        key
+        if key in TIP_NAMES
+        else dict(zip("123456789", TIP_NAMES, strict=False)).get(key, tip)
+    )
+
+
+def _estimate(fit: "SetUpFit") -> str:
+    after = fit.balanced_accuracy
+    if math.isnan(after):
+        return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
+    if after < 0.75:
+        words = (
+            "the wrong way round: check which objects are smooth"
+            if after < 0.25
+            else "little better than chance"
+        )
+        return (
+            f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
+            "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
+        )
+    if fit.keeps:
+        return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
+    return f"right on {output.percent(after)} of what it was not fitted to, over both kinds"

@@ -1,0 +1,294 @@
+"""``tactophone simulate``: sound of the simulated finger, for training and tests."""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactophone.cli import options, output
+from tactophone.cli.options import SEED, Within
+from tactophone.core.errors import ConfigError, did_you_mean
+from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
+from tactophone_lab.simulation.takes import TAKES
+
+if TYPE_CHECKING:
+    from tactophone_lab.simulation.catalogue import SimulatedObject
+    from tactophone_lab.simulation.takes import Take
+
+EXAMPLES = (
+    "tactophone simulate objects",
+    "tactophone simulate dataset simulated --objects 0,5 --takes short_light,long_light --seconds 2",
+    "tactophone simulate competition competition --runs 1",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_action = options.add_actions(parser)
+    words = "list the catalogue of objects with their true roughness"
+    options.add_json(
+        add_action("objects", words, _objects), "print JSON instead of a table"
+    )
+    words = "render the paper's data set, seven takes of each object; continues after an interruption"
+    add = add_action("dataset", words, _dataset).add_argument
+    takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
+    _add_sound(add)
+    add(
+        "--seconds",
+        type=Within(float, 0, over=True, unit="s"),
+        default=30.0,
+        metavar="S",
+        help="length of a take, %(type)s",
+    )
+    words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all' for the catalogue"
+    add("--objects", default="paper", metavar="LIST", help=words)
+    words = f"takes separated by commas, of {takes}; or 'all'"
+    add("--takes", default="all", metavar="LIST", help=words)
+    add(
+        "--scenarios",
+        action="store_true",
+        help="render movable objects held, on a table and in a box",
+    )
+    add(
+        "--opus",
+        action="store_true",
+        help="pass the sound through Opus, as the paper did",
+    )
+    add(
+        "--hall",
+        action="store_true",
+        help="in the competition's noise: a hall full of people, and running motors",
+    )
+    add(
+        "--authors-layout",
+        action="store_true",
+        help="write opus/stereo/NN_variant.wav, as the paper's authors do",
+    )
+    words = "gain of the contact preamplifier, %(type)s; at -12 hardly any take clips, but models expect 0"
+    add(
+        "--gain",
+        type=Within(float, -40, 40, unit="dB"),
+        default=0.0,
+        metavar="DB",
+        help=words,
+    )
+    words = "angle between the finger's bed and the surface, %(type)s; the printed finger's bed leans by 30 degrees"
+    add(
+        "--tilt",
+        type=Within(float, 0, 75, unit="°"),
+        default=0.0,
+        metavar="DEGREES",
+        help=words,
+    )
+    add(
+        "--jobs",
+        type=Within(int, 1),
+        default=cores,
+        metavar="N",
+        help="processes, %(type)s",
+    )
+    words = (
+        "render runs over five stones in a box, on two days, with the truth over time"
+    )
+    add = add_action("competition", words, _competition).add_argument
+    _add_sound(add)
+    add(
+        "--runs",
+        type=Within(int, 1),
+        default=5,
+        metavar="N",
+        help="runs per day, %(type)s",
+    )
+    words = "hard: stones almost alike, touched lightly through a damped pad"
+    add("--task", choices=("box", "hard"), default="box", help=words)
+    add(
+        "--authors-layout",
+        action="store_true",
+        help="write finals_recordings/day_D_word.wav, as the authors do",
+    )
+    words = "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each"
+    add = add_action("hand", words, _hand).add_argument
+    add(
+        "out",
+        type=Path,
+        metavar="OUT",
+        help="folder to write to, with a recording for each finger",
+    )
+    add(
+        "--fingers",
+        default="5",
+        metavar="N|FILE",
+        help="their number, 1 to 10, or a TOML file with a table for each",
+    )
+    add(
+        "--seed",
+        type=SEED,
+        default=0,
+        metavar="N",
+        help="random seed of set-up, strokes and noise, %(type)s",
+    )
+    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
+
+
+def _add_sound(add: Callable[..., object]) -> None:
+    add(
+        "out",
+        type=Path,
+        metavar="OUT",
+        help="folder to write to; finished files are kept",
+    )
+    add(
+        "--seed",
+        type=SEED,
+        default=0,
+        metavar="N",
+        help="random seed of sessions, strokes and noise, %(type)s",
+    )
+    add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
+    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
+
+
+def _objects(args: argparse.Namespace) -> int:
+    from tactophone_lab.simulation.catalogue import catalogue
+
+    rows = [_row(obj) for obj in catalogue()]
+    table = [
+        {
+            key.replace("_um", " (µm)"): f"{cell:.2f}"
+            if isinstance(cell, float)
+            else cell
+            for key, cell in row.items()
+        }
+        for row in rows
+    ]
+    output.show(rows, [table], as_json=args.json)
+    return 0
+
+
+def _row(obj: "SimulatedObject") -> dict[str, Any]:
+    return {
+        "number": obj.number,
+        "object": obj.name,
+        "label": obj.label.name.lower(),
+        "material": obj.substance,
+        "mounting": str(obj.mounting),
+        "Ra_um": round(obj.roughness.ra * 1e6, 3),
+        "Rq_um": round(obj.roughness.rq * 1e6, 3),
+    }
+
+
+def _dataset(args: argparse.Namespace) -> int:
+    from tactophone_lab.simulation.catalogue import PAPER
+    from tactophone_lab.simulation.render import (
+        RenderOptions,
+        plan_dataset,
+        render_dataset,
+        write_manifest,
+    )
+
+    chosen = RenderOptions(
+        args.seconds,
+        args.seed,
+        opus=args.opus,
+        hall=args.hall,
+        authors_layout=args.authors_layout,
+        bits=args.bits,
+        tip=args.tip,
+        gain_db=args.gain,
+        tilt=args.tilt,
+    )
+    objects = _objects_named(args.objects)
+    _check_layout(args)
+    if args.authors_layout and (
+        args.scenarios or any(obj.number not in PAPER for obj in objects)
+    ):
+        raise ConfigError(
+            "the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others"
+        )
+    jobs = plan_dataset(
+        objects, chosen, scenarios=args.scenarios, takes=takes_named(args.takes)
+    )
+    output.make_folder(args.out)
+    start = time.monotonic()
+    try:
+        with output.progress("simulating", len(jobs)) as update:
+            for job in render_dataset(args.out, jobs, processes=args.jobs):
+                update(advance=1, note=job.name)
+    finally:
+        done = write_manifest(args.out, jobs)
+        output.log().print(
+            f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s"
+        )
+    print(args.out)
+    return 0
+
+
+def _check_layout(args: argparse.Namespace) -> None:
+    if args.authors_layout and args.tip != DEFAULT_TIP:
+        raise ConfigError(
+            f"--tip {args.tip}: the authors' layout is of their finger, tip {DEFAULT_TIP}; omit one of them"
+        )
+
+
+def _competition(args: argparse.Namespace) -> int:
+    from tactophone.core.recordings.metadata import write_metadata
+    from tactophone_lab.simulation.competition import (
+        DAYS,
+        TASKS,
+        CompetitionRun,
+        run_recording,
+        write_finals,
+        write_run,
+    )
+
+    _check_layout(args)
+    runs = [
+        CompetitionRun(day, number, args.seed, args.tip, TASKS[args.task])
+        for day in DAYS
+        for number in range(1, args.runs + 1)
+    ]
+    output.make_folder(args.out)
+    if args.authors_layout:
+        print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
+        return 0
+    with output.progress("simulating", len(runs)) as update:
+        for each in runs:
+            write_run(args.out, each, bits=args.bits)
+            update(advance=1, note=each.name)
+    write_metadata(args.out, [run_recording(args.out, each) for each in runs])
+    print(args.out)
+    return 0
+
+
+def _objects_named(names: str) -> "list[SimulatedObject]":
+    from tactophone_lab.simulation.catalogue import PAPER, catalogue, find
+
+    if names == "all":
+        return list(catalogue())
+    if names == "paper":
+        return [obj for obj in catalogue() if obj.number in PAPER]
+    return [find(name.strip()) for name in names.split(",")]
+
+
+def _hand(args: argparse.Namespace) -> int:
+    from tactophone.core.hand import names_of, with_fingers
+    from tactophone.core.settings import Settings
+    from tactophone_lab.simulation.demonstration import write_demonstration
+
+    names = names_of(with_fingers(Settings(), args.fingers))
+    output.make_folder(args.out)
+    print(*write_demonstration(args.out, names, seed=args.seed, tip=args.tip), sep="\n")
+    return 0
+
+
+def takes_named(names: str) -> "list[Take]":
+    known = {take.name: take for take in TAKES}
+    if names == "all":
+        return list(TAKES)
+    unknown = [name for name in names.split(",") if name not in known]
+    if unknown:
+        raise ConfigError(
+            f"--takes: {unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
+        )
+    return [known[name] for name in names.split(",")]

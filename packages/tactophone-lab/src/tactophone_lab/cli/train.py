@@ -1,0 +1,178 @@
+"""``tactophone train``: from labelled recordings to a model file; and the recipes that
+`evaluate` scores too."""
+
+import argparse
+from pathlib import Path
+
+from tactophone.cli import options, output
+from tactophone.core.tips import TIP_NAMES
+from tactophone.signal.perception.calibration import Calibration
+from tactophone_lab.cli.data import (
+    add_filter,
+    add_labels,
+    is_mono,
+    joined,
+    labels_of,
+    open_filtered,
+)
+from tactophone_lab.training.recipes import RECIPES, RecipeFile
+
+EXAMPLES = (
+    "tactophone train recordings --recipe texture --out finger.onnx",
+    "tactophone train recordings --also simulated --filter tier=core",
+    "tactophone train recordings --recipe paper.toml --from general.onnx",
+)
+
+
+def add_recipe(parser: argparse._ActionsContainer) -> None:
+    """Add ``--recipe``, and the options for which nobody should need a file."""
+    add = parser.add_argument
+    add(
+        "--recipe",
+        metavar="NAME|FILE.toml",
+        default="texture",
+        help=f"%(default)s unless given; one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
+        f"{', '.join(RecipeFile.__struct_fields__[:-1])} (docs/guide/training.md)",
+    )
+    add(
+        "--channels",
+        type=int,
+        choices=(1, 2),
+        help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
+        "them from variant",
+    )
+    words = (
+        "tip that the model is for (recipes on features; default: the recordings' own)"
+    )
+    add("--tip", choices=TIP_NAMES, help=words)
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable",
+    )
+
+
+def recipe_of(args: argparse.Namespace) -> RecipeFile:
+    """Return the recipe that the options describe: defaults < file < options."""
+    if args.recipe.endswith(".toml"):
+        recipe = RecipeFile.read(Path(args.recipe))
+    else:
+        recipe = RecipeFile().changed({"recipe": args.recipe}, where="--recipe")
+    given = {
+        name: value
+        for name in ("channels", "tip")
+        if (value := getattr(args, name)) is not None
+    }
+    return recipe.changed(given | options.assigned(args.set), where="--set")
+
+
+def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
+    """Return the recipe that the options describe, for one microphone where the
+    recordings have one and no option says.
+
+    Raises `DatasetError` as `open_dataset` does.
+    """
+    recipe = recipe_of(args)
+    is_network = RECIPES[recipe.recipe].features == "magnitudes"
+    chosen = args.channels or any(
+        text.startswith(("channels=", "variant=")) for text in args.set
+    )
+    if chosen or args.recipe.endswith(".toml") or not is_mono(folder):
+        return recipe
+    change = {"variant": "one-channel"} if is_network else {"channels": 1}
+    return recipe.changed(change, where="the recordings have one channel")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "data",
+        type=Path,
+        metavar="DIR",
+        help="a data set, or class folders rough/ and smooth/",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=Path("model.onnx"),
+        metavar="FILE",
+        help="the model file to write",
+    )
+    add(
+        "--also",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="train on this data set too, all of it that is labelled; repeatable",
+    )
+    add_filter(parser)
+    add_labels(parser)
+    add_recipe(parser)
+    add(
+        "--from",
+        type=Path,
+        dest="start",
+        metavar="MODEL",
+        help="continue from this model's parameters instead of random ones (recipe paper)",
+    )
+    add(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="contact threshold from `tactophone check`, for labels and for the model's gate, in place of "
+        "contact_threshold in a recipe file (recipe paper)",
+    )
+    add(
+        "--restart",
+        action="store_true",
+        help="start over even if an interrupted run of this training could resume",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    calibration = Calibration.read(args.calibration) if args.calibration else None
+    recipe = recipe_for(args, args.data).configured(
+        start=args.start, calibration=calibration
+    )
+    dataset = open_filtered(
+        args.data, args.filter, channels=recipe.channels, labels=labels_of(args)
+    )
+    dataset = joined(
+        [
+            dataset,
+            *(
+                open_filtered(folder, None, channels=recipe.channels)
+                for folder in args.also
+            ),
+        ]
+    )
+    surfaces = {
+        (recording.surface, recording.rough)
+        for recording in dataset.recordings
+        if recording.labelled
+    }
+    rough = sum(each for _, each in surfaces)
+    if min(rough, len(surfaces) - rough) < 3:
+        counts = f"{len(surfaces) - rough} smooth and {rough} rough surface(s)"
+        output.note(
+            f"warning: {counts} say little of others; record three of each or more"
+        )
+    checkpoint = args.out.with_name(args.out.name + ".unfinished")
+    if args.restart:
+        checkpoint.unlink(missing_ok=True)
+    with output.progress("training") as update:
+        recipe.train(
+            args.out,
+            dataset,
+            checkpoint=checkpoint,
+            log=output.log().print,
+            report=lambda done, total, note: update(
+                completed=done, total=total, note=note
+            ),
+        )
+    checkpoint.unlink(missing_ok=True)
+    print(args.out)
+    return 0

@@ -1,0 +1,248 @@
+"""Conversion of any known layout into ``metadata.csv``, and the data card."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.processes import atomic_write
+from tactophone.core.recordings.metadata import FILE_NAME, refuse_link, write_metadata
+from tactophone.core.recordings.values import READ_SIZE, Dataset, Recording
+from tactophone.core.types import SURFACE_LABELS, ignore
+
+CARD = "README.md"
+"""Where Hugging Face looks for the card of a data set."""
+
+
+def convert(
+    dataset: Dataset,
+    out: Path,
+    *,
+    air_of: Mapping[Path, Path] = {},
+    targets: Mapping[Path, Path] = {},
+    progress: Callable[[int], None] = ignore,
+) -> Dataset:
+    """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals
+    stay.
+
+    Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both
+    mappings are by a recording's path: ``air_of`` has the file of the air microphone
+    where the recording holds the contact microphone alone, so that the copy has both;
+    ``targets`` the path of the copy below ``out`` without suffix, by default as below
+    the data set. ``progress`` is called with the number of recordings done. Raises
+    `DatasetError` if ``out`` holds a data set already, or a file cannot be converted.
+    """
+    if (out / FILE_NAME).exists():
+        raise DatasetError(f"{out}: holds a data set already; name a new folder")
+    copies = []
+    for done, recording in enumerate(dataset.recordings, 1):
+        air = air_of.get(recording.path)
+        for path in filter(None, (recording.path, air)):
+            refuse_link(path, dataset.root)
+        inner = targets.get(recording.path) or recording.path.resolve().relative_to(
+            dataset.root.resolve()
+        )
+        # By hand, as `with_suffix` would take a dot within the name for one.
+        stem = inner.name if recording.path in targets else inner.stem
+        target = out / inner.parent / f"{stem}.flac"
+        refuse_link(target.parent, out)
+        copies.append(_copy(recording, target, air))
+        progress(done)
+    write_metadata(out, copies)
+    return Dataset(out.name, out, tuple(copies))
+
+
+def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> Path:
+    """Write columns of a data set's manifest, by surface; other surfaces keep theirs.
+
+    Raises `DatasetError` if the data set has no ``metadata.csv`` of its own.
+    """
+    if not (dataset.root / FILE_NAME).is_file():
+        raise DatasetError(
+            f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one"
+        )
+    changed = (
+        recording.with_properties(**columns.get(recording.surface, {}))
+        for recording in dataset.recordings
+    )
+    return write_metadata(dataset.root, changed)
+
+
+def write_card(dataset: Dataset) -> Path:
+    """Write a data card in Hugging Face's format: contents, how it was recorded, and
+    known faults."""
+    target = dataset.root / CARD
+    with atomic_write(target) as unfinished:
+        unfinished.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
+    return target
+
+
+def copy_as_flac(source: Path, target: Path) -> None:
+    """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill
+    leaves no half file at ``target``.
+
+    Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the
+    disk is full.
+    """
+    with soundfile.SoundFile(source) as file:
+        subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
+        # As integers, PCM is copied bit by bit.
+        blocks = file.blocks(
+            READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32"
+        )
+        _write_flac(
+            target, blocks, file.samplerate, file.channels, subtype, size=len(file)
+        )
+
+
+def join_as_flac(contact: Path, air: Path, target: Path) -> None:
+    """Write two mono files as one FLAC file, contact and air, as long as the shorter;
+    errors as `copy_as_flac`."""
+    with soundfile.SoundFile(contact) as one, soundfile.SoundFile(air) as two:
+        size = min(len(one), len(two))
+        # As integers, so that PCM stays bit by bit.
+        pairs = zip(
+            *(
+                file.blocks(READ_SIZE, dtype="int32", frames=size)
+                for file in (one, two)
+            ),
+            strict=True,
+        )
+        subtype = "PCM_16" if one.subtype == two.subtype == "PCM_16" else "PCM_24"
+        _write_flac(
+            target,
+            (np.stack(pair, axis=1) for pair in pairs),
+            one.samplerate,
+            2,
+            subtype,
+            size=size,
+        )
+
+
+def _write_flac(
+    target: Path,
+    blocks: Iterable[NDArray[Any]],
+    rate: int,
+    channels: int,
+    subtype: str,
+    *,
+    size: int,
+) -> None:
+    with atomic_write(target) as unfinished:
+        with soundfile.SoundFile(
+            unfinished, "w", rate, channels, subtype, format="FLAC"
+        ) as flac:
+            for samples in blocks:
+                flac.write(samples)
+        if soundfile.info(unfinished).frames != size:
+            raise OSError("the copy is shorter than the original")
+
+
+def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        if air:
+            join_as_flac(recording.path, air, target)
+        else:
+            copy_as_flac(recording.path, target)
+    except (soundfile.LibsndfileError, OSError) as error:
+        step = (
+            "free some space"
+            if isinstance(error, OSError)
+            else "`tactophone dataset check`"
+        )  # of copy or source
+        raise DatasetError(
+            f"{recording.path}: cannot be converted ({error}); {step}"
+        ) from None
+    return dataclasses.replace(recording, path=target)
+
+
+def _card(dataset: Dataset) -> Iterator[str]:
+    recordings = dataset.recordings
+    yield from (
+        "---",
+        "pretty_name: " + dataset.name,
+        "task_categories: [audio-classification]",
+    )
+    yield from (
+        "tags: [tactile, haptics, texture, contact-microphone]",
+        "---",
+        "",
+        f"# {dataset.name}",
+        "",
+    )
+    paths = (recording.path for recording in recordings)
+    infos = [
+        soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size
+    ]
+    minutes, rates = (
+        sum(info.duration for info in infos) / 60,
+        sorted({int(info.samplerate) for info in infos}),
+    )
+    channels = _join(" and ".join(recording.channels) for recording in recordings)
+    yield (
+        f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {minutes:.1f} minutes, at "
+        f"{', '.join(f'{rate} Hz' for rate in rates)}. Channels: {channels}."
+    )
+    yield from (
+        "",
+        f"SHA-256 over names, labels and bytes: `{dataset.fingerprint}`.",
+        "",
+    )
+    yield f"Licence: {_values(recordings, 'licence', '; ')}."
+    yield from (
+        "",
+        "## Surfaces",
+        "",
+        "| surface | label | material | scenarios | takes |",
+        "|---|---|---|---|--:|",
+    )
+    for surface in dataset.surfaces:
+        own = [recording for recording in recordings if recording.surface == surface]
+        cells = (_values(own, key) for key in ("label", "material", "scenario"))
+        yield f"| {surface} | {' | '.join(cells)} | {len(own)} |"
+    yield from (
+        "",
+        "## How it was recorded",
+        "",
+        f"Takes: {_values(recordings, 'take')}.",
+        "",
+    )
+    yield f"Sessions: {_values(recordings, 'session')}."
+    yield f"Split: {_values(recordings, 'split')}."
+    doubtful = [
+        recording
+        for recording in recordings
+        if recording.known("quality") not in ("", "good")
+    ]
+    yield from ("", "## Known faults", "")
+    yield from (
+        f"- `{bad.path.relative_to(dataset.root)}`: {bad.known('quality')}"
+        for bad in doubtful
+    )
+    yield from (f"- {problem.kind}: {problem.message}" for problem in dataset.problems)
+    if not doubtful and not dataset.problems:
+        yield "The recorder reported none; `tactophone dataset check` looks for more."
+    counts = Counter(recording.label for recording in recordings)
+    labels = ", ".join(
+        f"{counts[label]} {label.name.lower()}" for label in reversed(SURFACE_LABELS)
+    )
+    yield from ("", "## Limits", "")
+    yield (
+        f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "
+        "surface, never by window: windows overlap."
+    )
+
+
+def _values(recordings: Sequence[Recording], key: str, separator: str = ", ") -> str:
+    return _join((recording.known(key) for recording in recordings), separator)
+
+
+def _join(values: Iterable[str], separator: str = ", ") -> str:
+    return separator.join(sorted(set(values) - {""})) or "not stated"

@@ -1,0 +1,84 @@
+"""Opens a folder of recordings in whichever layout it has, as a data set."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.metadata import FILE_NAME, manifests_in, read_metadata
+from tactophone.core.recordings.read import layout_of, surface_of
+from tactophone.core.recordings.values import Dataset
+from tactophone_lab.datasets.lab_folders import LabFolder, read_lab_folder
+
+
+def open_dataset(
+    path: Path | str, *, labels: Mapping[str, str] | None = None
+) -> Dataset:
+    """Read a data set in any layout, by its folder or the CSV file in it.
+
+    A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names
+    what numbers in the column ``label`` mean; by default ``labels.toml`` or the class
+    names in a Hugging Face data card do.
+
+    Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise:
+    they are in ``Dataset.problems``.
+    """
+    path = Path(path)
+    folder = path.parent if path.is_file() and path.suffix == ".csv" else path
+    if not folder.is_dir():
+        raise DatasetError(
+            f"{path}: no such folder; name one with rough/ and smooth/, or with {FILE_NAME}"
+        )
+    if manifests_in(folder):
+        return read_metadata(folder, surface_of=surface_of, labels=labels)
+    if read := layout_of(folder):
+        return read(folder)
+    if inner := _inner(folder):
+        raise DatasetError(
+            f"{folder}: holds several data sets; name one: {', '.join(inner)}"
+        )
+    found = read_lab_folder(folder)
+    if found.air_of:
+        raise DatasetError(
+            f"{folder}: each microphone is in a file of its own; "
+            f"join them first: `tactophone dataset import {folder} NEW`"
+        )
+    if found.dataset.recordings:
+        return found.dataset
+    raise DatasetError(
+        f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
+        f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
+        "`tactophone dataset import` make it of folders named rough/ and smooth/"
+    )
+
+
+def find_importable(path: Path | str) -> LabFolder:
+    """Return what `dataset import` converts: a known layout, or a folder with labels in
+    its names.
+
+    Surfaces that nothing states are taken from file names; ``guessed`` is then true.
+    Raises `DatasetError` if neither a manifest nor any name holds a label.
+    """
+    folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
+    if manifests_in(folder):
+        guessed: list[Path] = []
+
+        def guess(name: Path) -> str:
+            guessed.append(name)
+            return surface_of(name)
+
+        return LabFolder(read_metadata(folder, surface_of=guess), guessed=bool(guessed))
+    if folder.is_dir() and not layout_of(folder) and not _inner(folder):
+        found = read_lab_folder(folder)
+        if found.dataset.recordings:
+            return found
+        if problems := found.dataset.problems:
+            raise DatasetError(
+                f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}"
+            )
+    return LabFolder(open_dataset(path))
+
+
+def _inner(folder: Path) -> list[str]:
+    return sorted(
+        entry.name for entry in folder.iterdir() if entry.is_dir() and layout_of(entry)
+    )

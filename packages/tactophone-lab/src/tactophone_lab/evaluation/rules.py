@@ -1,0 +1,358 @@
+"""Choice of a decision rule (threshold, hysteresis, confirmation) for a wanted rate of
+false bumps.
+
+A false bump is a decision that turns rough while a smooth surface is touched: one false
+window is one bump at the operator's finger (the paper's section V). Every candidate
+rule runs over the same predictions as the live decision does
+(:mod:`signal.perception.decision`), all rules side by side; of the rules that keep the
+wanted rate, the one with the highest rough recall is chosen. The best of many on a few
+objects is partly luck: so each object can be left out of the choice in turn, to be
+scored by the rule that the others choose.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.app.figures import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    load_pyplot,
+    save_figure,
+)
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.values import Recording
+from tactophone.core.types import SURFACE_LABELS, Touch
+from tactophone.signal.perception.decision import FORGET_AFTER, DecisionRule
+from tactophone_lab.evaluation.bootstrap import Estimate, bootstrap
+from tactophone_lab.evaluation.metrics import Floats, rough_score
+from tactophone_lab.evaluation.predict import TakePredictions
+
+Goal = Literal["false_bumps_per_minute", "false_positive_rate"]
+
+THRESHOLDS = 64
+"""Thresholds tried, evenly spaced in log-odds, as a network's confidence spreads."""
+
+WIDEST_LOGIT = 9.0
+HYSTERESIS_LOGITS = (0.0, 1.0, 2.0, 4.0)
+CONFIRMATIONS = (1, 2, 4, 8)
+"""Updates in a row: at a hop of 10.7 ms the last one delays a rough decision by 75
+ms."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RuleOutcomes:
+    """Outcome of each candidate rule on each recording; arrays have shape
+    ``(recordings, rules)``."""
+
+    recordings: tuple[Recording, ...]
+    """Labelled recordings with contact."""
+    minutes: NDArray[np.float64]
+    """Of contact in each recording, shape ``(recordings,)``."""
+    updates: NDArray[np.float64]
+    """In contact, shape ``(recordings,)``."""
+    rough: NDArray[np.float64]
+    """Updates decided as rough."""
+    bumps: NDArray[np.float64]
+    """How often the decision turns rough."""
+    delay: NDArray[np.float64]
+    """Mean time in s from a touch's beginning to its first rough decision; NaN where
+    there is none."""
+
+    @property
+    def is_rough(self) -> NDArray[np.bool_]:
+        return np.array([recording.rough for recording in self.recordings])
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """A decision rule with its rates."""
+
+    rule: DecisionRule
+    false_bumps_per_minute: Estimate
+    """Decisions that turn rough, per minute of contact with smooth surfaces."""
+    false_positive_rate: Estimate
+    rough_recall: Estimate
+    """`false_positive_rate` and `rough_recall`: share of updates in contact decided as
+    rough, of smooth and of rough surfaces."""
+    delay: float
+    """Median over rough recordings of the time from touch to rough decision, in s; NaN
+    if there is none."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain numbers, for a model card: each rate as value, low, high."""
+        names = ("false_bumps_per_minute", "false_positive_rate", "rough_recall")
+        numbers = {name: getattr(self, name).rounded(4) for name in names}
+        return {
+            **numbers,
+            "delay": None if np.isnan(self.delay) else round(self.delay, 3),
+        }
+
+
+def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
+    """List the rules to try, the model's own first; each abstains as that does."""
+    return (
+        own,
+        *(
+            DecisionRule(
+                _probability(on),
+                _probability(on - hysteresis),
+                confirm,
+                own.abstain_from,
+            )
+            for confirm in CONFIRMATIONS
+            for hysteresis in HYSTERESIS_LOGITS
+            for on in np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
+        ),
+    )
+
+
+def try_rules(
+    predictions: Sequence[TakePredictions], rules: Sequence[DecisionRule]
+) -> RuleOutcomes:
+    """Run every rule over the predictions for labelled recordings.
+
+    Raises `DatasetError` if there is no contact on smooth or on rough surfaces.
+    """
+    takes = [
+        take for take in predictions if take.recording.labelled and take.contact.any()
+    ]
+    for touch in SURFACE_LABELS:
+        if not any(take.recording.label is touch for take in takes):
+            raise DatasetError(
+                f"no {touch.name.lower()} recording with contact: validation needs both classes"
+            )
+    runs = [_run(take, rules) for take in takes]
+    minutes, updates, rough, bumps, delay = (
+        np.array(column) for column in zip(*runs, strict=True)
+    )
+    return RuleOutcomes(
+        tuple(take.recording for take in takes), minutes, updates, rough, bumps, delay
+    )
+
+
+def choose_rule(
+    outcomes: RuleOutcomes,
+    rules: Sequence[DecisionRule],
+    *,
+    goal: Goal,
+    limit: float,
+    weights: Floats | None = None,
+) -> int:
+    """Return the index of the rule with the highest rough recall within the limit; of
+    equal ones, the quickest.
+
+    A limit of false bumps also excludes rules under which smooth is rough for longer
+    than under the first: a touch that stays rough once it has been has few bumps.
+    ``weights`` as in :func:`rates`. Raises `DatasetError` if no rule keeps the limit.
+    """
+    table = rates(outcomes, weights)
+    smooth_as_rough = table["false_positive_rate"]
+    longest = smooth_as_rough[0] if goal == "false_bumps_per_minute" else np.inf
+    allowed = np.flatnonzero((table[goal] <= limit) & (smooth_as_rough <= longest))
+    if not len(allowed):
+        lowest = float(np.min(table[goal][smooth_as_rough <= longest]))
+        words = f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}"
+        raise DatasetError(
+            f"{words}: allow more, or check labels and tip with `tactophone evaluate`"
+        )
+    recall = np.round(table["rough_recall"][allowed], 3)
+    best = allowed[recall == recall.max()]
+    return int(
+        min(
+            best,
+            key=lambda place: (
+                rules[place].confirm,
+                rules[place].rough_on - rules[place].rough_off,
+            ),
+        )
+    )
+
+
+def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Floats]:
+    """Compute the rates of every rule, each of shape ``(..., rules)``; see
+    :class:`OperatingPoint`.
+
+    ``weights``, shape ``(..., recordings)``, says how often each recording counts, once
+    by default.
+    """
+    every = np.ones(len(outcomes.recordings)) if weights is None else weights
+    smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {
+            "false_bumps_per_minute": smooth
+            @ outcomes.bumps
+            / (smooth @ outcomes.minutes)[..., None],
+            "false_positive_rate": smooth
+            @ outcomes.rough
+            / (smooth @ outcomes.updates)[..., None],
+            "rough_recall": rough
+            @ outcomes.rough
+            / (rough @ outcomes.updates)[..., None],
+        }
+
+
+def choose_left_out(
+    outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float
+) -> list[DecisionRule]:
+    """Choose a rule for each recording without its surface: the first, where none keeps
+    the limit on the others.
+
+    Returns no rules where a class has one surface.
+    """
+    surfaces, chosen = (
+        np.array([recording.surface for recording in outcomes.recordings]),
+        [],
+    )
+    for others in (surfaces != name for name in surfaces):
+        if len(set(outcomes.is_rough[others])) < 2:
+            return []
+        place = 0
+        with suppress(DatasetError):
+            place = choose_rule(
+                outcomes, rules, goal=goal, limit=limit, weights=others.astype(float)
+            )
+        chosen.append(rules[place])
+    return chosen
+
+
+def measure_rule(
+    outcomes: RuleOutcomes, place: int, rule: DecisionRule
+) -> OperatingPoint:
+    """Compute the rates of one rule, each with its 90 % interval over draws of the
+    surfaces."""
+    keys = [(take.rough, take.surface) for take in outcomes.recordings]
+    rows = sorted(set(keys))
+    # A surface's row says which recordings are of it, so that rows that are drawn sum
+    # to weights of recordings.
+    table = np.array([[float(key == row) for key in keys] for row in rows])
+    estimates = bootstrap(
+        table,
+        lambda weights: {
+            name: rate[..., place] for name, rate in rates(outcomes, weights).items()
+        },
+        strata=[
+            np.array([n for n, row in enumerate(rows) if row[0] == rough], np.intp)
+            for rough in (False, True)
+        ],
+    )
+    delays = outcomes.delay[outcomes.is_rough, place]
+    delay = float(np.nanmedian(delays)) if not np.isnan(delays).all() else float("nan")
+    return OperatingPoint(rule, **estimates, delay=delay)
+
+
+def draw_trade_off(
+    path: Path,
+    outcomes: RuleOutcomes,
+    rules: Sequence[DecisionRule],
+    *,
+    chosen: OperatingPoint,
+    before: OperatingPoint,
+    limit: tuple[Goal, float],
+) -> None:
+    """Draw rough recall over false bumps as PNG, a line for each number of
+    confirmations."""
+    pyplot = load_pyplot()
+    goal, value = limit
+    table = rates(outcomes)
+    # Zero has no place on a logarithmic axis.
+    least = 0.05 if goal == "false_bumps_per_minute" else 1e-4
+    figure, axes = pyplot.subplots(figsize=(7.5, 4.6), layout="constrained", dpi=130)
+    for confirm, colour in zip(CONFIRMATIONS, (BLUE, ORANGE, GREEN, GREY), strict=True):
+        places = [n for n, rule in enumerate(rules) if rule.confirm == confirm]
+        # The best recall at or under each cost.
+        order = np.argsort(table[goal][places], kind="stable")
+        cost, recall = (
+            table[goal][places][order],
+            np.maximum.accumulate(table["rough_recall"][places][order]),
+        )
+        axes.plot(
+            cost.clip(least),
+            recall,
+            color=colour,
+            label=f"{confirm} in a row",
+            drawstyle="steps-post",
+        )
+    axes.axvline(value, color=VERMILION, linestyle=":", label="limit")
+    for point, marker, label in ((before, "o", "before"), (chosen, "*", "chosen")):
+        x, y = max(getattr(point, goal).value, least), point.rough_recall.value
+        axes.plot(
+            x, y, marker, color="black", markersize=11, label=label, linestyle="none"
+        )
+    axes.set_xscale("log")
+    per_minute = goal == "false_bumps_per_minute"
+    axes.set(
+        xlabel="false bumps per minute of smooth contact"
+        if per_minute
+        else "share of smooth classified as rough"
+    )
+    axes.set(ylabel="share of rough contact found", ylim=(0, 1.02))
+    axes.legend(loc="lower right", frameon=False)
+    axes.grid(alpha=0.3)
+    save_figure(figure, path)
+
+
+def _probability(logit: float) -> float:
+    return float(1 / (1 + np.exp(-logit)))
+
+
+def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
+    """Decide over a recording by all rules at once.
+
+    Beware: these are the steps of :class:`~signal.perception.decision.Decision` written
+    again, for arrays of rules. A change there belongs here too; a test holds them
+    equal.
+    """
+    on, off, confirm, abstain = (
+        np.array([getattr(rule, name) for rule in rules])
+        for name in ("rough_on", "rough_off", "confirm", "abstain_from")
+    )
+    share = rough_score(take.probabilities, "two-class")
+    unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
+    was_rough, confirmed, streak, quiet = (
+        np.zeros(len(rules), kind) for kind in (bool, bool, int, int)
+    )
+    rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
+    delays: list[NDArray[np.float64]] = []
+    delay, start = np.full(len(rules), np.nan), 0.0
+    touching = False
+    for now, contact, likely, none in zip(
+        take.time, take.contact, share, unknown, strict=True
+    ):
+        if contact and not touching:
+            # A new touch: keep the last one's delays (the first entry belongs to no
+            # touch) and count from here.
+            delays.append(delay)
+            delay, start = np.full(len(rules), np.nan), now
+        touching = bool(contact)
+        known_sound = touching & (none < abstain)
+        streak = np.where((likely >= on) & known_sound, streak + 1, 0)
+        is_rough = (
+            (likely >= np.where(confirmed, off, on))
+            & (confirmed | (streak >= confirm))
+            & known_sound
+        )
+        # A rough touch stays confirmed through the still point of a stroke, and through
+        # some unknown sound.
+        quiet = np.where(known_sound, 0, quiet + 1)
+        confirmed = np.where(known_sound, is_rough, confirmed & (quiet < FORGET_AFTER))
+        bumps += is_rough & ~was_rough
+        delay = np.where(is_rough & np.isnan(delay), now - start, delay)
+        was_rough = is_rough
+        rough += is_rough
+    known = np.array([*delays, delay][1:])
+    counted = (~np.isnan(known)).sum(axis=0)
+    mean_delay = np.where(
+        counted > 0, np.nansum(known, axis=0) / np.maximum(counted, 1), np.nan
+    )
+    hop = float(np.median(np.diff(take.time))) if len(take.time) > 1 else 0.0
+    updates = int(take.contact.sum())
+    return updates * hop / 60, updates, rough, bumps, mean_delay

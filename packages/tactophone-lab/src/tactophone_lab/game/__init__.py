@@ -1,0 +1,1 @@
+"""The stone box: find the rough ones of five hidden stones by touch alone."""

@@ -1,0 +1,191 @@
+"""The guided recorder: protocol, file and take quality together; no terminal."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.values import Dataset, Recording
+from tactophone.core.types import AudioBlock, Touch
+from tactophone.signal.perception.health import Reference
+from tactophone_lab.recording.protocol import (
+    COUNTDOWN,
+    TAKE_DURATION,
+    Key,
+    Protocol,
+    Stage,
+)
+from tactophone_lab.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
+from tactophone_lab.recording.safe_writer import TakeWriter
+from tactophone_lab.simulation.takes import TAKES, Take
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedObject:
+    """The recorded object: its name gives the folder, its other fields go to the
+    manifest."""
+
+    name: str
+    label: Touch
+    """As a person says."""
+    surface: str = ""
+    """What several objects may share: splits keep a surface on one side."""
+    material: str = ""
+    scenario: str = "table"
+    """How it is held: ``held``, ``table``, ``box``, or any other name."""
+    session: str = ""
+    """The day or sitting."""
+
+    def recording(self, root: Path, take: Take, channels: int) -> Recording:
+        properties = {
+            "object": self.name,
+            "material": self.material,
+            "stroke": take.stroke,
+        }
+        if take.stroke != "wiggle":  # of any pressure
+            properties["pressure"] = take.pressure
+        return Recording(
+            root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac",
+            self.surface or self.name,
+            self.label,
+            MICROPHONES[:channels],
+            take=take.name,
+            scenario=self.scenario,
+            session=self.session,
+            properties={key: value for key, value in properties.items() if value},
+        )
+
+
+def slug(name: str) -> str:
+    """Convert any name to a file name.
+
+    >>> slug("Lava stone, black/2")
+    'lava-stone-black-2'
+    """
+    words = "".join(
+        letter if letter.isalnum() else " " for letter in name.lower()
+    ).split()
+    return "-".join(words) or "object"
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPlan:
+    """Output folder, calibrated reference, takes, and the takes' duration and countdown
+    in s."""
+
+    root: Path
+    reference: Reference = field(default_factory=Reference)
+    takes: tuple[Take, ...] = TAKES
+    duration: float = TAKE_DURATION
+    countdown: float = COUNTDOWN
+
+
+class Recorder:
+    """Records an object's takes: push sound, press keys, and show the attributes.
+
+    ``quality`` and ``levels`` are of the last take, empty and ``None`` before the
+    first; ``recordings`` are those finished so far.
+    """
+
+    def __init__(
+        self,
+        target: RecordedObject,
+        plan: SessionPlan,
+        known: Dataset | None,
+        *,
+        sample_rate: int,
+        channels: int,
+    ) -> None:
+        self._target, self._plan = target, plan
+        self._rate, self._channels = sample_rate, channels
+        self._levels = _levels(target, known)
+        self.protocol = Protocol(
+            plan.takes,
+            sample_rate=sample_rate,
+            done=self._levels,
+            duration=plan.duration,
+            countdown=plan.countdown,
+        )
+        self.quality = ""
+        self.levels: TakeLevels | None = None
+        self.recordings: list[Recording] = []
+        self._file: TakeWriter | None = None
+
+    def press(self, key: Key) -> None:
+        """Apply a key; quitting keeps an unfinished take, retaking discards it.
+
+        Raises `DatasetError` if the disk is full; no recorded sound is lost.
+        """
+        before = self.protocol.stage
+        self.protocol.press(key)
+        if self._file and key is Key.RETAKE and self.protocol.stage is Stage.READY:
+            self._file.discard()
+            self._file = None
+        if (
+            key is Key.RETAKE
+            and before is Stage.REVIEW
+            and self.protocol.stage is Stage.READY
+        ):
+            self._levels.pop(self.protocol.take.name, None)
+        if self._file and self.protocol.stage is Stage.DONE:
+            self._finish()
+
+    def push(self, block: AudioBlock) -> None:
+        """Advance time by a block, and record the part that belongs to the take.
+
+        Raises `DatasetError` if the disk is full; no recorded sound is lost.
+        """
+        sound = self.protocol.push(block)
+        if not sound.size:
+            return
+        if self._file is None:
+            recording = self._target.recording(
+                self._plan.root, self.protocol.take, self._channels
+            )
+            self._file = TakeWriter.begin(
+                self._plan.root, recording, sample_rate=self._rate
+            )
+            self._meter = TakeMeter(self._rate, self._plan.reference)
+        self._file.write(sound)
+        self._meter.push(sound)
+        if self.protocol.stage is Stage.REVIEW:
+            self._finish()
+
+    def close(self) -> None:
+        """End the session; an unfinished take is kept up to here."""
+        self.press(Key.QUIT)
+
+    def _finish(self) -> None:
+        if self._file is None:
+            return
+        take = self.protocol.take
+        self.levels = self._meter.levels
+        self.quality = assess_take(
+            take, self.levels, self._levels, duration=self._plan.duration
+        )
+        self._levels[take.name] = self.levels.level_dbfs
+        properties = {
+            "level_dbfs": f"{self.levels.level_dbfs:.2f}",
+            "quality": self.quality,
+        }
+        if self.protocol.pauses:
+            properties["pauses"] = " ".join(
+                f"{pause:g}" for pause in self.protocol.pauses
+            )
+        # Cleared first: a full disk raises in finish(), and close() must not finish the
+        # same take twice.
+        file, self._file = self._file, None
+        self.recordings.append(file.finish(**properties))
+
+
+def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
+    """Return the level, in dBFS, of each good take of this object that exists
+    already."""
+    if known is None:
+        return {}
+    return {
+        recording.take: float(recording.known("level_dbfs") or "-inf")
+        for recording in known.recordings
+        if (recording.known("object"), recording.scenario)
+        == (target.name, target.scenario)
+        and recording.known("quality") == GOOD
+    }

@@ -1,0 +1,245 @@
+"""A writer that loses at most the last second of a take to a kill or a full disk.
+
+A FLAC file whose writer was killed has no length in its header, and readers refuse it
+(measured with libsndfile 1.2). A WAV file written without a buffer can be read to its
+last block. So sound goes into ``TAKE.part.wav`` first, is copied into a FLAC when the
+take ends, and the part is deleted when the FLAC is complete and in the manifest. A take
+cut off in any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds
+its entry for the manifest.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Self
+
+import soundfile
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.processes import atomic_write, flush_to_disk, make_room
+from tactophone.core.recordings.metadata import (
+    FILE_NAME,
+    read_metadata,
+    refuse_link,
+    write_metadata,
+)
+from tactophone.core.recordings.values import LABEL_NAMES, Recording
+from tactophone.core.types import AudioBlock
+from tactophone_lab.datasets.convert import copy_as_flac
+
+PART = ".part.wav"
+ENTRY = ".part.json"
+
+SYNC_EVERY = 0.5
+"""Seconds after which sound is flushed to the disk, so that it survives a power
+failure."""
+
+
+class TakeWriter:
+    """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or
+    :meth:`discard`."""
+
+    def __init__(
+        self, root: Path, recording: Recording, file: soundfile.SoundFile
+    ) -> None:
+        self.recording = recording
+        self.size = 0
+        self._root, self._file = root, file
+        self._unsynced = 0
+
+    @classmethod
+    def begin(cls, root: Path, recording: Recording, *, sample_rate: int) -> Self:
+        """Open the part file, and write the manifest entry beside it.
+
+        Raises `DatasetError` if the folder cannot be written to.
+        """
+        path = recording.path
+        refuse_link(path.parent, root)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _write_entry(recording)
+            make_room(path.with_suffix(PART))
+            file = soundfile.SoundFile(
+                path.with_suffix(PART),
+                "w",
+                sample_rate,
+                len(recording.channels),
+                "PCM_24",
+            )
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DatasetError(
+                f"{path}: cannot be written ({error}); free some space, or choose another --out"
+            ) from None
+        return cls(root, recording, file)
+
+    def write(self, block: AudioBlock) -> None:
+        """Add sound; raises `DatasetError` if the disk is full, with what was written
+        kept."""
+        try:
+            self._file.write(block.samples)
+            self._unsynced += block.size
+            if self._unsynced >= SYNC_EVERY * block.sample_rate:
+                flush_to_disk(self.recording.path.with_suffix(PART))
+                self._unsynced = 0
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DatasetError(self._disk_error(error)) from None
+        self.size += block.size
+
+    def finish(self, **properties: str) -> Recording:
+        """Write the FLAC and its line in the manifest, with further properties.
+
+        Raises `DatasetError` if the disk is full; the sound stays in the part file.
+        """
+        self._file.close()
+        recording = self.recording.with_properties(**properties)
+        try:
+            _write_entry(recording)
+            return _finish(self._root, recording)
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DatasetError(self._disk_error(error)) from None
+
+    def discard(self) -> None:
+        """Delete this take; an earlier take of the same name stays."""
+        self._file.close()
+        for suffix in (PART, ENTRY):
+            self.recording.path.with_suffix(suffix).unlink(missing_ok=True)
+
+    def _disk_error(self, error: Exception) -> str:
+        part = self.recording.path.with_suffix(PART)
+        return f"{part}: cannot go on ({error}); what was recorded is kept. Free some space and run the command again"
+
+
+@contextmanager
+def recording_in(root: Path) -> Iterator[None]:
+    """Hold a folder for one recorder at a time: another one would take its running take
+    for one that was cut off.
+
+    The lock is the system's, on the folder itself: it leaves no file, and ends with the
+    process that holds it. Raises `DatasetError` if another recorder holds it, or the
+    folder cannot be made.
+    """
+    made = not root.exists()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(root, os.O_RDONLY)
+    except OSError as error:
+        raise DatasetError(
+            f"{root}: cannot be used ({error.strerror}); choose another --out"
+        ) from None
+    try:
+        _lock(descriptor, root)
+        yield
+    finally:
+        os.close(descriptor)
+        with suppress(OSError):  # it holds recordings now
+            if made:
+                root.rmdir()
+
+
+def _lock(descriptor: int, root: Path) -> None:
+    import fcntl  # not on Windows, where what only reads takes has to load too
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise DatasetError(
+            f"{root}: another `tactophone record` is recording into it; wait for its end, or choose another --out"
+        ) from None
+    except OSError:
+        pass  # a file system without locks
+
+
+def recover(root: Path) -> Iterator[Recording]:
+    """Finish every take in a folder that was cut off, and yield it.
+
+    Raises `DatasetError` if the disk is too full to finish a take.
+    """
+    for draft in root.rglob(f".*{ENTRY}.part"):
+        draft.unlink(missing_ok=True)
+    for entry in sorted(root.rglob(f"*{ENTRY}")):
+        recording = _read_entry(entry)
+        if recording is None:
+            continue
+        part = recording.path.with_suffix(PART)
+        try:
+            # Where its quality is known, the take itself had ended, and only its
+            # copying was cut off.
+            if "quality" not in recording.properties and part.is_file():
+                duration = soundfile.info(part).duration
+                recording = recording.with_properties(
+                    quality=f"cut off after {duration:.1f} s"
+                )
+            yield _finish(root, recording)
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DatasetError(
+                f"{entry.parent}: cannot finish {recording.path.name} ({error}); free some space"
+            ) from None
+
+
+def _finish(root: Path, recording: Recording) -> Recording:
+    part = recording.path.with_suffix(PART)
+    for path in (part, recording.path):
+        refuse_link(path, root)
+    if part.is_file() and soundfile.info(part).frames:
+        copy_as_flac(part, recording.path)
+    if recording.path.is_file():
+        # Its line replaces that of an earlier take of the same file.
+        known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
+        path = recording.path.resolve()
+        write_metadata(
+            root,
+            (*(other for other in known if other.path.resolve() != path), recording),
+        )
+    part.unlink(missing_ok=True)
+    recording.path.with_suffix(ENTRY).unlink(missing_ok=True)
+    return recording
+
+
+def _write_entry(recording: Recording) -> None:
+    """Write the entry beside the old one and rename it: a full disk then leaves the old
+    one whole."""
+    fields: dict[str, Any] = {
+        name: recording.known(name)
+        for name in ("surface", "label", "take", "scenario", "session")
+    }
+    fields |= {
+        "file": recording.path.name,
+        "channels": recording.channels,
+        "properties": dict(recording.properties),
+    }
+    with atomic_write(recording.path.with_suffix(ENTRY)) as draft:
+        draft.write_text(json.dumps(fields), encoding="utf-8")
+
+
+def _read_entry(entry: Path) -> Recording | None:
+    """Read what :func:`_write_entry` wrote; of another version's entry, what is known
+    here.
+
+    An entry that cannot be read at all is left where it is while there is sound beside
+    it, and deleted otherwise.
+    """
+    try:
+        fields = json.loads(entry.read_text(encoding="utf-8"))
+        path, label = (
+            entry.parent / Path(str(fields["file"])).name,
+            LABEL_NAMES[fields["label"]],
+        )
+        channels, properties = tuple(fields["channels"]), dict(fields["properties"])
+        names = ("surface", "take", "scenario", "session")
+        surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        if not entry.with_name(entry.name.removesuffix(ENTRY) + PART).exists():
+            entry.unlink(missing_ok=True)
+        return None
+    return Recording(
+        path,
+        surface,
+        label,
+        channels,
+        take=take,
+        scenario=scenario,
+        session=session,
+        properties=properties,
+    )

@@ -1,0 +1,184 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from tests.evaluation.takes import predicted
+from tests.surfaces import RATE, surfaces
+
+from tactophone.core.recordings.values import Segment
+from tactophone.core.types import Touch
+from tactophone.signal.perception.decision import DecisionRule
+from tactophone_lab.evaluation.events import (
+    EVENT_FADE,
+    HALF,
+    LEAD,
+    SOURCES_KEY,
+    calibration_error,
+    contact_delays,
+    decided_touches,
+    dips_per_minute,
+    edge_delays,
+    false_bumps_per_minute,
+    join_edges,
+)
+
+RULE = DecisionRule()
+
+
+def test_the_decided_touch_follows_gate_threshold_and_abstention() -> None:
+    take = predicted([0.2, 0.8, 0.8], label=Touch.ROUGH, contact=[True, True, False])
+    assert decided_touches(take, RULE).tolist() == [
+        Touch.SMOOTH,
+        Touch.ROUGH,
+        Touch.NONE,
+    ]
+    unknown = predicted([0.8], label=Touch.ROUGH, none=0.6)
+    assert decided_touches(unknown, RULE).tolist() == [Touch.ROUGH]
+    assert decided_touches(unknown, DecisionRule(abstain_from=0.5)).tolist() == [
+        Touch.SMOOTH
+    ]
+
+
+def test_bumps_closer_than_a_perceptible_gap_are_one() -> None:
+    share = np.zeros(601)
+    share[[100, 101, 103, 300]] = 0.9
+    take = predicted(share, label=Touch.SMOOTH)
+    assert false_bumps_per_minute([take], RULE) == pytest.approx(2 / 6 * 60)
+
+
+def test_bumps_count_only_in_contact_with_a_smooth_surface() -> None:
+    share = np.full(600, 0.9)
+    half = predicted(
+        share,
+        label=Touch.SMOOTH,
+        segments=[Segment(0, 3, "smooth"), Segment(3, 6, "none")],
+    )
+    assert false_bumps_per_minute([half], RULE) == pytest.approx(20, rel=0.01)
+    assert math.isnan(
+        false_bumps_per_minute([predicted(share, label=Touch.ROUGH)], RULE)
+    )
+
+
+def test_a_correct_decision_must_hold() -> None:
+    share = np.zeros(100)
+    share[[25, 26]] = 0.9
+    share[40:] = 0.9
+    segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
+    delays = contact_delays(
+        [predicted(share, label=Touch.ROUGH, segments=segments)], RULE, latency=0.003
+    )
+    assert delays.times.tolist() == pytest.approx([0.41 - 0.2 + 0.003])
+    assert delays.missed == 0
+    never = contact_delays(
+        [predicted(np.zeros(100), label=Touch.ROUGH, segments=segments)],
+        RULE,
+        latency=0,
+    )
+    assert (never.missed, never.missed_share) == (1, 1.0)
+    assert never.quantile_ms(0.5) == math.inf
+    assert math.isnan(contact_delays([], RULE, latency=0).quantile_ms(0.5))
+
+
+def test_delays_count_from_when_the_finger_slides() -> None:
+    share = np.where(np.arange(100) < 55, 0.1, 0.9)
+    segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
+    slides = predicted(
+        share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900"
+    )
+    assert contact_delays([slides], RULE, latency=0).times.tolist() == pytest.approx(
+        [0.06]
+    )
+    mixed = predicted(share, label=None, segments=segments)
+    assert contact_delays([slides, mixed], RULE, latency=0).missed == 0
+    stands = predicted(
+        share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900"
+    )
+    assert len(contact_delays([stands], RULE, latency=0).times) == 0
+
+
+def test_edges_are_changes_without_a_lift() -> None:
+    share = np.where(np.arange(120) < 70, 0.1, 0.9)
+    segments = [
+        Segment(0, 0.1, "none"),
+        Segment(0.1, 0.6, "smooth"),
+        Segment(0.6, 1.2, "rough"),
+    ]
+    delays = edge_delays(
+        [predicted(share, label=None, segments=segments)], RULE, latency=0
+    )
+    assert delays.times.tolist() == pytest.approx([0.11])
+
+
+def test_calibration_error_is_the_gap_between_confidence_and_truth() -> None:
+    right = [predicted([0.75] * 100, label=Touch.ROUGH)] * 3 + [
+        predicted([0.75] * 100, label=Touch.SMOOTH)
+    ]
+    assert calibration_error(right) == pytest.approx(0, abs=1e-6)
+    sure = [
+        predicted([0.95] * 100, label=Touch.ROUGH),
+        predicted([0.95] * 100, label=Touch.SMOOTH),
+    ]
+    assert calibration_error(sure) == pytest.approx(0.45, abs=1e-6)
+
+
+def test_edges_join_a_smooth_and_a_rough_touch_in_either_order(tmp_path: Path) -> None:
+    edges = join_edges(surfaces(tmp_path).recordings, tmp_path / "edges")
+    paths = {str(recording.path) for recording in surfaces(tmp_path).recordings}
+    assert all(set(edge.properties[SOURCES_KEY].split("\n")) <= paths for edge in edges)
+    orders = {tuple(segment.label for segment in edge.segments) for edge in edges}
+    assert orders == {
+        (Touch.NONE, Touch.SMOOTH, Touch.ROUGH),
+        (Touch.NONE, Touch.ROUGH, Touch.SMOOTH),
+    }
+    sound, rate = soundfile.read(edges[0].path)
+    assert (rate, sound.shape[1]) == (RATE, 2)
+    assert len(sound) / rate == pytest.approx(LEAD + 2 * HALF - EVENT_FADE, abs=1e-3)
+    assert edges[0].segments[-1].end == pytest.approx(len(sound) / rate, abs=1e-3)
+
+
+def test_there_is_no_silence_at_an_edge(tmp_path: Path) -> None:
+    for edge in join_edges(surfaces(tmp_path).recordings, tmp_path / "edges"):
+        sound, rate = soundfile.read(edge.path)
+        middle = round(edge.segments[1].end * rate)
+        near = sound[middle - rate // 50 : middle + rate // 50, 0]
+        assert (
+            np.square(near).mean() > 0.1 * np.square(sound[rate // 4 :, 0]).mean() / 10
+        )
+
+
+def test_one_kind_has_no_edges_and_the_same_seed_has_the_same(tmp_path: Path) -> None:
+    recordings = surfaces(tmp_path).recordings
+    assert join_edges(recordings[::2], tmp_path / "edges") == []
+    again = [join_edges(recordings, tmp_path / "edges") for _ in range(2)]
+    assert [edge.path for edge in again[0]] == [edge.path for edge in again[1]]
+
+
+def test_without_segments_the_middle_of_a_touch_is_found_by_the_noise_floor(
+    tmp_path: Path,
+) -> None:
+    labelled = surfaces(tmp_path).recordings
+    for take in labelled:
+        sound, rate = soundfile.read(take.path)
+        rest = np.random.default_rng(0).normal(0, 1e-4, (3 * rate, sound.shape[1]))
+        soundfile.write(take.path, np.concatenate((sound, rest)), rate)
+    edges = join_edges(
+        [replace(take, segments=()) for take in labelled], tmp_path / "edges"
+    )
+    assert edges
+    for edge in edges:
+        sound, rate = soundfile.read(edge.path)
+        # In the middle of either half, well over the noise.
+        for middle in (LEAD + HALF / 2, LEAD + 1.5 * HALF):
+            place = round(middle * rate)
+            assert np.square(sound[place : place + rate // 10, 0]).mean() > 1e-6
+
+
+def test_dips_are_holes_of_rough_within_a_touch_of_a_rough_surface() -> None:
+    share = np.repeat([0.9, 0.1, 0.9, 0.1], [100, 10, 100, 10])
+    take = predicted(share, label=Touch.ROUGH)
+    minutes = (take.time[-1] - take.time[0]) / 60
+    assert dips_per_minute([take], RULE) == pytest.approx(1 / minutes)
+    assert math.isnan(dips_per_minute([predicted(share, label=Touch.SMOOTH)], RULE))

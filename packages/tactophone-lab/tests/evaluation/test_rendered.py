@@ -1,0 +1,56 @@
+import math
+
+import pytest
+from tests.evaluation.takes import predicted
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.values import Segment
+from tactophone.core.types import Touch
+from tactophone.signal.perception.decision import DecisionRule
+from tactophone_lab.evaluation.report import rendered_scores, unknown_shares
+
+RULE = DecisionRule()
+
+
+def test_gaps_and_abstention_count_as_wrong() -> None:
+    half = [True] * 50 + [False] * 50
+    takes = [
+        predicted([0.9] * 100, label=Touch.ROUGH, surface="brick", contact=half),
+        predicted([0.9] * 100, label=Touch.ROUGH, surface="unknown", none=0.9),
+        predicted([0.1] * 90 + [0.9] * 10, label=Touch.SMOOTH, surface="glass"),
+    ]
+    scores = rendered_scores(takes, DecisionRule(abstain_from=0.5))
+    assert scores.rough_as_rough.value == pytest.approx(0.25)
+    assert scores.smooth_as_rough.value == pytest.approx(0.1)
+    assert scores.smooth_as_smooth.value == pytest.approx(0.9)
+    assert scores.gaps.value == pytest.approx(50 / 300)
+    assert scores.wrong.value == pytest.approx((100 + 10) / 300)
+    assert scores.balanced_accuracy.value == pytest.approx((0.25 + 0.9) / 2)
+    assert math.isnan(scores.rough_as_rough.low)  # one smooth surface
+
+
+def test_only_true_contact_counts_and_one_class_has_its_own_accuracy() -> None:
+    segments = [Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough")]
+    scores = rendered_scores(
+        [predicted([0.1] * 50 + [0.9] * 50, label=Touch.ROUGH, segments=segments)], RULE
+    )
+    assert scores.balanced_accuracy.value == 1.0
+    assert math.isnan(scores.smooth_as_rough.value)
+
+
+def test_nothing_to_score_is_an_error() -> None:
+    with pytest.raises(DatasetError, match="nothing can be scored"):
+        rendered_scores([predicted([0.5], label=None)], RULE)
+
+
+def test_errors_are_counted_in_unknown_contact_and_in_the_rest() -> None:
+    takes = [
+        predicted([0.6] * 10 + [0.4] * 10 + [0.9] * 60, label=Touch.ROUGH),
+        predicted(
+            [0.9] * 5 + [0.1] * 15,
+            label=Touch.SMOOTH,
+            contact=[True] * 10 + [False] * 10,
+        ),
+    ]
+    assert unknown_shares(takes) == pytest.approx((20 / 90, 10 / 20, 5 / 70))
+    assert all(math.isnan(share) for share in unknown_shares([]))

@@ -1,0 +1,120 @@
+"""Recordings as a run that pages show: played back through the pipeline at the pace of
+the sound."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from msgspec import structs
+
+from tactophone.core.recordings.values import Segment, touch_at
+from tactophone.live.audio.files import FileSource
+from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.writer import Telemetry
+from tactophone.signal.haptics.oscillator import Oscillator, Playback
+from tactophone.signal.pipeline import Pipeline
+
+BLOCK_DURATION = 0.01
+"""Seconds of sound in a block: the interval at which the page shows predictions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Take:
+    """A recording to play back under a title, a pipeline opened for it, and its labels
+    where they are known.
+
+    There are a recording and a pipeline for each of the ``fingers``, which these name.
+    """
+
+    title: str
+    paths: Sequence[Path]
+    pipelines: Sequence[Pipeline]
+    truth: Sequence[Segment] = ()
+    fingers: Sequence[str] = ("",)
+
+
+def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | None:
+    """Play a take from a position in s, in real time; of a hand, until its shortest
+    recording ends.
+
+    Returns the position that a page has asked for meanwhile, or ``None`` at the end.
+    """
+    for pipeline in take.pipelines:
+        pipeline.reset()
+    playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
+    with ExitStack() as stack:
+        sources = [stack.enter_context(_source(path)) for path in take.paths]
+        state, begin = _state(take, sources[0]), time.monotonic() - position
+        for blocks in zip(*sources, strict=False):
+            end = blocks[0].end / blocks[0].sample_rate
+            if end <= position:
+                continue
+            time.sleep(max(0.0, begin + end - time.monotonic()))
+            paused = time.monotonic()
+            state, sought = _obey(telemetry, state)
+            if sought is not None:
+                return sought
+            now = time.monotonic()
+            begin += now - paused  # a pause moves all that follows
+            for finger, (block, pipeline, playback) in enumerate(
+                zip(blocks, take.pipelines, playbacks, strict=True)
+            ):
+                step = structs.replace(pipeline.push(block), finger=finger)
+                telemetry.rendered(
+                    playback.push(step.commands, until=end), finger=finger
+                )
+                telemetry.publish(
+                    step,
+                    now=now,
+                    truth=touch_at(block.time + block.duration / 2, take.truth),
+                )
+            telemetry.update(state, now=now)
+    return None
+
+
+def _obey(telemetry: Telemetry, state: State) -> tuple[State, float | None]:
+    """Carry out what pages ask; while paused, wait here. Returns where to go on, if a
+    page has moved the position."""
+    while True:
+        for request in telemetry.requests(now := time.monotonic()):
+            if request.action == "seek":
+                return state, request.value
+            if request.action == "pause":
+                state = replace(state, paused=bool(request.value))
+        if not state.paused:
+            return state, None
+        telemetry.update(state, now=now)
+        time.sleep(BLOCK_DURATION)
+
+
+def _source(path: Path) -> FileSource:
+    return FileSource(
+        path, block_size=max(1, round(BLOCK_DURATION * FileSource(path).sample_rate))
+    )
+
+
+def _state(take: Take, source: FileSource) -> State:
+    fingers = tuple(
+        FingerState(
+            name=name,
+            muted_because="",
+            ceiling=pipeline.limits.ceiling,
+            local_ceiling=pipeline.limits.ceiling,
+            profile=pipeline.profile.name,
+            detector=pipeline.detector.name,
+            threshold_dbfs=pipeline.detector.threshold.dbfs,
+        )
+        for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
+    )
+    return State(
+        role="replay",
+        profiles=(fingers[0].profile,),
+        source=take.title,
+        link="replay",
+        sample_rate=source.sample_rate,
+        channels=source.channels,
+        fingers=fingers,
+        duration=source.duration,
+    )

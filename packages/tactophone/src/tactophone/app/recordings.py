@@ -1,0 +1,275 @@
+"""One way to open a recording, so that `feel`, `classify`, `evaluate` and `demo` decide
+alike.
+
+A recording is read before it is processed: what is wrong with its sound is corrected
+(`tactophone.app.prepare`), and contact begins at its own noise floor, which is followed
+from there as in a live run.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from msgspec import structs
+
+from tactophone.app.prepare import Preparation, PreparedSource
+from tactophone.app.sources import recorded
+from tactophone.core.hand import each_finger
+from tactophone.core.recordings.read import find_recording
+from tactophone.core.settings import Finger, Settings
+from tactophone.core.tips import DEFAULT_TIP
+from tactophone.core.types import (
+    AudioBlock,
+    ChangedSource,
+    ContactRule,
+    PipelineStep,
+    Source,
+)
+from tactophone.live.audio.files import CombinedSource, FileSource
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.perception.detector import TouchDetector
+from tactophone.signal.perception.model_file import Model, ModelCard
+from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
+from tactophone.signal.pipeline import Pipeline, open_pipeline
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenRecording:
+    """A recording, corrected, and the pipeline that was opened for it; made by
+    `open_recording`.
+
+    Attributes
+    ----------
+    path
+        The file.
+    sound
+        Its corrected sound, a `Source`.
+    pipeline
+        With the contact threshold of this recording.
+    size
+        Samples in the file.
+    channels
+        Of the file; ``sound`` may have fewer.
+    floor
+        What the recording shows of its noise; ``None`` where a threshold was given, or
+        the detector is no model.
+    card
+        Of the model; ``None`` for a detector of another package.
+    """
+
+    path: Path
+    sound: Source
+    pipeline: Pipeline
+    size: int
+    channels: int
+    floor: RecordingFloor | None
+    card: ModelCard | None
+    _notes: list[str]
+    _known: dict[str, str]
+    _misfits: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Length, in s."""
+        return self.size / self.sound.sample_rate
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what was corrected and, after it was processed, on what does not
+        fit the model."""
+        return [*self._notes, *(self._misfits | self._known).values()]
+
+    def steps(self) -> Iterator[PipelineStep]:
+        """Process the recording from its beginning; the last step completes its end."""
+        self.pipeline.reset()
+        last: AudioBlock | None = None
+        with self.sound as sound:
+            for last in sound:
+                yield self.pipeline.push(last)
+                self.check_fit()
+        if last:
+            yield self.pipeline.flush(last)
+
+    def check_fit(self) -> None:
+        """Note what about the newest sound does not fit the model, for whoever pushes
+        blocks without `steps`."""
+        if misfit := getattr(self.pipeline.detector, "misfit", None):
+            self._misfits[misfit.code] = misfit.text
+
+
+def open_recording(
+    path: str | Path,
+    model: str | Model = "",
+    *,
+    profile: str = "graded",
+    limits: Limits | None = None,
+    contact: ContactRule = "bands",
+    events: bool = False,
+    tip: str = DEFAULT_TIP,
+    threshold_dbfs: float = math.nan,
+    margin_db: float = math.nan,
+    block_size: int = 4096,
+) -> OpenRecording:
+    """Open a recording and a pipeline for it, as ``tactophone feel`` does.
+
+    Parameters
+    ----------
+    path
+        A WAV or FLAC file. Channel 0 is the contact microphone and channel 1 (if there
+        is one) the air microphone, unless the manifest of a data set around it says
+        otherwise.
+    model
+        As for `open_pipeline`, like the parameters after it.
+    threshold_dbfs
+        Level from which there is contact, in dB of full scale; by default just over the
+        recording's noise floor.
+    margin_db
+        How far over its noise a band is heard; by default 5 dB.
+    block_size
+        Samples in each block of the sound.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing or damaged.
+    ModelError
+        If there is no such model, or it does not fit the sound.
+    ConfigError
+        If there is no such profile.
+
+    Examples
+    --------
+    ::
+
+        recording = open_recording("finger.wav")
+        for step in recording.steps():
+            for prediction in step.predictions:
+                print(prediction.end, prediction.touch.name)
+        print(recording.notes)
+    """
+    file = FileSource(path, block_size=block_size)
+    known = find_recording(path)
+    source = (
+        _Exchanged(file) if known and known.channels == ("air", "contact") else file
+    )
+    preparation = Preparation.of(source)
+    pipeline = open_pipeline(
+        model,
+        sample_rate=file.sample_rate,
+        channels=len(preparation.channels),
+        limits=limits,
+        profile="graded" if profile in PASSTHROUGH else profile,
+        contact=contact,
+        follow_floor=contact == "bands",
+        events=events,
+        tip=tip,
+    )
+    detector, floor = pipeline.detector, None
+    card = detector.detector.card if isinstance(detector, TouchDetector) else None
+    preparation = preparation.for_tip(card.tip if card else "")
+    if card is None or card.imported:  # trained on sound as its authors recorded it
+        preparation = replace(
+            preparation, offset=(0.0,) * len(preparation.offset), hum=None
+        )
+    if not math.isnan(threshold_dbfs):
+        detector.threshold.dbfs = threshold_dbfs
+    elif card and isinstance(detector, TouchDetector):
+        floor = _measured(source, preparation, card)
+        # Sound that is rendered itself keeps its level.
+        if not card.imported and profile not in PASSTHROUGH:
+            louder = preparation.amplified(floor.loudest_dbfs)
+            if louder != preparation:
+                preparation, floor = louder, _measured(source, louder, card)
+        detector.begin(floor)
+        if detector.floor and not math.isnan(margin_db):
+            detector.floor.margin_db = margin_db
+    notes = preparation.notes(
+        file.channels, used=card.channels if card else file.channels
+    )
+    known_misfits = {}
+    if card and file.sample_rate < card.sample_rate:
+        known_misfits["narrow-band"] = (
+            f"recorded at {file.sample_rate} Hz, so without sound over {file.sample_rate // 2} Hz, but the model uses "
+            f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
+        )
+    sound = PreparedSource(source, preparation)
+    return OpenRecording(
+        file.path,
+        sound,
+        pipeline,
+        file.size,
+        file.channels,
+        floor,
+        card,
+        notes,
+        known_misfits,
+    )
+
+
+def _measured(
+    source: Source, preparation: Preparation, card: ModelCard
+) -> RecordingFloor:
+    with PreparedSource(source, preparation) as sound:
+        heard = (
+            structs.replace(block, samples=card.heard(block.samples)) for block in sound
+        )
+        return measure_floor(heard, sample_rate=sound.sample_rate, rule=card.gate.rule)
+
+
+class _Exchanged(ChangedSource):
+    """A file that holds the air microphone first."""
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for block in self._source:
+            yield structs.replace(
+                block, samples=np.ascontiguousarray(block.samples[:, ::-1])
+            )
+
+
+def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:
+    """Open the recording of a finger's settings, ``capture.device``, with their model,
+    tip, profile and threshold."""
+    return open_recording(
+        settings.capture.device,
+        settings.detector.model,
+        profile=settings.rendering.profile,
+        tip=settings.capture.tip,
+        threshold_dbfs=settings.detector.threshold_dbfs,
+        block_size=block_size,
+    )
+
+
+def corrected_source(settings: Settings) -> Source:
+    """Open the recordings of all fingers as one live source, corrected as
+    `open_recording` does."""
+    opened = [
+        open_settings(own, block_size=settings.capture.block_size)
+        for own in each_finger(settings)
+    ]
+    sources = [recorded(each.sound, each.path, each.duration) for each in opened]
+    return CombinedSource(sources) if settings.is_hand else sources[0]
+
+
+def with_own_thresholds(settings: Settings) -> Settings:
+    """Return settings with the contact threshold of each finger's recording, where none
+    is given."""
+
+    found = [
+        open_settings(own).pipeline.detector.threshold.dbfs
+        for own in each_finger(settings)
+    ]
+    if not settings.is_hand:
+        return replace(
+            settings, detector=replace(settings.detector, threshold_dbfs=found[0])
+        )
+    fingers = zip(settings.fingers, found, strict=True)
+    name = "detector.threshold_dbfs"
+    return replace(
+        settings,
+        fingers=tuple(
+            Finger(each.name, (*each.settings, (name, own))) for each, own in fingers
+        ),
+    )

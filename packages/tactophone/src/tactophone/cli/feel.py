@@ -1,0 +1,207 @@
+"""``tactophone feel``: recordings in; the vibration that a finger would feel, and a
+timeline of predictions, out."""
+
+import argparse
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+from tactophone.app.feel import Felt, feel, sounds_of, unique_stems
+from tactophone.cli import options, output, page
+from tactophone.core.errors import TactophoneError
+from tactophone.core.recordings.values import CHECKED_SILENT_DBFS
+from tactophone.core.settings import Settings
+from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.profiles import PROFILES
+from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS
+
+EXAMPLES = (
+    "tactophone feel stroke.wav --plot",
+    "tactophone feel recordings/*.flac --out felt --profile lra",
+    "tactophone feel run.mcap --finger index --dashboard",
+)
+
+
+def _parts(felt: Felt) -> Iterator[output.Part]:
+    """Print the summary; where there was no contact, the likely cause and the next
+    command."""
+    summary = felt.summary
+    label = f"; labelled {felt.label}" if felt.label else ""
+    yield output.styled("bold", f"{felt.path!s}", f": {summary.duration:.1f} s{label}")
+    yield f"  model      {felt.pipeline.detector.name}{', for one channel' if felt.chosen_for_mono else ''}"
+    if felt.chosen_for_mono:
+        yield "  (mono: treated as the contact microphone; for a rod with its own microphone, pass --tip stylus)"
+    shares = (summary.contact, summary.rough, summary.unknown)
+    contact, rough, unknown = (
+        output.percent(share, unknown="none") for share in shares
+    )
+    yield f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"
+    yield f"  threshold  {_threshold(felt)}"
+    if felt.scores:
+        yield f"  felt       false bumps: {felt.scores.false_bumps}; dips: {felt.scores.dips}"
+    for note in felt.notes:
+        yield output.styled("yellow", "  note", f"       {note}")
+    if felt.events:
+        yield "  events     " + ", ".join(
+            f"{count} x {kind}" for kind, count in sorted(felt.events.items())
+        )
+    if summary.faults:
+        yield "  silenced   " + ", ".join(
+            f"{count} x {cause}" for cause, count in summary.faults.items()
+        )
+    for kind, path in felt.files.items():
+        yield f"  {kind:10} {path!s}"
+    yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.3g} x real time"
+    if not summary.contact:
+        cause, command = _no_contact(felt)
+        yield output.styled("bold red", "NO CONTACT was found: nothing vibrates.")
+        yield f"  cause      {cause}"
+        yield f"  try        {command}"
+
+
+def _threshold(result: Felt) -> str:
+    floor, threshold = (
+        result.floor,
+        f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS",
+    )
+    if floor is None:
+        return f"{threshold}, as given"
+    if floor.known:
+        over = floor.floor_dbfs > floor.threshold_dbfs
+        words = (
+            ", louder than any threshold: all of it is taken as touch" if over else ""
+        )
+        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
+    if floor.loudest_dbfs < FLOOR_SILENT_DBFS:
+        why = (
+            "too short to show its noise"
+            if result.summary.contact
+            else "digital silence"
+        )
+        return f"none: the recording is {why}"
+    return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
+
+
+def _no_contact(result: Felt) -> tuple[str, str]:
+    """Return the likely cause of a recording without contact, and the next command."""
+    floor, loudest = result.floor, result.summary.loudest_dbfs
+    again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
+    if "sound" in result.summary.faults:
+        return (
+            "the samples are no sound: see the note",
+            "write the file again: 16 or 24 bits, or floats from -1 to 1",
+        )
+    if result.summary.faults:
+        return (
+            "the model's output is invalid",
+            f"tactophone model show {shlex.quote(result.pipeline.detector.name)}",
+        )
+    if loudest < FLOOR_SILENT_DBFS:
+        return (
+            "the recording is digital silence: no microphone was connected",
+            "tactophone check",
+        )
+    if loudest < CHECKED_SILENT_DBFS:
+        return (
+            f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off",
+            "tactophone check",
+        )
+    if floor is None:
+        return (
+            f"loudest window: {loudest:.1f} dBFS, under the threshold that was given",
+            f"{again} {loudest - 10:.0f}",
+        )
+    found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
+    return found, f"{again} {floor.floor_dbfs - 6:.0f}"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add(
+        "recordings",
+        nargs="+",
+        type=Path,
+        metavar="RECORDING",
+        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; a "
+        "folder of them; or the sound of a run, an MCAP file of --record",
+    )
+    add(
+        "--finger",
+        default="",
+        metavar="NAME",
+        help="only this finger of a hand's log (default: all)",
+    )
+    add(
+        "--out",
+        type=Path,
+        default=Path(),
+        metavar="DIR",
+        help="folder for the results; created if it does not exist",
+    )
+    add(
+        "--profile",
+        dest="rendering.profile",
+        choices=(*PROFILES, *PASSTHROUGH),
+        default="graded",
+        metavar="NAME",
+        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
+    )
+    options.add_figure(parser)
+    add(
+        "--json",
+        action="store_true",
+        help="print the summary as JSON, and write the timeline as JSON too",
+    )
+    for name in options.flags_of("feel"):
+        options.add_flag(parser, name)
+    page.add_dashboard(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Process each recording; a failure is reported, and the others continue."""
+    output.make_folder(args.out)
+    results, failures = list[Felt](), list[str]()
+    settings = options.settings_of(args)
+
+    def failed(message: str) -> None:
+        failures.append(message)
+        output.print_error(message)
+
+    for path, stem in unique_stems(
+        sounds_of(args.recordings, args.out, finger=args.finger, report=failed)
+    ):
+        try:
+            results.append(_feel(path, stem, args, settings))
+        except (TactophoneError, OSError) as error:
+            message = str(error)
+            failed(message if message.startswith(str(path)) else f"{path}: {message}")
+            continue
+        if not args.json:
+            output.show(results[-1], _parts(results[-1]), as_json=False)
+    if args.json:
+        output.show(results, as_json=True)
+    if page.wanted(args, settings) and results:
+        from tactophone.app.playback import Take
+
+        takes = [
+            Take(each.path.name, [each.path], [each.pipeline], each.truth)
+            for each in results
+        ]
+        page.play_on_page(settings, takes, name="feel")
+    return 1 if failures else 0
+
+
+def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Felt:
+    with output.progress("processing", note=path.name) as update:
+        felt = feel(
+            path,
+            args.out,
+            settings,
+            stem=stem,
+            plot=args.plot,
+            timeline_json=args.json,
+            report=lambda done, size: update(completed=done, total=size),
+        )
+    if felt.tip_warning:
+        output.note(f"{path}: {felt.tip_warning}")
+    return felt

@@ -1,0 +1,99 @@
+"""Which optional dependency a missing module belongs to, and the command that installs
+it."""
+
+import importlib.util
+import sys
+from collections.abc import Iterable
+
+from tactophone.core.errors import ConfigError
+
+_MODULES = {
+    "plot": ("matplotlib",),
+    "link": ("pylibsrtp", "OpenSSL", "opuslib_next", "samplerate"),
+    "call": ("aioice", "wormhole"),
+    "jack": ("jack",),
+    "portaudio": ("sounddevice",),
+    "dashboard": ("aiohttp", "segno"),
+    "gamepad": ("evdev",),
+    "record": ("mcap", "zstandard"),
+    "osc": ("pythonosc",),
+    "ros": ("cyclonedds", "rosbags"),
+    "zenoh": ("zenoh",),
+}
+"""Extras of the package ``tactophone``."""
+
+_LAB_MODULES = {
+    "heights": ("PIL",),
+    "sim": ("numba", "scipy"),
+    "lerobot": ("pyarrow",),
+    "train": ("torch", "onnx", "sklearn"),
+    "ray": ("ray",),
+}
+"""Extras of the package ``tactophone-lab``."""
+
+REQUIREMENT_OF_MODULE = {
+    module: (package, extra)
+    for package, table in (("tactophone", _MODULES), ("tactophone-lab", _LAB_MODULES))
+    for extra, modules in table.items()
+    for module in modules
+}
+"""Import name of each optional dependency -> the package and its extra that install
+it."""
+
+WITHOUT_WHEEL = {"cyclonedds": (3, 14)}
+"""Modules with no wheel from that Python on: their extra leaves them out there."""
+
+
+def require_extras(*extras: str) -> None:
+    """Check that everything in these extras is installed.
+
+    Raises `ConfigError` if a module is missing; names the command that installs it.
+    """
+    known = _MODULES | _LAB_MODULES
+    require_modules(*(module for extra in extras for module in known[extra]))
+
+
+def require_modules(*modules: str) -> None:
+    """Check that the modules that an option needs are installed.
+
+    Raises `ConfigError` if one is missing; names the command that installs it.
+    """
+    if missing := [
+        module for module in modules if importlib.util.find_spec(module) is None
+    ]:
+        raise ConfigError(_advice(missing))
+
+
+def explain(error: ModuleNotFoundError) -> str:
+    """Return one line that says which module is missing and how to install it.
+
+    Raises the same error if no extra has the module: then it is a mistake in the code.
+
+    >>> explain(ModuleNotFoundError(name="pylibsrtp.policy"))
+    "pylibsrtp is not installed: pip install 'tactophone[link]'"
+    """
+    module = (error.name or "").partition(".")[0]
+    if module not in REQUIREMENT_OF_MODULE:
+        raise error
+    return _advice([module])
+
+
+def _advice(modules: list[str]) -> str:
+    for module in modules:
+        if sys.version_info >= WITHOUT_WHEEL.get(module, (4,)):
+            found = ".".join(map(str, sys.version_info[:2]))
+            return f"{module} has no wheel for Python {found}: use Python 3.11 to 3.13"
+    verb = "is" if len(modules) == 1 else "are"
+    return f"{', '.join(modules)} {verb} not installed: pip install {_wanted(modules)}"
+
+
+def _wanted(modules: Iterable[str]) -> str:
+    """Return the requirements that bring these modules, one for each package."""
+    extras: dict[str, set[str]] = {}
+    for module in modules:
+        package, extra = REQUIREMENT_OF_MODULE[module]
+        extras.setdefault(package, set()).add(extra)
+    return " ".join(
+        f"'{package}[{','.join(sorted(names))}]'"
+        for package, names in sorted(extras.items())
+    )

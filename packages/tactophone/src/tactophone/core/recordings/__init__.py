@@ -1,0 +1,1 @@
+"""Recordings and their labels, as folders of other people hold them."""

@@ -1,0 +1,261 @@
+"""The manifest format: a folder with ``metadata.csv``, as Hugging Face's
+``audiofolder`` reads it.
+
+Each line describes a recording. ``file_name`` is the file's path from the folder,
+``surface`` is required, and all other columns are optional; a column not named here is
+kept as a property. ``segments`` holds ``start-end=label`` entries, in seconds,
+separated by spaces.
+"""
+
+import csv
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.processes import atomic_write
+from tactophone.core.recordings.values import (
+    LABEL_NAMES,
+    Dataset,
+    Problem,
+    Recording,
+    Segment,
+)
+
+FILE_NAME = "metadata.csv"
+LABELS_FILE = "labels.toml"
+PARTS = ("train", "validation", "test")
+"""Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it;
+kept as property ``split``."""
+
+_COLUMNS = (
+    "file_name",
+    "surface",
+    "label",
+    "channels",
+    "take",
+    "scenario",
+    "session",
+    "tier",
+    "segments",
+)
+
+
+def read_metadata(
+    folder: Path,
+    *,
+    surface_of: Callable[[Path], str] | None = None,
+    labels: Mapping[str, str] | None = None,
+) -> Dataset:
+    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and
+    ``test`` sub-folders.
+
+    ``surface_of`` names the surface of a file, by its path from the folder, where the
+    manifest has no column ``surface``, which is required without it. Raises
+    `DatasetError` if a required column is missing.
+    """
+    recordings: list[Recording] = []
+    problems: list[Problem] = []
+    names = label_names(folder) if labels is None else labels
+    for manifest in manifests_in(folder):
+        for line, cells in rows(
+            manifest,
+            required=("file_name",) if surface_of else ("file_name", "surface"),
+        ):
+            row = dict(cells)
+            if surface_of and not row.get("surface"):
+                row["surface"] = surface_of(Path(row["file_name"]))
+            row["label"] = names.get(row.get("label", ""), row.get("label", ""))
+            if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
+                recordings.append(parsed)
+    return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
+
+
+def label_names(folder: Path) -> Mapping[str, str]:
+    """Return what numbered labels of a folder mean: by its ``labels.toml``, or its
+    Hugging Face data card.
+
+    Raises `DatasetError` if ``labels.toml`` is no table of numbers and names.
+    """
+    if (own := folder / LABELS_FILE).is_file():
+        try:
+            return {
+                key: str(name)
+                for key, name in tomllib.loads(own.read_text("utf-8")).items()
+            }
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise DatasetError(
+                f'{own}: {error}; write a line such as 0 = "smooth" for each label'
+            ) from error
+    card = folder / "README.md"
+    text = card.read_text("utf-8", errors="replace") if card.is_file() else ""
+    match = re.search(
+        r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text
+    )
+    return (
+        dict(re.findall(r"['\"]?(\d+)['\"]?: *['\"]?([\w -]+)", match[1]))
+        if match
+        else {}
+    )
+
+
+def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
+    """Write ``metadata.csv`` for recordings in the folder; a kill leaves the old file
+    or the new file, never half.
+
+    Raises `ValueError` if a recording is not in the folder.
+    """
+    lines = [_line(folder, recording) for recording in recordings]
+    extra = sorted({name for line in lines for name in line} - set(_COLUMNS))
+    target = folder / FILE_NAME
+    with (
+        atomic_write(target) as unfinished,
+        unfinished.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.DictWriter(
+            file, [*_COLUMNS, *extra], restval="", lineterminator="\n"
+        )
+        writer.writeheader()
+        writer.writerows(lines)
+    return target
+
+
+def rows(
+    manifest: Path, *, required: Iterable[str]
+) -> Iterable[tuple[int, Mapping[str, str]]]:
+    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons
+    or tabs part the cells.
+
+    Raises `DatasetError` if a required column is missing, or the file is not text.
+    """
+    try:
+        with manifest.open(newline="", encoding="utf-8-sig") as file:
+            header = file.readline()
+            file.seek(0)
+            # Where the comma is the decimal sign, spreadsheets part cells with
+            # semicolons.
+            delimiter = max(",;\t", key=header.count)
+            reader = csv.DictReader(file, restval="", delimiter=delimiter)
+            missing = set(required) - set(reader.fieldnames or ())
+            if missing:
+                raise DatasetError(
+                    f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
+                    f"{', '.join(reader.fieldnames or ('none',))}. Add what is missing"
+                    + (
+                        "; `tactophone dataset import` takes surfaces from file names"
+                        if missing == {"surface"}
+                        else ""
+                    )
+                )
+            for row in reader:
+                yield (
+                    reader.line_num,
+                    {name: (cell or "").strip() for name, cell in row.items() if name},
+                )
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise DatasetError(
+            f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such"
+        ) from error
+
+
+def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
+    """Return a label's name in lower case; for an unknown one, add a problem and return
+    the empty name."""
+    name = text.lower().replace(" ", "_").replace("-", "_")
+    if name in LABEL_NAMES:
+        return name
+    names = ", ".join(filter(None, LABEL_NAMES))
+    problems.append(
+        Problem(
+            path, "label", f"{text!r} is not a label; write one of {names}, or nothing"
+        )
+    )
+    return ""
+
+
+def inside(folder: Path, name: str) -> Path | None:
+    """Return the path of a file named in a manifest; ``None`` if it is outside the
+    manifest's folder."""
+    if "\0" in name:  # no file system has such a name, and Python refuses even to look
+        return None
+    path = folder / name
+    inner = path.resolve().is_relative_to(folder.resolve())
+    return path if name and inner and not Path(name).is_absolute() else None
+
+
+def refuse_link(path: Path, folder: Path) -> None:
+    """Raise `DatasetError` if a path below a folder leads out of it over a link, to be
+    read or overwritten."""
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise DatasetError(
+            f"{path}: a link that leaves {folder}; put the file itself there, or name another folder"
+        )
+
+
+def manifests_in(folder: Path) -> list[Path]:
+    """Return each ``metadata.csv`` of a data set, the whole one or those of its
+    parts."""
+    whole = folder / FILE_NAME
+    if whole.is_file():
+        return [whole]
+    return [
+        folder / part / FILE_NAME
+        for part in PARTS
+        if (folder / part / FILE_NAME).is_file()
+    ]
+
+
+def _parse(
+    row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]
+) -> Recording | None:
+    name, folder = row["file_name"], manifest.parent
+    path = inside(folder, name)
+    if path is None:
+        message = f"line {line}: file_name is {name!r}, which is not a file in {folder}; write its path from there"
+        problems.append(Problem(manifest, "file_name", message))
+        return None
+    extra = {key: value for key, value in row.items() if key not in _COLUMNS and value}
+    if folder.name in PARTS:
+        extra.setdefault("split", folder.name)
+    return Recording(
+        path,
+        row["surface"] or path.stem,
+        LABEL_NAMES[parse_label(row.get("label", ""), path=path, problems=problems)],
+        tuple(filter(None, row.get("channels", "").split("|"))),
+        **{key: row.get(key, "") for key in ("take", "scenario", "session", "tier")},
+        segments=_segments(row.get("segments", ""), path=path, problems=problems),
+        properties=extra,
+    )
+
+
+def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segment, ...]:
+    segments = []
+    for entry in text.split():
+        try:
+            span, label = entry.split("=")
+            start, end = map(float, span.split("-"))
+        except ValueError:
+            message = f"{entry!r} is not a segment; write start-end=label in seconds, such as 0.30-5.17=rough"
+            problems.append(Problem(path, "segments", message, fatal=False))
+            continue
+        segments.append(
+            Segment(start, end, parse_label(label, path=path, problems=problems))
+        )
+    return tuple(segments)
+
+
+def _line(folder: Path, recording: Recording) -> dict[str, str]:
+    return {
+        **recording.properties,
+        "file_name": recording.path.resolve().relative_to(folder.resolve()).as_posix(),
+        "channels": "|".join(recording.channels),
+        "segments": " ".join(
+            f"{segment.start:.4f}-{segment.end:.4f}={segment.label_name or 'ambiguous'}"
+            for segment in recording.segments
+        ),
+        **{
+            key: recording.known(key)
+            for key in ("surface", "label", "take", "scenario", "session", "tier")
+        },
+    }

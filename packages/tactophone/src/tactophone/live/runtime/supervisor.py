@@ -1,0 +1,495 @@
+"""Runs one side of the live system in a process of its own, and supervises it.
+
+Everything that computes beside the sound (terminal, logs, supervision) stays out of the
+process with the audio callback: a busy Python thread there delays the callback through
+the interpreter lock. A process that dies or is killed by the watchdog is replaced by a
+new one, which starts muted: nothing restores vibration by itself.
+
+==========  ==============================================  ==========
+state       what happens                                    next state
+==========  ==============================================  ==========
+idle        `Supervisor.begin`                              starting
+starting    the process writes telemetry                    running
+starting    it dies after others have run                   restarting
+starting    an error, no progress, or the block is left     ended
+running     it dies, or the watchdog finds it stalled       restarting
+running     its sound ends, or the block is left            ended
+restarting  the delay is over                               starting
+restarting  the block is left                               ended
+==========  ==============================================  ==========
+"""
+
+import contextlib
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, Self, TypeAlias
+
+from tactophone.core.errors import TactophoneError
+from tactophone.core.processes import Child, Parent, orphaned
+from tactophone.core.settings import Settings
+from tactophone.core.types import ignore
+from tactophone.live.audio.jack import disconnect_from_jack
+from tactophone.live.runtime.priority import (
+    MAIN_PRIORITY,
+    collect_garbage,
+    name_thread,
+    prioritize_thread,
+    settle,
+)
+from tactophone.live.runtime.recorder import SessionRecorder
+from tactophone.live.runtime.watchdog import (
+    CHECK_INTERVAL,
+    SILENT_TIMEOUT,
+    Verdict,
+    Watchdog,
+)
+from tactophone.live.telemetry.layout import Fault
+from tactophone.live.telemetry.memory import remove_leftovers, remove_memory
+from tactophone.live.telemetry.watcher import Watcher
+from tactophone.live.telemetry.writer import Telemetry
+
+RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 4.0
+"""Seconds between the end of a process and the next, which double with every process
+that lived less than `SHORT_LIFE`."""
+
+SHORT_LIFE = 2.0
+"""Seconds after its start within which a process most likely ends for a reason that
+ends the next one too."""
+
+SIDE_START_TIMEOUT = 20.0
+"""Seconds that a process may spend at its start without any progress: neither a message
+nor processor time."""
+
+LONGEST_START = 300.0
+"""Seconds that a start may take in all; compiling the simulation on a busy machine
+takes one minute."""
+
+SLOW_START = 5.0
+"""Seconds after which a line says what a slow start is at; the next comes after twice
+as long."""
+
+BUDGET_INTERVAL = 1.0
+"""Seconds between two updates of the latency budget."""
+
+LAST_WORDS = 0.5
+"""Seconds for which a side whose call has ended still shows that: more than between two
+updates of a console."""
+
+MOVING = ", moving"
+"""Added to the link of a robot that says that it moves."""
+
+NO_ANSWER = "the other end may still be starting; if it stays silent once it is ready, hang up and call again"
+"""Advice where a call's other end does not answer."""
+
+SIDE_END_TIMEOUT = 3.0
+"""Seconds that a process may take to end in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessInfo:
+    """What a process gets at its start: the name of its run, and how many processes of
+    the run ended before it."""
+
+    name: str
+    restarts: int = 0
+    progress: Callable[[str], None] = ignore
+    """Called with what the process does next, while it starts."""
+
+
+Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
+"""One side of the live system: runs until SIGTERM, or until its sound ends. Must be
+importable by a new process."""
+
+
+SideState = Literal["idle", "starting", "running", "restarting", "ended"]
+
+SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType(
+    {
+        "idle": frozenset({"starting"}),
+        "starting": frozenset({"running", "restarting", "ended"}),
+        "running": frozenset({"restarting", "ended"}),
+        "restarting": frozenset({"starting", "ended"}),
+        "ended": frozenset(),
+    }
+)
+"""The table above, as `packages/tactophone/tests/live/runtime/test_supervisor.py` walks it."""
+
+
+class Supervisor:
+    """Runs one side in its own process; a context manager.
+
+    ``report`` is called with a line for people: why a process is restarted, or what a
+    slow start is at, which ends in ``"\\r"`` since the next such line replaces it; from
+    another thread.
+
+    ``progress``, which may be replaced, is called with what the process does next,
+    while it is awaited at its start.
+
+    ``restarts``: number of new processes that had to be started.
+
+    ``state``: where the side stands in the table at the head of this file.
+    """
+
+    def __init__(
+        self,
+        main: Main,
+        settings: Settings,
+        *,
+        name: str,
+        report: Callable[[str], None] = ignore,
+    ) -> None:
+        self.name = name
+        self.restarts = 0
+        self.state: SideState = "idle"
+        self.progress: Callable[[str], None] = ignore
+        self._main, self._settings, self._report = main, settings, report
+        self._child: Child | None = None
+        self._started = math.inf
+        self._restart_delay = RESTART_DELAY
+        self._ended = threading.Event()
+        self._thread = threading.Thread(
+            target=self._watch, name="watchdog", daemon=True
+        )
+
+    def __enter__(self) -> Self:
+        self.begin()
+        self.await_start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._end()
+
+    def begin(self) -> None:
+        """Start the process without waiting for it; `await_start` has to follow."""
+        if self._child:
+            self._child.close()
+        else:
+            # Not for a successor: who watches the run still reads what the dead process
+            # wrote last.
+            remove_leftovers()
+        # A bare function, as `self` holds a thread and cannot be sent to another
+        # process.
+        self._child = Child(
+            _run, self._main, self._settings, self.name, self.restarts, name=self.name
+        )
+        self._started = math.inf
+        self.state = "starting"
+
+    def await_start(self) -> None:
+        """Wait until the process runs, and supervise it from then on.
+
+        Raises `TactophoneError` when it does not start; the process has ended then.
+        """
+        try:
+            self._await_start()
+        except BaseException:
+            self._end()
+            raise
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether the side runs or will be restarted; false once its sound has
+        ended."""
+        return not self._ended.is_set()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the current process; 0 before the first."""
+        return self._child.pid if self._child else 0
+
+    def wait(self, timeout: float) -> bool:
+        """Wait up to ``timeout`` s for the side to end by itself; true when it has."""
+        return self._ended.wait(timeout)
+
+    def stop_emergency(self) -> None:
+        """Send the emergency stop as a signal, which needs no free thread in the
+        process."""
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGUSR1)
+
+    def _await_start(self) -> None:
+        """Wait for the first telemetry as long as the process makes progress; its error
+        is raised here."""
+        child, doing, failure = self._child, "loading libraries", "it ended"
+        if child is None:
+            return
+        began = progressed = time.monotonic()
+        used, slow = 0, SLOW_START
+        while True:
+            now = time.monotonic()
+            alive = (
+                child.alive
+            )  # asked first: what it told before its end is then read below
+            for kind, doing in child.messages():
+                if kind in ("error", "bug"):
+                    raise TactophoneError(doing)
+                progressed = now
+                self.progress(doing)
+            if not alive:
+                if not child.how_ended():
+                    return  # its sound was so short that it has ended already
+                break
+            if (watcher := self._watcher()) and watcher.pulse().beat > 0:
+                self._started, self.state = now, "running"
+                return
+            if (ticks := _processor_time(child.pid)) != used:
+                used, progressed = ticks, now
+            if now - progressed > SIDE_START_TIMEOUT:
+                failure = f"no progress within {SIDE_START_TIMEOUT:g} s"
+                break
+            if now - began > LONGEST_START:
+                failure = f"not done within {LONGEST_START:g} s"
+                break
+            if now - began >= slow:
+                slow *= 2
+                self._report(f"still starting ({now - began:.0f} s): {doing}\r")
+            time.sleep(0.02)
+        raise TactophoneError(
+            f"{self.name} did not start: {failure}; it was last {doing}"
+        )
+
+    def _watch(self) -> None:
+        # If this is refused, the network thread has warned already.
+        prioritize_thread(self._settings.process.priority)
+        while not self._ended.is_set():
+            reason = self._watch_process()
+            if not reason:
+                self.state = "ended"
+                self._ended.set()
+            if self._ended.is_set():
+                return
+            self.state = "restarting"
+            # What ends soon after each start will most likely do so again: it is tried
+            # less and less often.
+            short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
+            self._restart_delay = (
+                min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
+                if short
+                else RESTART_DELAY
+            )
+            self._report(
+                f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s"
+            )
+            if self._ended.wait(self._restart_delay):
+                return
+            # Its successor begins muted: it finds the count in `ProcessInfo`.
+            self.restarts += 1
+            self.begin()
+
+    def _watch_process(self) -> str:
+        """Watch one process; returns why it ended and another should start, empty when
+        none should."""
+        child, watcher = self._child, self._watcher()
+        # The short timeout is for real actuators: a stalled file harms nobody, and a
+        # busy machine may be late.
+        harmless = self._settings.output.actuator in ("file", "none")
+        watchdog = Watchdog(
+            SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
+        )
+        while child and not self._ended.wait(CHECK_INTERVAL):
+            if not child.alive:
+                failures = [
+                    text for kind, text in child.messages() if kind in ("error", "bug")
+                ]
+                how = child.how_ended()
+                return failures[-1] if how and failures else how
+            if watcher is None:
+                if watcher := self._watcher():
+                    self._started, self.state = time.monotonic(), "running"
+            elif self._settings.process.watchdog and not self._tolerates(
+                watchdog, watcher
+            ):
+                # It may be stopped in the middle of a period, where it could take no
+                # note of any gentler word.
+                child.kill()
+                return "the watchdog found it stalled"
+        return ""
+
+    def _tolerates(self, watchdog: Watchdog, watcher: Watcher) -> bool:
+        """Check the pulse once; a process that is late at vibrating is silenced from
+        outside, if it can be."""
+        match watchdog.check(watcher.pulse(), now=time.monotonic()):
+            case Verdict.LATE:
+                if self._settings.output.actuator != "jack" or not disconnect_from_jack(
+                    self.pid
+                ):
+                    return False
+                # It stays, and goes on by itself once it can: it joins the JACK server
+                # again and waits for fresh sound.
+                self._report(f"! {self.name} was late and is silent until it goes on")
+            case Verdict.STALLED:
+                return False
+        return True
+
+    def _watcher(self) -> Watcher | None:
+        # The memory of a process that was killed stays until its successor replaces it.
+        watcher = Watcher.find(self.name)
+        return watcher if watcher and watcher.pid == self.pid else None
+
+    def _end(self) -> None:
+        self.state = "ended"
+        if self._child:
+            if math.isinf(self._started) and not self._watcher():
+                self._child.kill()  # a starting process cannot answer yet, and killing it loses no data
+            self._child.terminate()
+            self._child.end(SIDE_END_TIMEOUT)
+            remove_memory(self.name)
+
+
+@contextlib.contextmanager
+def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
+    """Start several sides at once, which takes as long as one does, and wait for all;
+    ends them, the last first.
+
+    In the main thread, SIGTERM meanwhile leaves the block, as Ctrl-C does.
+    """
+    with contextlib.ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():
+            stack.callback(
+                signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _leave)
+            )
+        for side in sides:
+            stack.push(side)
+            side.begin()
+        for side in sides:
+            side.await_start()
+        yield sides
+
+
+def _leave(*_: object) -> None:
+    # Once: what is left to do takes a few seconds, and a second signal would cut it
+    # short.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit(0)
+
+
+def _run(
+    parent: Parent, main: Main, settings: Settings, name: str, restarts: int
+) -> None:
+    main(
+        settings,
+        ProcessInfo(
+            name, restarts, progress=lambda text: parent.tell(("progress", text))
+        ),
+    )
+
+
+def _processor_time(pid: int) -> int:
+    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its
+    messages count as progress)."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return int(fields[11]) + int(fields[12])
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+class Side:
+    """Base of the operator's and the robot's side while they run: their telemetry,
+    their threads, and how they end."""
+
+    interval: float
+    """Seconds between two calls of `housekeep`."""
+
+    def __init__(self, settings: Settings, info: ProcessInfo, *, role: str) -> None:
+        self.ended = threading.Event()
+        self.failure: BaseException | None = None
+        self._settings, self._info, self._role = settings, info, role
+        self._resources = contextlib.ExitStack()
+        self._warnings: tuple[Fault, ...] = ()
+        self._budgeted_at = 0.0
+        self._ends_at = math.inf
+
+    def housekeep(self, now: float) -> None:
+        """Apply requests and update telemetry; ``now`` is in s of the monotonic
+        clock."""
+        raise NotImplementedError
+
+    def run(self, terminated: threading.Event) -> None:
+        """Keep house in the main thread of the side's process, until the side or the
+        parent ends or it is terminated.
+
+        Raises what ended the side, if it was an error.
+        """
+        settle()
+        collected = time.monotonic()
+        prioritize_thread(min(MAIN_PRIORITY, self._settings.process.priority))
+        while not (terminated.is_set() or self.ended.is_set() or orphaned()):
+            now = time.monotonic()
+            self.housekeep(now)
+            collected = collect_garbage(collected, now)
+            self.ended.wait(self.interval)
+        if self.failure is not None:
+            raise self.failure
+
+    def _end_soon(self, now: float) -> None:
+        """End the side once everybody who watches has seen why."""
+        self._ends_at = min(self._ends_at, now + LAST_WORDS)
+        if now >= self._ends_at:
+            self.ended.set()
+
+    def _open_telemetry(self) -> None:
+        name, fingers = self._info.name, len(self._settings.fingers)
+        self._telemetry = self._resources.enter_context(
+            Telemetry(name, fingers=fingers)
+        )
+        self._telemetry.count("process_restarts", self._info.restarts)
+        # Opened once: whoever removes the file from the file system takes the watchers
+        # away, not this process.
+        self._watcher = Watcher(name)
+        self._recorder = SessionRecorder(
+            self._telemetry, self._settings, role=self._role
+        )
+
+    def _start(self, work: Callable[[], None]) -> threading.Thread:
+        """Start a thread whose end, whatever the reason, ends the whole side in
+        silence."""
+
+        def run() -> None:
+            try:
+                work()
+            except BaseException as error:
+                self.failure = error
+            # In this order: once `ended` is set, the main thread takes everything down.
+            self._silence()
+            self.ended.set()
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        return thread
+
+    def _silence(self) -> None:
+        """Stop all vibration, where there is any."""
+
+    def _prepare_thread(self, name: str, **warnings: str) -> None:
+        """Name and prioritise the calling thread; what the system refuses is a fault
+        from now on, as are warnings."""
+        name_thread(name)
+        warnings["priority"] = prioritize_thread(self._settings.process.priority)
+        self._warnings = tuple(
+            Fault(code, warning) for code, warning in warnings.items() if warning
+        )
+
+    def _count(self, totals: Mapping[str, int]) -> None:
+        for name, total in totals.items():
+            self._telemetry.count(name, total - self._telemetry.counter(name))
+
+    def _update_budget(
+        self, now: float, stages: Callable[[], Mapping[str, float]]
+    ) -> None:
+        """Show how long sound spends in each stage, once a second."""
+        if now - self._budgeted_at >= BUDGET_INTERVAL:
+            self._budgeted_at = now
+            for stage, duration in stages().items():
+                self._telemetry.gauge(f"latency_{stage}", duration)

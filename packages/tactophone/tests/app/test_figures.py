@@ -1,0 +1,25 @@
+from pathlib import Path
+
+import pytest
+from tests.folders import audiofolder
+
+from tactophone.app.figures import draw_dataset, load_pyplot, save_figure
+from tactophone_lab.datasets.open import open_dataset
+
+
+@pytest.mark.slow
+def test_a_data_set_is_drawn_even_where_a_file_is_missing(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    dataset.recordings[0].path.unlink()
+    draw_dataset(tmp_path / "set.png", dataset)
+    assert (tmp_path / "set.png").stat().st_size > 20_000
+
+
+def test_a_figure_replaces_a_link_and_never_what_it_leads_to(tmp_path: Path) -> None:
+    victim, picture = tmp_path / "victim.txt", tmp_path / "picture.png"
+    victim.write_text("mine")
+    picture.symlink_to(victim)
+    figure = load_pyplot().figure()
+    save_figure(figure, picture)
+    assert victim.read_text() == "mine"
+    assert picture.read_bytes()[1:4] == b"PNG"

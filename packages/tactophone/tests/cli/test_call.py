@@ -1,0 +1,126 @@
+"""What the two persons of a call read; who is called and how is tested in
+packages/tactophone/tests/net/call."""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from tactophone.cli import call
+from tactophone.net.call.process import Found
+from tactophone.net.link.identity import Peers
+
+KEY = ":".join(["AB"] * 32)
+FOUND = Found(
+    "lab-pc",
+    KEY,
+    "robot",
+    [],
+    "203.0.113.7",
+    relayed=False,
+    after=0.4,
+    round_trip=0.023,
+    again=False,
+)
+
+
+class Person:
+    """Stands for the process of the call and for the live side: notes what is asked of
+    them."""
+
+    def __init__(self) -> None:
+        self.answered: list[bool] = []
+        self.begun: list[str] = []
+
+    def answer(self, accepted: bool) -> None:
+        self.answered.append(accepted)
+
+    def begin(self, role: str) -> None:
+        self.begun.append(role)
+
+
+@pytest.mark.parametrize(
+    ("trusted", "words"),
+    [
+        ({KEY: "workshop"}, "you trust its key, as workshop"),
+        (
+            {":".join(["CD"] * 32): "workshop"},
+            "its key is new to this machine: AB:AB:AB:AB...",
+        ),
+        ({}, "its key is new to this machine: AB:AB:AB:AB..."),
+    ],
+)
+def test_who_answers_reads_whether_the_caller_s_key_is_known(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    trusted: dict[str, str],
+    words: str,
+) -> None:
+    Peers(trusted).save(tmp_path)
+    person, args = (
+        cast(Any, Person()),
+        argparse.Namespace(code="3-escapade-peachy", yes=True),
+    )
+    steps = iter(
+        [
+            ("code", args.code),
+            ("asked", ["lab-pc", "operator", "0.1.0", KEY]),
+            ("found", FOUND),
+        ]
+    )
+    assert call._found(person, cast(Any, steps), args, person, tmp_path) is FOUND
+    shown = capsys.readouterr().err
+    assert f"lab-pc calls, the operator, with tactophone 0.1.0; {words}" in " ".join(
+        shown.split()
+    )
+    assert (
+        "connected directly to 203.0.113.7 in 0.4 s, encrypted, 23 ms there and back; you are the robot"
+        in shown
+    )
+    assert (person.answered, person.begun) == ([True], ["robot"])
+
+
+@pytest.mark.parametrize(
+    ("role", "words"),
+    [
+        (
+            "operator",
+            [
+                "the robot is still starting; lab-pc says when it is ready",
+                "the robot is opening its microphones",
+            ],
+        ),
+        (
+            "robot",
+            [
+                "the operator is still starting; lab-pc says when it is ready",
+                "the operator is opening its output",
+            ],
+        ),
+    ],
+)
+def test_each_end_reads_how_far_the_other_one_is(
+    capsys: pytest.CaptureFixture[str], role: Any, words: list[str]
+) -> None:
+    def steps() -> Iterator[tuple[Any, Any]]:
+        yield from (("state", each) for each in ("starting", "opening", "ready"))
+
+    found = Found(
+        "lab-pc",
+        KEY,
+        role,
+        [],
+        "203.0.113.7",
+        relayed=False,
+        after=0.4,
+        round_trip=0.02,
+        again=False,
+    )
+    call._watch(steps(), found, [])
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.strip() for line in lines] == [
+        *words,
+        f"{words[0].partition(' is ')[0]} is ready",
+    ]

@@ -1,0 +1,46 @@
+import json
+from pathlib import Path
+
+import pytest
+from tests.live.runtime.live_system import LiveSystem, eventually
+from tests.models import write_tiny_model
+
+from tactophone.cli import main
+from tactophone.live.telemetry.writer import Telemetry
+
+
+@pytest.mark.realtime
+def test_stop_mute_and_arm_reach_a_running_process(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
+    with line.both():
+        assert eventually(lambda: line.amplitude() > 0.3)
+        assert main(["mute", line.names[1]]) == 0
+        assert eventually(lambda: line.amplitude() == 0.0)
+        assert main(["arm", line.names[1]]) == 0
+        assert eventually(lambda: line.amplitude() > 0.3)
+        assert capsys.readouterr().out.splitlines()[-1] == f"{line.names[1]}: armed"
+
+
+def test_with_no_process_the_error_says_what_to_start(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["stop", "telephone"]) == 1
+    assert "tactophone receive" in capsys.readouterr().err
+
+
+def test_a_wrong_name_lists_the_runs_that_exist(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with Telemetry("test-status"):
+        assert main(["mute", "test-stats"]) == 1
+        error = capsys.readouterr().err
+        assert "test-status" in error.partition("there are ")[2]
+        assert error.rstrip().endswith("did you mean test-status?")
+        assert main(["status", "--json"]) == 0
+        assert "test-status" in [
+            run["name"] for run in json.loads(capsys.readouterr().out)
+        ]
+    assert main(["status", "--json"]) == 0
+    assert "test-status" not in capsys.readouterr().out

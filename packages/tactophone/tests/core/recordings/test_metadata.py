@@ -1,0 +1,108 @@
+from pathlib import Path
+
+import pytest
+from tests.folders import audiofolder, write_sound, write_text
+
+from tactophone import DatasetError, Touch
+from tactophone.core.recordings.metadata import inside, write_metadata
+from tactophone.core.recordings.values import Recording, Segment
+from tactophone_lab.datasets.open import open_dataset
+
+
+def test_reads_the_columns_it_knows_and_keeps_the_others(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    first = dataset.recordings[0]
+    assert (first.surface, first.label, first.channels) == (
+        "stone 00",
+        Touch.ROUGH,
+        ("contact", "air"),
+    )
+    assert (first.take, first.scenario, first.properties["pressure"]) == (
+        "0",
+        "hand",
+        "light",
+    )
+    assert dataset.problems == ()
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    written = Recording(
+        write_sound(tmp_path / "takes" / "a.flac"),
+        "slate, grey",
+        Touch.ROUGH,
+        ("contact", "air"),
+        take="long_light",
+        scenario="box",
+        session="day 1",
+        segments=(Segment(0.0, 0.125, "none"), Segment(0.125, 0.5, "rough")),
+        properties={"material": "natural stone", "pressure": "light"},
+    )
+    write_metadata(tmp_path, [written])
+    assert open_dataset(tmp_path).recordings == (written,)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["metadata.csv", "takes"]
+
+
+def test_refuses_to_write_what_lies_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    with pytest.raises(ValueError, match="subpath"):
+        write_metadata(tmp_path / "inner", [Recording(tmp_path / "a.wav", "slate")])
+
+
+def test_parts_with_a_manifest_each_become_one_dataset_with_a_split(
+    tmp_path: Path,
+) -> None:
+    for part in ("train", "test"):
+        write_sound(tmp_path / part / "a.wav")
+        write_text(
+            tmp_path / part / "metadata.csv",
+            "file_name,surface,label",
+            f"a.wav,{part} stone,rough",
+        )
+    splits = [
+        recording.known("split") for recording in open_dataset(tmp_path).recordings
+    ]
+    assert splits == ["train", "test"]
+
+
+def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
+    write_text(
+        tmp_path / "metadata.csv",
+        "file_name,surface,label,segments",
+        "../../etc/passwd,slate,rough,",
+        ",slate,rough,",
+        "a.wav,slate,ruogh,0.1-0.2=rough nonsense",
+        "b.wav,slate,Rough,",
+    )
+    dataset = open_dataset(tmp_path)
+    assert [problem.kind for problem in dataset.problems] == [
+        "file_name",
+        "file_name",
+        "label",
+        "segments",
+    ]
+    assert "'ruogh' is not a label; write one of none" in str(dataset.problems[2])
+    assert [
+        (recording.path.name, recording.label) for recording in dataset.recordings
+    ] == [
+        ("a.wav", None),
+        ("b.wav", Touch.ROUGH),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"surface,label\nslate,rough\n", "no column file_name"),
+        (b"\xff\xfe\x00a", "not a CSV file"),
+    ],
+)
+def test_a_manifest_that_cannot_be_read_says_why(
+    tmp_path: Path, content: bytes, message: str
+) -> None:
+    (tmp_path / "metadata.csv").write_bytes(content)
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(tmp_path)
+
+
+def test_a_file_name_with_a_null_byte_is_outside(tmp_path: Path) -> None:
+    assert inside(tmp_path, "a\0b.wav") is None

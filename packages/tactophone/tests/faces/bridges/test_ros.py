@@ -1,0 +1,421 @@
+import argparse
+import itertools
+import math
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+pytest.importorskip("cyclonedds")
+
+from tests.faces.bridges.test_osc import STEP
+
+from tactophone.cli import options
+from tactophone.core import plugins
+from tactophone.core.errors import ConfigError
+from tactophone.core.types import AudioBlock, PipelineStep
+from tactophone.faces.bridges import ros_topics as messages
+from tactophone.faces.bridges.process import BridgeProcess
+from tactophone.faces.bridges.ros import MOST_JOINTS, QOS, JointMotion, RosBridge
+from tactophone.faces.bridges.ros_topics import open_sinks
+from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.writer import Telemetry
+
+URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
+DOMAIN = 87
+PACKAGE = Path(__file__).parents[5] / "ros/tactophone_msgs"
+
+ROBOT = """
+import sys, time
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from tactophone.faces.bridges import ros_topics as messages
+from tactophone.faces.bridges.ros import LATCHED, QOS
+domain = DomainParticipant(87)
+def topic(name, kind, qos=QOS):
+    return Topic(domain, "rt/" + name, kind, qos)
+readers = {
+    "prediction": DataReader(domain, topic("tactophone/index/prediction", messages.Float32MultiArray)),
+    "joy": DataReader(domain, topic("joy/set_feedback", messages.JoyFeedback)),
+    "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
+    "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, LATCHED)),
+    "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
+    "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
+}
+stop = DataWriter(domain, topic("tactophone/stop", messages.Empty))
+found, until = {}, time.monotonic() + 30
+while time.monotonic() < until and len(found) < len(readers):
+    for name, reader in readers.items():
+        for sample in reader.take(N=10):
+            found.setdefault(name, sample)
+    time.sleep(0.01)
+for name, sample in found.items():
+    print(name, sample)
+stop.write(messages.Empty())
+time.sleep(1)
+"""
+
+
+@pytest.fixture
+def telemetry(request: pytest.FixtureRequest) -> Iterator[Telemetry]:
+    with Telemetry(f"test-ros-{abs(hash(request.node.name))}") as telemetry:
+        yield telemetry
+
+
+@pytest.mark.realtime
+def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    robot = subprocess.Popen(
+        [sys.executable, "-c", ROBOT],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ),
+    )
+    requests: list[str] = []
+    sinks = ("joy", "senseglove")
+    with RosBridge(telemetry.name, sinks=sinks, domain=DOMAIN) as bridge:
+        while robot.poll() is None:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            requests += [request.action for request in telemetry.requests()]
+            time.sleep(0.02)
+    output, errors = robot.communicate()
+    lines = dict(line.split(" ", 1) for line in output.splitlines())
+    assert set(lines) == {
+        "prediction",
+        "joy",
+        "glove",
+        "info",
+        "audio",
+        "diagnostics",
+    }, errors
+    assert "type=1, id=0, intensity=0.5" in lines["joy"]
+    assert (
+        "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"]
+        or "49.99, 0.0" in lines["glove"]
+    )
+    assert "sample_rate=48000" in lines["info"]
+    assert "stop" in requests
+    assert set(requests) == {"stop"}
+
+
+@pytest.mark.realtime
+def test_every_prediction_reaches_a_glove_within_10_ms(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.idl import IdlStruct, types
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+
+    # Written a second time, so that a mistake in ours shows.
+    @dataclass
+    class Command(IdlStruct, typename="std_msgs::msg::dds_::Float32_"):
+        data: types.float32 = 0.0
+
+    domain = DomainParticipant(DOMAIN)
+    reader = DataReader(
+        domain, Topic(domain, "rt/tactophone/index/amplitude", Command, QOS)
+    )
+    made: dict[float, float] = {}
+    arrived: dict[float, float] = {}
+
+    def take(seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            for message in reader.take(N=100):
+                arrived.setdefault(message.data, time.monotonic())
+            time.sleep(0.0005)
+
+    with BridgeProcess(
+        partial(RosBridge, telemetry.name, sinks=["float32"], domain=DOMAIN)
+    ):
+        take(1.0)  # until both ends know of each other
+        for number in range(1, 201):
+            amplitude = number / 512  # exact in float32
+            made[amplitude] = time.monotonic()
+            command = replace(STEP.commands[0], amplitude=amplitude)
+            telemetry.publish(replace(STEP, commands=(command,)), now=made[amplitude])
+            take(0.0094)
+        take(0.5)
+    assert set(made) <= set(arrived)
+    # Beside other work the bridge waits, as its priority is lower than the sound's.
+    within = 0.010 if os.getloadavg()[0] < 2 else 0.050
+    assert np.percentile([arrived[each] - made[each] for each in made], 95) < within
+
+
+def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None:
+    (sink,) = open_sinks("senseglove", fingers=["index"])
+    first, second = (sink.make({"index": 0.5}, beat).data for beat in (0, 1))
+    assert first != second  # the driver drops a repeated value
+    assert max(map(max, (first, second))) <= 50
+    assert not any(sink.make({"index": 0.0}, 1).data)
+    assert len(first) == 12
+
+
+def test_a_plug_in_brings_gloves(monkeypatch: pytest.MonkeyPatch) -> None:
+    from examples.plugins.tactophone_gloves import tactophone_gloves as gloves
+
+    kinds = {"manus": gloves.manus, "haptx-left": gloves.haptx_left}
+    monkeypatch.setattr(
+        plugins,
+        "load",
+        lambda group, name: kinds.get(name) if group == plugins.ROS_SINKS else None,
+    )
+    amplitudes = {"thumb": 0.25, "little": 0.5}
+    (manus,) = open_sinks("manus", fingers=list(amplitudes))
+    assert list(manus.make(amplitudes, 0).intensities) == [0.25, 0, 0, 0, 0.5]
+    (haptx,) = open_sinks("haptx-left", fingers=list(amplitudes))
+    assert haptx.topic == "haptx/lh/tactor_group_state"
+    assert (
+        haptx.make(amplitudes, 0).tactor_group,
+        haptx.make(amplitudes, 0).inflation,
+    ) == (
+        ["lh_th", "lh_lf"],
+        [0.25, 0.5],
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "finger"), [("gloves", "index"), ("senseglove", "toe")]
+)
+def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
+    with pytest.raises(ConfigError):
+        open_sinks(text, fingers=[finger])
+
+
+def test_a_topic_of_its_own_is_taken() -> None:
+    assert (
+        open_sinks("float32:/left/amplitude", fingers=["index"])[0].topic
+        == "left/amplitude"
+    )
+
+
+def test_each_finger_of_a_hand_drives_its_own_place() -> None:
+    amplitudes = {"thumb": 0.25, "little": 0.5}
+    (sense,) = open_sinks("senseglove", fingers=list(amplitudes))
+    assert sense.make(amplitudes, 0).data[5:10] == [25, 0, 0, 0, 50]
+    (joy,) = open_sinks("joy", fingers=list(amplitudes))
+    assert joy.make(amplitudes, 0).intensity == 0.5
+    assert [
+        sink.make(amplitudes, 0).data
+        for sink in open_sinks("float32", fingers=list(amplitudes))
+    ] == [0.25, 0.5]
+    with pytest.raises(ConfigError, match="cannot share a topic"):
+        open_sinks("float32:/one", fingers=list(amplitudes))
+
+
+def test_a_wrong_domain_is_one_line(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    with pytest.raises(ConfigError, match="0 to 232"):
+        RosBridge(telemetry.name)
+
+
+@pytest.mark.realtime
+def test_microphones_on_a_topic_are_a_source(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    from tactophone.faces.bridges.ros import RosSource
+
+    tone = np.repeat(
+        (0.25 * np.sin(np.arange(480) / 10)).astype(np.float32)[:, None], 2, axis=1
+    )
+    step = PipelineStep(AudioBlock(tone, 48_000), (), ())
+    with RosBridge(telemetry.name, domain=DOMAIN + 1) as bridge:
+        source = RosSource("/tactophone/index/audio", domain=DOMAIN + 1)
+        assert (source.sample_rate, source.channels) == (48_000, 2)
+        received: list[AudioBlock] = []
+        for block in source:
+            received.append(block)
+            telemetry.publish(step, now=time.monotonic())
+            bridge.read()
+            if sum(each.size for each in received) >= 4_800 or len(received) > 2_000:
+                break
+    sound = np.concatenate([block.samples for block in received])
+    assert len(sound) >= 4_800
+    np.testing.assert_allclose(sound[:480], tone, atol=2e-4)
+    assert all(a.end == b.start for a, b in itertools.pairwise(received))
+
+
+def test_a_topic_in_another_format_is_one_line() -> None:
+    from tactophone.faces.bridges import ros_topics as messages
+    from tactophone.faces.bridges.ros import RosSource
+
+    broken = RosSource.__new__(RosSource)
+    broken._topic = "/audio"
+    for info in (
+        messages.AudioInfo(2, 48_000, "S16LE", 0, "mp3"),
+        messages.AudioInfo(6, 48_000, "S16LE", 0, "wave"),
+        messages.AudioInfo(1, 800, "S16LE", 0, "wave"),
+    ):
+        with pytest.raises(ConfigError, match="is needed"):
+            broken._checked(info)
+
+
+def test_a_source_is_named_with_its_topic() -> None:
+    parser = argparse.ArgumentParser()
+    options.add_settings(parser, "send")
+    settings = options.settings_of(parser.parse_args(["--source", "ros:/audio"]))
+    assert (settings.capture.source, settings.capture.device) == ("ros", "/audio")
+
+
+def test_the_package_for_colcon_has_the_type_that_is_published() -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from tactophone.faces.bridges import ros_topics as messages
+    from tactophone.live.log.reader import Passed
+
+    name, text = (
+        "tactophone_msgs/msg/Prediction",
+        (PACKAGE / "msg/Prediction.msg").read_text(),
+    )
+    others = get_typestore(Stores.ROS2_HUMBLE)
+    others.register(get_types_from_msg(text, name))
+    assert others.hash_rihs01(name) == messages.open_type_store().hash_rihs01(name)
+    passed = Passed(
+        "thumb",
+        STEP.predictions[0],
+        STEP.commands[0],
+        1e9 + 0.25,
+        1e9 + 0.5,
+        float("nan"),
+    )
+    sent = messages.predicted(passed)["touch"]
+    assert messages.type_name(type(sent)) == name
+    read = others.deserialize_cdr(sent.serialize(), name)
+    assert (read.header.stamp.sec, read.header.stamp.nanosec, read.header.frame_id) == (
+        10**9,
+        250_000_000,
+        "thumb",
+    )
+    assert (read.made.nanosec, read.rendered.sec, read.touch, read.event) == (
+        500_000_000,
+        0,
+        read.ROUGH,
+        "",
+    )
+    assert list(read.probabilities) == pytest.approx([0.1, 0.2, 0.7])
+    assert [read.roughness, read.level_dbfs, read.amplitude, read.frequency] == [
+        0.75,
+        -20,
+        0.5,
+        60,
+    ]
+
+
+def joints(time: float, **fields: list[float]) -> Any:
+    names = [f"joint {place}" for place in range(max(map(len, fields.values())))]
+    return messages.JointState(messages.header(time), names, **fields)
+
+
+@pytest.mark.parametrize("known", ["velocity", "position"])
+def test_a_robot_moves_while_a_joint_does(known: str) -> None:
+    motion, moving, place = JointMotion(), [], 0.0
+    for step, speed in enumerate((0.0, 0.005, 0.03, 0.015, 0.005, -0.5, 0.0)):
+        place += 0.01 * speed
+        motion.push(
+            joints(
+                1 + 0.01 * step,
+                **{known: [0.0, speed if known == "velocity" else place]},
+            )
+        )
+        moving.append(motion.moving)
+    assert moving == [False, False, True, True, False, True, False]
+
+
+def test_joint_states_of_parts_belong_to_one_robot_and_nonsense_moves_nothing() -> None:
+    motion = JointMotion()
+    motion.push(joints(1.0, velocity=[0.0, 0.0, 0.0, 0.1]))
+    motion.push(joints(1.0, velocity=[0.0]))
+    assert motion.moving
+    motion.push(joints(1.1, velocity=[math.nan] * 4, position=[math.inf] * 9))
+    motion.push(joints(1.1, velocity=[], position=[math.inf] * 9))
+    assert not motion.moving
+    for number in range(2 * MOST_JOINTS):
+        motion.push(
+            messages.JointState(
+                messages.header(2.0), [str(number)], velocity=[0.0], position=[1.0]
+            )
+        )
+    assert len(motion._speeds) <= MOST_JOINTS
+
+
+class Sent:
+    """A transport whose topics hold what a test puts there."""
+
+    def __init__(self) -> None:
+        self.waiting: dict[str, list[Any]] = {}
+
+    def writer(self, *_: Any, **__: Any) -> Any:
+        return SimpleNamespace(write=lambda message: None)
+
+    def reader(self, topic: str, *_: Any, **__: Any) -> Any:
+        def take(N: int) -> list[Any]:
+            return self.waiting.pop(topic, [])
+
+        return SimpleNamespace(take=take)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("role", ["robot", "operator"])
+def test_joint_states_tell_the_robots_side_alone_when_it_moves(
+    role: str, telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    transport = Sent()
+    monkeypatch.setattr(
+        "tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport
+    )
+    telemetry.update(State(role=role), now=time.monotonic())
+    asked: list[tuple[str, float]] = []
+    with RosBridge(telemetry.name, domain=DOMAIN) as bridge:
+        for speed in (0.0, 0.2, 0.2, 0.0):
+            transport.waiting["joint_states"] = [
+                object(),
+                joints(1.0, velocity=[speed]),
+            ]
+            bridge.read()
+            asked += [
+                (request.action, request.value) for request in telemetry.requests()
+            ]
+    assert asked == ([("moving", 1.0), ("moving", 0.0)] if role == "robot" else [])
+
+
+def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from cyclonedds.core import Policy
+
+    from tactophone.faces.bridges import ros, ros_topics
+
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    writer = ros.DdsTransport(DOMAIN + 2).writer(
+        "tactophone/index/roughness", ros_topics.Float32, latched=True
+    )
+    hashed = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"  # by ROS 2 itself
+    assert (
+        bytes(writer.get_qos()[Policy.Userdata].data) == f"typehash={hashed};".encode()
+    )
+    assert writer.get_qos()[Policy.Durability] == Policy.Durability.TransientLocal

@@ -1,0 +1,91 @@
+"""The operator's page and that of `try`, by axe-core and by the keyboard alone."""
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from tests.accessibility import (
+    SIZES,
+    needs_axe,
+    outside,
+    reached_by_tab,
+    serious_faults,
+)
+from tests.browser import resize, text, wait
+from tests.faces.web.running import Run
+
+from tactophone.core.types import Touch
+from tactophone.faces.web.server import Page
+from tactophone.live.telemetry.layout import Fault
+
+pytestmark = pytest.mark.realtime
+
+PATHS = pytest.mark.parametrize("path", ["", "try"])
+
+
+def open_page(browser: webdriver.Chrome, page: Page, path: str) -> None:
+    browser.get(page.url + path)
+    wait(browser, lambda: text(browser, "life") == "live")
+
+
+@needs_axe
+@PATHS
+def test_axe_finds_nothing_serious(
+    browser: webdriver.Chrome, page: Page, run: Run, path: str
+) -> None:
+    run.touch = Touch.ROUGH
+    run.fail(
+        Fault(
+            "air_silent", "Air microphone silent for 3 s: using the one-channel model."
+        )
+    )
+    open_page(browser, page, path)
+    browser.find_element(By.ID, "feel").click()
+    wait(
+        browser,
+        lambda: text(browser, "faults") and text(browser, "decision") == "rough",
+    )
+    assert serious_faults(browser) == []
+
+
+@PATHS
+@pytest.mark.parametrize("width", SIZES)
+def test_nothing_is_wider_than_the_screen(
+    browser: webdriver.Chrome, page: Page, path: str, width: int
+) -> None:
+    resize(browser, width, 844)
+    open_page(browser, page, path)
+    assert outside(browser) <= 0
+
+
+@PATHS
+def test_tab_reaches_every_control_and_shows_where_it_is(
+    browser: webdriver.Chrome, page: Page, path: str
+) -> None:
+    open_page(browser, page, path)
+    wait(browser, lambda: browser.find_element(By.ID, "threshold").is_enabled())
+    count, reached = reached_by_tab(browser)
+    assert len(reached) == count
+    assert [name for name, seen in reached.items() if not seen] == []
+
+
+@PATHS
+def test_keys_alone_begin_and_end_to_feel(
+    browser: webdriver.Chrome, page: Page, path: str
+) -> None:
+    open_page(browser, page, path)
+    button = browser.find_element(By.ID, "feel")
+    browser.execute_script("arguments[0].focus()", button)
+    for key, pressed in ((Keys.ENTER, "true"), (Keys.SPACE, "false")):
+        ActionChains(browser).send_keys(key).perform()
+        assert button.get_attribute("aria-pressed") == pressed
+        # What the button starts is loaded then: a page left in the middle of it would
+        # complain.
+        wait(
+            browser,
+            lambda: (
+                (text(browser, "feel-way") != "")
+                is (button.get_attribute("aria-pressed") == "true")
+            ),
+        )

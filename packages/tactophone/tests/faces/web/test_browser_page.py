@@ -1,0 +1,243 @@
+"""The page that listens, in Chromium: its own functions find what the product finds,
+also by the microphone."""
+
+import base64
+import functools
+import http.server
+import math
+import runpy
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from tests.accessibility import needs_axe, serious_faults
+from tests.browser import start_chromium, text, wait
+from tests.node import needs_node
+from tests.sounds import blocks, noise
+
+from tactophone.core.types import FloatArray, Prediction
+from tactophone.signal.perception.levels import banded_dbfs
+from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.resample import Resampler
+
+pytestmark = [pytest.mark.realtime, needs_node]
+
+BUILD = Path(__file__).parents[5] / "examples" / "browser" / "build.py"
+RATE = 48_000
+THRESHOLD_DBFS = -45.0
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The page, built and served as any static site is."""
+    folder = tmp_path_factory.mktemp("site")
+    runpy.run_path(str(BUILD))["build"](folder)
+    with http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder))
+    ) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/index.html"
+        server.shutdown()
+
+
+def scratches(*, seconds: float = 8.0) -> FloatArray:
+    """Faint noise; from 2 s on strokes of hiss, from 5 s on with clicks in them."""
+    rng = np.random.default_rng(1)
+    at = np.arange(round(seconds * RATE)) / RATE
+    hiss = 0.05 * rng.standard_normal(len(at))
+    clicks = 0.7 * (rng.uniform(size=len(at)) < 0.002) * rng.choice([-1, 1], len(at))
+    rough = np.convolve(clicks, np.exp(-np.arange(200) / 20), "same")
+    stroke = (at > 2) & (at % 1 < 0.6)
+    sound = stroke * np.clip(np.where(at < 5, hiss, hiss + rough), -0.95, 0.95)
+    return (sound + 1e-3 * rng.standard_normal(len(at))).astype(np.float32)
+
+
+def by_the_product(sound: FloatArray, rate: int = RATE) -> list[Prediction]:
+    detector = open_detector("stylus", sample_rate=rate, contact="window")
+    detector.threshold.dbfs = THRESHOLD_DBFS
+    whole = blocks(sound[:, None], 480, sample_rate=rate)
+    return [prediction for block in whole for prediction in detector.push(block)]
+
+
+BY_THE_PAGE = """
+const [rate, threshold, sound, done] = arguments;
+(async () => {
+  const { openDetector } = await import("./page.js");
+  const detector = await openDetector(rate);
+  detector.thresholdDbfs = threshold;
+  const samples = new Float32Array(Uint8Array.from(atob(sound), (c) => c.charCodeAt(0)).buffer);
+  const found = [];
+  for (let k = 0; k < samples.length; k += 256) found.push(...await detector.push(samples.slice(k, k + 256)));
+  done(found);
+})().catch((error) => done(String(error)));
+"""
+
+
+def by_the_page(
+    browser: webdriver.Chrome, sound: FloatArray, rate: int = RATE
+) -> list[dict[str, Any]]:
+    browser.set_script_timeout(60)
+    encoded = base64.b64encode(sound.tobytes()).decode()
+    found = browser.execute_async_script(BY_THE_PAGE, rate, THRESHOLD_DBFS, encoded)
+    assert isinstance(found, list), found
+    return found
+
+
+def assert_equal(found: list[dict[str, Any]], expected: list[Prediction]) -> None:
+    assert len(found) == len(expected) > 300
+    wanted = np.array(
+        [(each.end, *each.probabilities, each.roughness) for each in expected]
+    )
+    numbers = np.array(
+        [(row["end"], *row["probabilities"], row["roughness"]) for row in found]
+    )
+    assert np.abs(numbers - wanted).max() < 1e-3
+    assert [row["touch"] for row in found] == [
+        each.touch.name.lower() for each in expected
+    ]
+
+
+def test_the_same_sound_gives_what_the_product_finds(
+    browser: webdriver.Chrome, address: str
+) -> None:
+    browser.get(address)
+    expected = by_the_product(scratches())
+    assert len({each.touch for each in expected}) == 3
+    assert_equal(by_the_page(browser, scratches()), expected)
+
+
+def test_real_sound_at_44100_hz_gives_what_the_product_finds(
+    browser: webdriver.Chrome, address: str, recordings: Path
+) -> None:
+    browser.get(address)
+    sound, rate = soundfile.read(
+        recordings / "lmt" / "G1RhombAluminumMesh_01.flac", dtype="float32"
+    )
+    assert_equal(by_the_page(browser, sound, rate), by_the_product(sound, rate))
+
+
+def test_no_vibration_is_over_half_of_full_drive(
+    browser: webdriver.Chrome, address: str
+) -> None:
+    browser.get(address)
+    strongest = browser.execute_async_script(
+        "const done = arguments[0]; import('./page.js').then(({ vibration }) =>"
+        "done([vibration({ touch: 'rough', roughness: 1 }, 5), vibration({ touch: 'none', roughness: 1 }, 0.5)]));"
+    )
+    assert [each["amplitude"] for each in strongest] == [0.5, 0]
+
+
+@needs_axe
+def test_it_has_no_serious_fault_of_accessibility(
+    browser: webdriver.Chrome, address: str
+) -> None:
+    browser.get(address)
+    assert serious_faults(browser) == []
+
+
+@pytest.fixture
+def listener(tmp_path: Path) -> Iterator[webdriver.Chrome]:
+    """A browser whose microphone is a file, played once."""
+    path = tmp_path / "microphone.wav"
+    soundfile.write(
+        path,
+        np.concatenate(
+            [scratches(seconds=30), noise(level_dbfs=-60, channels=1)[:, 0]]
+        ),
+        RATE,
+    )
+    browser = start_chromium(
+        "--use-fake-ui-for-media-stream",
+        "--use-fake-device-for-media-stream",
+        f"--use-file-for-fake-audio-capture={path}%noloop",
+    )
+    yield browser
+    browser.quit()
+
+
+def history(browser: webdriver.Chrome) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = browser.execute_async_script(
+        "const done = arguments[0]; import('./page.js').then(({ history }) => done(history));"
+    )
+    return found
+
+
+def share_agreed(found: list[dict[str, Any]], sound: FloatArray) -> float:
+    """The share of words that are the product's; the file began before the page
+    listened, and levels show how long."""
+    at_16_khz = Resampler(RATE, 16_000, channels=1).push(sound[: 10 * RATE, None])[:, 0]
+    levels = np.array([row["level"] for row in found[:300]])
+
+    def error(shift: int) -> float:
+        windows = (at_16_khz[shift + 160 * k :][:512] for k in range(len(levels)))
+        return float(
+            np.abs([banded_dbfs(window) for window in windows] - levels).mean()
+        )
+
+    coarse = np.array(
+        [
+            banded_dbfs(at_16_khz[at : at + 512])
+            for at in range(0, len(at_16_khz) - 512, 8)
+        ]
+    )
+    errors = [
+        np.abs(coarse[shift : shift + 20 * len(levels) : 20] - levels).mean()
+        for shift in range(10_000)
+    ]
+    nearest = 8 * int(np.argmin(errors))
+    shift = min(range(max(0, nearest - 8), nearest + 9), key=error)
+    expected = [each.touch.name.lower() for each in by_the_product(sound[3 * shift :])]
+    places = [round((row["end"] - 0.032) / 0.01) for row in found]
+    return float(
+        np.mean(
+            [
+                expected[place] == row["touch"]
+                for place, row in zip(places, found, strict=True)
+            ]
+        )
+    )
+
+
+def test_by_the_microphone_the_words_are_the_products(
+    listener: webdriver.Chrome, address: str
+) -> None:
+    listener.get(f"{address}?threshold={THRESHOLD_DBFS}")
+    listener.find_element(By.ID, "start").click()
+    wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
+    wait(listener, lambda: len(history(listener)) > 1100, 30)
+    found = history(listener)
+    listener.find_element(By.ID, "stop").click()
+    assert text(listener, "status") == "Stopped."
+    agreed = share_agreed(found, scratches(seconds=30))
+    assert len(found) > 1000
+    assert {row["touch"] for row in found} == {"none", "smooth", "rough"}
+    assert agreed >= 0.95
+    ended = len(history(listener))
+    time.sleep(0.3)
+    assert len(history(listener)) == ended
+
+
+def test_the_threshold_is_measured_in_silence(
+    listener: webdriver.Chrome, address: str
+) -> None:
+    listener.get(address)
+    listener.find_element(By.ID, "start").click()
+    wait(listener, lambda: text(listener, "status").startswith("Listening"), 30)
+    expected = max(each.level_dbfs for each in by_the_product(scratches(seconds=1.5)))
+    found = float(
+        listener.find_element(By.ID, "threshold").get_attribute("value") or math.nan
+    )
+    assert expected < found < expected + 6
+    wait(listener, lambda: text(listener, "word") in ("smooth", "rough"), 10)

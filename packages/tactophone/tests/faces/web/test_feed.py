@@ -1,0 +1,107 @@
+"""A viewer's feed: nothing is sent twice or left out, whatever the pauses."""
+
+import numpy as np
+import pytest
+from tests.faces.web.test_message import BUCKET, parse
+
+from tactophone.core.types import (
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+)
+from tactophone.faces.web.feed import Feed, WatchedRun
+from tactophone.live.telemetry.layout import FingerState, Request, State
+from tactophone.live.telemetry.writer import Telemetry
+
+RATE = 48_000
+
+
+def publish(
+    telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9
+) -> None:
+    prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
+    telemetry.publish(
+        PipelineStep(AudioBlock(sound, RATE, start), (prediction,), ()), now=now
+    )
+
+
+@pytest.mark.parametrize("size", [17, 480, 509, 4800])
+def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
+    rng = np.random.default_rng(3)
+    sound = rng.uniform(-1, 1, (40_000, 2)).astype(np.float32)
+    rows = []
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(State(), now=1e9)
+        feed = Feed(WatchedRun("test-feed"))
+        for start in range(0, len(sound), size):
+            publish(telemetry, sound[start : start + size], start)
+            if start // size % 3 != 1:  # now and then a viewer is late
+                rows.append(_absolute(feed.message()))
+    seen = np.concatenate(rows)
+    count = len(seen)
+    assert count >= (len(sound) - 2 * size) // BUCKET
+    np.testing.assert_allclose(
+        seen[:, 0], (1 + np.arange(count)) * BUCKET / RATE, atol=1e-4
+    )
+    buckets = sound[: count * BUCKET, 0].reshape(count, BUCKET)
+    np.testing.assert_array_equal(seen[:, 1], buckets.min(axis=1))
+
+
+def _absolute(message: bytes) -> np.ndarray:
+    header, tables = parse(message)
+    table = tables["sound"].astype(np.float64)
+    return np.column_stack([table[:, 0] + header["origin"], table[:, 1:]])
+
+
+def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(State(), now=1e9)
+        feed = Feed(WatchedRun("test-feed"))
+        publish(telemetry, np.zeros((700, 2), np.float32), 0)
+        feed.message()
+        for k in range(40):  # more than the ring holds
+            publish(telemetry, np.full((10_000, 2), k, np.float32), 700 + 10_000 * k)
+        _, tables = parse(feed.message())
+    assert tables["sound"][-1, 1] == 39
+    assert len(tables["steps"]) == 40
+
+
+def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
+    feed = Feed(WatchedRun("test-feed"))
+    assert parse(feed.message())[0]["waiting_for"] == "test-feed"
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(
+            State(role="first"), now=0.0
+        )  # the last heartbeat was long ago
+        for k in range(3):
+            publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
+        header, _ = parse(feed.message())
+        assert (header["state"]["role"], header["alive"]) == ("first", False)
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(State(role="second"), now=1e9)
+        publish(telemetry, np.ones((480, 2), np.float32), 0)
+        header, tables = parse(feed.message())
+    assert header["state"]["role"] == "second"
+    assert len(tables["sound"]) == 1
+
+
+def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
+    with Telemetry("test-feed", fingers=2) as telemetry:
+        fingers = (
+            FingerState("thumb", profile="paper"),
+            FingerState("index", profile="lra", armed=True),
+        )
+        telemetry.update(State(fingers=fingers), now=1e9)
+        prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
+        block = AudioBlock(np.full((480, 2), 0.5, np.float32), RATE)
+        step = PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),), 1)
+        telemetry.publish(step, now=1e9)
+        run = WatchedRun("test-feed")
+        header, tables = parse(Feed(run, finger=1).message())
+        assert (header["state"]["profile"], header["state"]["armed"]) == ("lra", True)
+        assert header["hand"] == [[0, 0.0], [2, 0.25]]
+        assert len(tables["sound"]) == 1
+        run.ask(Request("mute", finger=1))
+        assert [request.finger for request in telemetry.requests()] == [1]

@@ -1,0 +1,197 @@
+"""The microphone of a page: what the server passes on and what it refuses."""
+
+import asyncio
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+
+import aiohttp
+import numpy as np
+import pytest
+from selenium.webdriver.common.by import By
+from tests.browser import start_chromium, text, wait
+from tests.faces.web.running import Run
+
+from tactophone.faces.web.devices import FINGERTIPS
+from tactophone.faces.web.server import Page, watch
+from tactophone.faces.web.views import (
+    FLOOD,
+    OTHER_VERSION,
+    PAGE_VIEWERS,
+    TAKEN,
+    TOO_MANY,
+)
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def sound() -> Connection:
+    return _PIPE[0]
+
+
+_PIPE = Pipe(duplex=False)
+
+
+@pytest.fixture
+def page(run: Run) -> Iterator[Page]:
+    with watch(run.telemetry.name, microphone=_PIPE[1]) as page:
+        yield page
+
+
+def message(start: int, samples: np.ndarray) -> bytes:
+    return struct.pack("<I", start) + samples.astype("<f4").tobytes()
+
+
+async def _open(
+    session: aiohttp.ClientSession, page: Page, path: str
+) -> aiohttp.ClientWebSocketResponse:
+    return await session.ws_connect(
+        page.url + path, origin=page.url[: page.url.rindex("/", 0, -1)]
+    )
+
+
+async def _reason(view: aiohttp.ClientWebSocketResponse) -> tuple[int, str]:
+    while True:
+        received = await view.receive(timeout=5)
+        if received.type is aiohttp.WSMsgType.CLOSE:
+            return received.data, received.extra
+        assert received.type is not aiohttp.WSMsgType.CLOSED
+
+
+def test_sound_is_passed_on_as_it_is(page: Page, sound: Connection) -> None:
+    samples = np.linspace(-1, 1, 256, dtype=np.float32)
+
+    async def speak() -> None:
+        async with aiohttp.ClientSession() as session:
+            view = await _open(session, page, "listen?v=1")
+            await view.send_bytes(message(512, samples))
+            await asyncio.sleep(0.3)
+
+    asyncio.run(speak())
+    assert sound.recv_bytes() == message(512, samples)
+    assert not sound.poll(0.1)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        '{"action": "arm"}',
+        '{"action": "ceiling", "value": 1}',
+        b"",
+        b"12345",
+        bytes(4001),
+    ],
+)
+def test_whatever_is_no_sound_ends_the_connection_and_reaches_nobody(
+    page: Page, run: Run, sound: Connection, sent: str | bytes
+) -> None:
+    """A source can never arm, raise or unmute: its socket has no way to make a
+    request."""
+
+    async def speak() -> tuple[int, str]:
+        async with aiohttp.ClientSession() as session:
+            view = await _open(session, page, "listen?v=1")
+            await (
+                view.send_str(sent) if isinstance(sent, str) else view.send_bytes(sent)
+            )
+            return await _reason(view)
+
+    before = run.state
+    code, reason = asyncio.run(speak())
+    assert (code, "not a message of sound" in reason) == (1003, True)
+    assert run.state == before
+    assert not sound.poll(0.1)
+
+
+def test_a_second_page_and_a_flood_are_sent_away_with_a_reason(
+    page: Page, sound: Connection
+) -> None:
+    async def speak() -> list[tuple[int, str]]:
+        async with aiohttp.ClientSession() as session:
+            first, second = [await _open(session, page, "listen?v=1") for _ in range(2)]
+            found = [await _reason(second)]
+            for k in range(200):
+                await first.send_bytes(message(960 * k, np.zeros(960)))
+            return [*found, await _reason(first)]
+
+    taken, flood = asyncio.run(speak())
+    assert (taken[0], flood[0]) == (TAKEN, FLOOD)
+    assert "another page is the microphone" in taken[1]
+    assert "sends too much" in flood[1]
+    while sound.poll(0.1):
+        sound.recv_bytes()
+
+
+@pytest.mark.parametrize("path", ["live", "feel", "listen"])
+def test_a_page_of_another_version_is_asked_to_reload(page: Page, path: str) -> None:
+    async def look() -> tuple[int, str]:
+        async with aiohttp.ClientSession() as session:
+            return await _reason(await _open(session, page, f"{path}?v=0"))
+
+    code, reason = asyncio.run(look())
+    assert (code, reason) == (
+        OTHER_VERSION,
+        "this page is of another version: reload it",
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "most"), [("live", PAGE_VIEWERS), ("feel", FINGERTIPS)]
+)
+def test_of_fifty_pages_those_too_many_are_sent_away_with_a_reason(
+    page: Page, path: str, most: int
+) -> None:
+    async def look() -> list[tuple[int, str]]:
+        async with aiohttp.ClientSession() as session:
+            views = [await _open(session, page, f"{path}?v=1") for _ in range(50)]
+            return [await _reason(view) for view in views[most:]]
+
+    found = asyncio.run(look())
+    assert set(found) == {(TOO_MANY, f"{most} pages are open already: close one")}
+    assert len(found) == 50 - most
+
+
+def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(
+    page: Page, run: Run
+) -> None:
+    async def flood() -> tuple[int, str]:
+        async with aiohttp.ClientSession() as session:
+            view = await _open(session, page, "live?v=1")
+            for _ in range(3000):
+                await view.send_str('{"action": "output_level", "value": 0.5}')
+            return await _reason(view)
+
+    assert asyncio.run(flood())[0] == FLOOD
+    assert run.state.armed
+
+
+@pytest.mark.parametrize(
+    ("flags", "setting", "words"),
+    [
+        (("--use-fake-device-for-media-stream",), "denied", "refused the microphone"),
+        ((), "granted", "has no microphone"),
+    ],
+)
+def test_a_refused_or_missing_microphone_is_said_with_what_to_do(
+    page: Page, run: Run, flags: tuple[str, ...], setting: str, words: str
+) -> None:
+    run.state = replace(run.state, source="browser")
+    browser = start_chromium(*flags)
+    try:
+        permission = {"permission": {"name": "microphone"}, "setting": setting}
+        browser.execute_cdp_cmd("Browser.setPermission", permission)
+        browser.get(f"{page.url}try")
+        wait(browser, lambda: text(browser, "life") == "live")
+        button = browser.find_element(By.ID, "listen")
+        button.click()
+        wait(browser, lambda: words in text(browser, "listen-state"))
+        assert "try again" in text(browser, "listen-state")
+        assert (button.text, button.get_attribute("aria-pressed")) == (
+            "Use this microphone",
+            "false",
+        )
+    finally:
+        browser.quit()

@@ -1,0 +1,90 @@
+"""A log begun and ended on the page."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from tests.browser import text, wait
+from tests.faces.web.running import Run
+
+from tactophone.app.runs import PageRecorder
+from tactophone.faces.web.dashboard import RecordRequest, parse_request
+from tactophone.faces.web.server import Page, watch
+from tactophone.live.log.mcap import read_log
+from tactophone.live.telemetry.layout import State
+
+
+@pytest.fixture
+def recorded_page(run: Run, tmp_path: Path) -> Iterator[Page]:
+    with (
+        PageRecorder(run.telemetry.name, tmp_path) as recorder,
+        watch(run.telemetry.name, recorder=recorder.page) as page,
+    ):
+        yield page
+
+
+@pytest.mark.realtime
+def test_the_button_begins_and_ends_a_log(
+    browser: webdriver.Chrome, recorded_page: Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap")
+    browser.get(recorded_page.url)
+    wait(browser, lambda: browser.find_elements(By.ID, "record"))
+    browser.find_element(By.ID, "record").click()
+    wait(browser, lambda: "Recording to" in text(browser, "recording"), 20)
+    browser.refresh()  # a page that comes later sees it too
+    wait(browser, lambda: ".mcap" in text(browser, "recording"))
+    time.sleep(1)
+    browser.find_element(By.ID, "record").click()
+    wait(browser, lambda: text(browser, "recording") == "", 20)
+    (path,) = tmp_path.glob("*.mcap")
+    entries = list(read_log(path))
+    assert len(entries) > 50
+    browser.find_element(By.ID, "record").click()
+    wait(browser, lambda: "Recording to" in text(browser, "recording"), 20)
+    # The page's server ends before the log, which takes a while; the page must not ask
+    # for it meanwhile.
+    browser.get("about:blank")
+
+
+@pytest.mark.realtime
+def test_a_log_left_open_is_ended_with_the_run(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    with PageRecorder(run.telemetry.name, tmp_path) as recorder:
+        recorder.page.send(True)
+        assert recorder.page.poll(20)
+        assert str(tmp_path) in recorder.page.recv()["recording"]
+    (path,) = tmp_path.glob("*.mcap")
+    assert list(read_log(path))
+
+
+@pytest.mark.realtime
+def test_a_folder_that_cannot_be_written_is_a_reason(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    with PageRecorder(run.telemetry.name, tmp_path / "none") as recorder:
+        recorder.page.send(True)
+        assert recorder.page.poll(20)
+        assert "cannot write" in recorder.page.recv()["refused"]
+
+
+@pytest.mark.realtime
+def test_a_run_that_is_not_recorded_has_no_button(
+    browser: webdriver.Chrome, page: Page
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    assert browser.find_elements(By.ID, "record") == []
+
+
+def test_only_a_page_on_the_machine_may_record() -> None:
+    asked = '{"action": "record", "value": true}'
+    assert "only a page on the run's own machine" in str(
+        parse_request(asked, State(), local=False)
+    )
+    assert parse_request(asked, State()) == RecordRequest(begin=True)
+    assert parse_request('{"action": "record", "value": 1}', State()) == RecordRequest(
+        begin=False
+    )

@@ -1,0 +1,229 @@
+"""What the state bar shows in each state of a run, on every page that can vibrate."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing import Pipe
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from tests.browser import resize, text, wait
+from tests.faces.web.running import Run
+
+from tactophone.core.types import Touch
+from tactophone.faces.web.server import Page, watch
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP
+from tactophone_lab.game.page import serve_game
+from tactophone_lab.game.rules import GameSettings
+
+pytestmark = pytest.mark.realtime
+
+PAGES = {"dashboard": "", "try": "try", "play": ""}
+SEEN = """
+const box = arguments[0].getBoundingClientRect();
+const over = document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
+return box.width > 0 && arguments[0].contains(over);
+"""
+COLOUR = "return getComputedStyle(document.querySelector('#state')).getPropertyValue('--state')"
+
+
+@pytest.fixture(params=PAGES)
+def shown(
+    request: pytest.FixtureRequest, browser: webdriver.Chrome, run: Run, tmp_path: Path
+) -> Iterator[Page]:
+    """Each page that can vibrate, open, over a run that vibrates."""
+    _, finger = Pipe(duplex=False)
+    run.touch = Touch.ROUGH
+    box = GameSettings(
+        run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl"
+    )
+    with (
+        serve_game(box)
+        if request.param == "play"
+        else watch(run.telemetry.name) as page
+    ):
+        browser.get(page.url + PAGES[request.param])
+        wait(browser, lambda: text(browser, "life") in ("live", "ready"))
+        yield page
+
+
+def seen(browser: webdriver.Chrome) -> list[str]:
+    """The ids of what of the state bar and its cover a person sees, and nothing
+    hides."""
+    names = ("life", "cause", "mute", "stop", "cover")
+    return [
+        name
+        for name in names
+        if browser.execute_script(SEEN, browser.find_element(By.ID, name))
+    ]
+
+
+def can_press(browser: webdriver.Chrome, name: str) -> bool:
+    return browser.find_element(By.ID, name).is_enabled()
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_bar_is_in_view_in_every_state_with_colour_cause_and_buttons(
+    browser: webdriver.Chrome, shown: Page, run: Run, width: int
+) -> None:
+    resize(browser, width, 844)
+    browser.execute_script("scrollTo(0, 1e6)")
+    assert seen(browser) == ["life", "cause", "mute", "stop"]
+    assert browser.find_element(By.ID, "state").size["width"] == browser.execute_script(
+        "return document.body.clientWidth"
+    )
+    colours = {browser.execute_script(COLOUR)}
+
+    browser.find_element(By.ID, "mute").click()
+    wait(browser, lambda: text(browser, "life") == "muted")
+    assert text(browser, "cause") == "Muted on the page."
+    assert (seen(browser), text(browser, "mute")) == (
+        ["life", "cause", "mute", "stop"],
+        "Resume",
+    )
+    colours.add(browser.execute_script(COLOUR))
+    browser.find_element(By.ID, "mute").click()
+    wait(browser, lambda: run.state.armed)
+
+    browser.find_element(By.ID, "stop").click()
+    wait(browser, lambda: text(browser, "life") == "stopped")
+    assert run.finger.muted_because == EMERGENCY_STOP
+    assert "find the cause" in text(browser, "cause")
+    assert (seen(browser), text(browser, "stop")) == (
+        ["life", "cause", "stop"],
+        "Hold to resume",
+    )
+    colours.add(browser.execute_script(COLOUR))
+    browser.find_element(By.ID, "stop").click()  # a press in passing releases nothing
+    browser.find_element(By.TAG_NAME, "body").send_keys("m", "a", " ")
+    time.sleep(1.2)
+    assert not run.state.armed
+    run.silent = True  # which must not offer to arm by one press
+    time.sleep(1)
+    assert (text(browser, "life"), seen(browser)) == (
+        "stopped",
+        ["life", "cause", "stop"],
+    )
+    run.silent = False
+    ActionChains(browser).click_and_hold(browser.find_element(By.ID, "stop")).pause(
+        1.2
+    ).release().perform()
+    wait(browser, lambda: run.state.armed)
+
+    run.silent = True
+    wait(browser, lambda: text(browser, "life").startswith("no data"))
+    wait(browser, lambda: float(text(browser, "life").split()[2]) >= 1)
+    assert "No sound arrives" in text(browser, "cause")
+    assert seen(browser) == ["life", "cause", "mute", "stop"]
+    assert can_press(browser, "stop")
+    colours.add(browser.execute_script(COLOUR))
+    run.silent = False
+    wait(browser, lambda: text(browser, "life") in ("live", "ready"))
+
+    shown.__exit__()
+    wait(browser, lambda: text(browser, "life") == "ended")
+    assert "cover" in seen(browser)
+    assert text(browser, "command").startswith("tactophone")
+    assert not can_press(browser, "stop")
+    assert not can_press(browser, "mute")
+    colours.add(browser.execute_script(COLOUR))
+    assert len(colours) == 5
+    browser.get_log("browser")  # it seeks the server that has ended
+
+
+def test_values_grey_within_half_a_second_and_the_bar_says_how_long(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    stale = "return document.body.dataset.stale === 'true'"
+    assert not browser.execute_script(stale)
+    run.silent = True
+    begin = time.monotonic()
+    wait(browser, lambda: browser.execute_script(stale))
+    assert (
+        time.monotonic() - begin < 0.9
+    )  # of a busy machine: 0.5 s of the page's own clock, and the way to it
+
+
+def test_a_run_without_a_heartbeat_has_no_data_and_takes_no_arming(
+    browser: webdriver.Chrome, page: Page, run: Run
+) -> None:
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    run.pause()
+    wait(browser, lambda: "no sign of life" in text(browser, "cause"))
+    assert text(browser, "life").startswith("no data")
+    assert not can_press(browser, "mute")
+
+
+@pytest.mark.parametrize("key", [Keys.SPACE, Keys.ESCAPE])
+def test_a_key_stops_from_anywhere_but_the_control_that_has_the_focus(
+    browser: webdriver.Chrome, shown: Page, run: Run, key: str
+) -> None:
+    browser.find_element(By.ID, "theme").click()  # a click leaves the space bar to Stop
+    browser.find_element(By.ID, "theme").click()
+    ActionChains(browser).send_keys(key).perform()
+    wait(browser, lambda: run.finger.muted_because == EMERGENCY_STOP)
+
+
+def test_a_stop_is_released_by_holding_a_key(
+    browser: webdriver.Chrome, shown: Page, run: Run
+) -> None:
+    button = browser.find_element(By.ID, "stop")
+    browser.execute_script("arguments[0].focus()", button)
+    ActionChains(browser).send_keys(Keys.ENTER).perform()
+    wait(browser, lambda: text(browser, "life") == "stopped")
+    ActionChains(browser).key_down(Keys.ENTER).pause(1.2).key_up(Keys.ENTER).perform()
+    wait(browser, lambda: run.state.armed)
+
+
+def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_when_told_twice(
+    browser: webdriver.Chrome, run: Run, tmp_path: Path
+) -> None:
+    _, finger = Pipe(duplex=False)
+    cold = Run(run.telemetry.name + "-cold")
+    cold.silent = True  # a run that has rendered nothing yet
+    with cold:
+        box = GameSettings(
+            cold.telemetry.name,
+            [(Touch.ROUGH,) * 5],
+            7,
+            finger,
+            tmp_path / "results.jsonl",
+        )
+        with serve_game(box) as page:
+            browser.get(page.url)
+            wait(browser, lambda: text(browser, "life") == "starting")
+            assert text(browser, "cause").startswith("The simulated finger starts: ")
+            assert not can_press(browser, "begin")
+            cold.silent = False
+            wait(browser, lambda: text(browser, "life") == "ready")
+            assert can_press(browser, "begin")
+            assert can_press(browser, "stop")
+            browser.get("about:blank")  # or it would seek the server that has ended
+    box = GameSettings(
+        run.telemetry.name, [(Touch.ROUGH,) * 5], 7, finger, tmp_path / "results.jsonl"
+    )
+    with serve_game(box) as page:
+        browser.get(page.url)
+        wait(browser, lambda: text(browser, "life") == "ready")
+        browser.find_element(By.ID, "mute").click()
+        wait(browser, lambda: text(browser, "life") == "muted")
+        browser.find_element(By.ID, "begin").click()
+        assert "nobody would feel this round" in text(browser, "question")
+        browser.find_element(By.ID, "begin").click()
+        wait(browser, lambda: browser.find_element(By.ID, "done").is_displayed())
+        assert not run.state.armed
+        browser.get("about:blank")
+
+
+def test_a_replay_says_so(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+    run.state = replace(run.state, role="replay")
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "replay")
+    assert seen(browser) == ["life", "cause"]

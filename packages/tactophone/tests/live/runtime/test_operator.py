@@ -1,0 +1,185 @@
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.models import write_tiny_model
+
+from tactophone.core.types import Touch
+from tactophone.live.runtime.operator import LONGEST_CALL
+from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
+from tactophone.live.telemetry.watcher import Watcher
+
+from .live_system import LiveSystem, eventually
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> LiveSystem:
+    return LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
+
+
+def test_a_rough_stroke_is_rendered_and_its_end_too(system: LiveSystem) -> None:
+    with system.both():
+        assert eventually(lambda: system.amplitude() > 0.3)
+        assert eventually(lambda: system.snapshot().steps[-1]["touch"] == Touch.ROUGH)
+        snapshot = system.snapshot()
+        assert snapshot.state.link == "connected to robot"
+        assert snapshot.state.faults == ()
+        assert np.abs(snapshot.vibration).max() <= 0.5
+        system.source.touching = False
+        assert eventually(lambda: system.amplitude() == 0.0)
+
+
+@pytest.mark.parametrize("first", ["robot", "operator"])
+def test_either_side_may_start_first_die_and_come_back(
+    system: LiveSystem, first: str
+) -> None:
+    second = "operator" if first == "robot" else "robot"
+    with getattr(system, first)():
+        for _ in range(2):
+            with getattr(system, second)():
+                assert eventually(
+                    lambda: "operator" in (first, second) and system.amplitude() > 0.3,
+                    timeout=8.0,
+                )
+            if second == "robot":
+                assert eventually(lambda: system.amplitude() == 0.0)
+
+
+def test_a_robot_that_falls_silent_silences_the_finger_and_is_reported(
+    system: LiveSystem,
+) -> None:
+    with system.operator():
+        with system.robot():
+            assert eventually(lambda: system.amplitude() > 0.3)
+        assert eventually(lambda: system.amplitude() == 0.0)
+        assert eventually(
+            lambda: any(
+                fault.code == "link" for fault in system.snapshot().state.faults
+            ),
+            timeout=2 * LONGEST_CALL,
+        )
+
+
+def test_the_emergency_stop_latches_until_armed(system: LiveSystem) -> None:
+    with system.both() as operator:
+        assert eventually(lambda: system.amplitude() > 0.3)
+        operator.stop()
+        assert eventually(lambda: system.amplitude() == 0.0)
+        watcher = Watcher(system.names[1])
+        watcher.ask("ceiling", 0.5)
+        time.sleep(0.2)
+        assert system.amplitude() == 0.0
+        assert system.snapshot().state.muted_because == EMERGENCY_STOP
+        watcher.ask("arm")
+        assert eventually(lambda: system.amplitude() > 0.3)
+        assert system.snapshot().counters["emergency_stops"] == 1
+
+
+def test_after_a_restart_nothing_is_rendered_until_armed(system: LiveSystem) -> None:
+    with system.robot(), system.operator(restarts=1):
+        assert eventually(
+            lambda: (
+                system.snapshot().steps.size > 0
+                and system.snapshot().steps[-1]["touch"] == Touch.ROUGH
+            )
+        )
+        assert system.amplitude() == 0.0
+        assert system.snapshot().state.muted_because == RESTARTED
+        Watcher(system.names[1]).ask("arm")
+        assert eventually(lambda: system.amplitude() > 0.3)
+
+
+def test_a_page_lowers_the_ceiling_and_cannot_raise_it(system: LiveSystem) -> None:
+    with system.both():
+        assert eventually(lambda: system.amplitude() > 0.3)
+        watcher = Watcher(system.names[1])
+        watcher.ask("ceiling", 0.1)
+        assert eventually(lambda: 0.05 < system.amplitude() <= 0.1)
+        watcher.ask("ceiling", 0.9)
+        assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
+        assert system.snapshot().state.fingers[0].ceiling == 0.1
+        assert system.amplitude() <= 0.1
+
+
+def test_threshold_and_profile_are_changed_only_to_what_there_is(
+    system: LiveSystem,
+) -> None:
+    with system.both():
+        watcher = Watcher(system.names[1])
+        watcher.ask("threshold_dbfs", -3.0)
+        watcher.ask("profile", text="telephone")
+        assert eventually(
+            lambda: system.snapshot().state.fingers[0].threshold_dbfs == -3.0
+        )
+        assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
+        assert eventually(lambda: system.amplitude() == 0.0)
+
+
+def test_predictions_made_on_the_robot_render_the_same(tmp_path: Path) -> None:
+    system = LiveSystem(
+        tmp_path,
+        write_tiny_model(tmp_path / "tiny.onnx", gain=1e3),
+        "link.send_predictions=true",
+    )
+    with system.both():
+        assert eventually(lambda: system.amplitude() > 0.3)
+        assert system.snapshot().steps[-1]["touch"] == Touch.ROUGH
+        assert system.snapshot().gauges["bitrate_bps"] < 100_000
+
+
+@pytest.mark.parametrize("gain", [np.inf, np.nan])
+def test_a_model_that_outputs_invalid_numbers_is_silence_and_a_count(
+    tmp_path: Path, gain: float
+) -> None:
+    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=gain))
+    with system.both():
+        assert eventually(lambda: system.snapshot().counters["model_faults"] > 10)
+        assert system.amplitude() == 0.0
+
+
+def test_the_sound_itself_is_rendered_and_stopped_like_any_vibration(
+    tmp_path: Path,
+) -> None:
+    system = LiveSystem(
+        tmp_path,
+        write_tiny_model(tmp_path / "tiny.onnx", gain=1e3),
+        "rendering.profile=direct",
+    )
+    with system.both() as operator:
+        assert eventually(lambda: system.amplitude() > 0.3)
+        assert system.snapshot().state.profiles == ("direct",)
+        vibration = system.snapshot().vibration[-4800:]
+        assert np.abs(vibration).max() <= 0.5
+        assert np.abs(
+            np.fft.rfft(vibration * np.hanning(4800))
+        ).argmax() * 10 == pytest.approx(400, abs=10)
+        system.source.touching = False
+        assert eventually(lambda: system.amplitude() == 0.0)
+        system.source.touching = True
+        assert eventually(lambda: system.amplitude() > 0.3)
+        operator.stop()
+        assert eventually(lambda: system.amplitude() == 0.0)
+
+
+def test_a_one_channel_robot_and_a_two_channel_model_say_why_and_do_not_restart(
+    tmp_path: Path,
+) -> None:
+    system = LiveSystem(tmp_path, Path("paper"))
+    system.source.channels = 1  # type: ignore[misc]
+    with system.both() as operator:
+        assert eventually(
+            lambda: any(
+                fault.code == "refused" for fault in system.snapshot().state.faults
+            )
+        )
+        robot = Watcher(system.names[0])
+        assert eventually(
+            lambda: any(
+                "choose a one-channel" in f.text for f in robot.snapshot().state.faults
+            )
+        )
+        assert operator.failure is None
+        assert not operator.ended.is_set()

@@ -1,0 +1,334 @@
+"""One robot and several operators, in virtual time: each gets what it would get alone,
+whatever the others do."""
+
+import random
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
+
+from tactophone.core.types import AudioBlock, Prediction, Touch
+from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
+from tactophone.net.link.codec import Codec
+from tactophone.net.link.events import Connected, Disconnected, PacketReceived
+from tactophone.net.link.identity import Identity, Peers
+from tactophone.net.link.receive import PredictionReceived, ReceiveSession
+from tactophone.net.link.send import MOST_OPERATORS, SendGroup
+from tactophone.net.link.session import Session
+from tactophone.net.link.stream import DecodedAudio
+from tactophone.signal.pipeline import Hand, open_pipeline
+
+OPUS = Codec("opus", packet_size=120)
+PACKET = 0.0025
+
+
+class GroupCall:
+    """A robot and its operators, each with a link of its own."""
+
+    def __init__(
+        self,
+        operators: int,
+        codec: Codec = OPUS,
+        *,
+        trusting: int = MOST_OPERATORS,
+        renew_after: float = 1e9,
+    ) -> None:
+        self.robot = Identity.create("robot")
+        identities = [
+            Identity.create(f"operator {number}") for number in range(operators)
+        ]
+        trusted = Peers({each.fingerprint: each.name for each in identities})
+        callers = [
+            Session(self.robot, trusted, call=OPERATOR_ADDRESS, renew_after=renew_after)
+            for number in range(operators)
+        ]
+        self.group = SendGroup(callers, codec, follow=True)
+        answerers = [
+            ReceiveSession(
+                Session(
+                    each,
+                    Peers(
+                        {self.robot.fingerprint: "robot"} if number < trusting else {}
+                    ),
+                )
+            )
+            for number, each in enumerate(identities)
+        ]
+        self.links = [
+            VirtualLink(self.group, each, number=number)
+            for number, each in enumerate(answerers)
+        ]
+        self.events = [[] for _ in range(operators)]
+        self.now, self.start = 0.0, 0
+
+    def carry(self, *, without: tuple[int, ...] = ()) -> None:
+        for number, link in enumerate(self.links):
+            if number not in without:
+                self.events[number] += link.carry(self.now)
+
+    def connect(self, operators: int) -> None:
+        without = tuple(range(operators, len(self.links)))
+        while len(self.group.connected) < operators and self.now < 2.0:
+            self.carry(without=without)
+            self.now += 0.005
+        assert len(self.group.connected) == operators
+
+    def run(
+        self,
+        duration: float,
+        each: Callable[["GroupCall"], None] = lambda _: None,
+        *,
+        without=(),
+    ) -> None:
+        for _ in range(round(duration / PACKET)):
+            self.group.push(
+                AudioBlock(
+                    SOUND[
+                        self.start : self.start + 120,
+                        : self.group.encoder.codec.channels,
+                    ],
+                    48_000,
+                    self.start,
+                )
+            )
+            self.start, self.now = self.start + 120, self.now + PACKET
+            each(self)
+            self.carry(without=without)
+
+    def decoded(self, operator: int) -> bytes:
+        return b"".join(
+            event.block.samples.tobytes()
+            for event in self.events[operator]
+            if isinstance(event, DecodedAudio)
+        )
+
+
+SOUND = np.random.default_rng(0).normal(0, 0.05, (48_000, 4)).astype(np.float32)
+
+
+def alone(duration: float) -> bytes:
+    call = GroupCall(1)
+    call.connect(1)
+    call.run(duration)
+    return call.decoded(0)
+
+
+@pytest.mark.parametrize("fingers", [1, 2])
+def test_two_operators_feel_the_same_to_the_bit(fingers: int) -> None:
+    call = GroupCall(2, Codec("opus", channels=2 * fingers, packet_size=120))
+    for link in call.links:
+        pipelines = [
+            open_pipeline(sample_rate=48_000, channels=2) for _ in range(fingers)
+        ]
+        link.operator = OperatorEndpoint(link.operator, Hand(pipelines))
+    call.connect(2)
+    robot, felt = RobotEndpoint(call.group), [[], []]
+    for start in range(0, 24_000, 120):
+        robot.push(AudioBlock(SOUND[start : start + 120, : 2 * fingers], 48_000, start))
+        call.now += PACKET
+        for link, steps in zip(call.links, felt, strict=True):
+            steps += [
+                (s.finger, s.predictions, s.commands)
+                for _, s in link.carry(call.now)
+                if s is not None
+            ]
+    assert felt[0] == felt[1]
+    assert any(command.amplitude for _, _, commands in felt[0] for command in commands)
+
+
+def test_an_operator_that_leaves_or_comes_later_changes_nothing_for_the_other() -> None:
+    call = GroupCall(2)
+    call.connect(1)
+    call.run(0.1, without=(1,))
+    call.run(0.3)
+    assert call.group.peers == ["operator 0", "operator 1"]
+    assert any(isinstance(event, DecodedAudio) for event in call.events[1])
+    call.links[1].operator.session.hang_up()
+    call.run(PACKET)  # with the goodbye; then its process is gone
+    call.run(0.1 - PACKET, without=(1,))
+    assert call.group.peers == ["operator 0"]
+    assert [
+        type(event) for event in call.events[0] if not isinstance(event, DecodedAudio)
+    ] == [Connected]
+    assert call.decoded(0) == alone(0.5)
+
+
+def test_whoever_comes_later_soon_decodes_the_same() -> None:
+    call = GroupCall(2)
+    call.connect(1)
+    call.run(0.1, without=(1,))
+    call.run(0.6)
+    first, second = (
+        np.frombuffer(call.decoded(number), np.float32)[-9600:] for number in (0, 1)
+    )
+    assert np.abs(first - second).max() < 1e-3
+
+
+def test_a_link_that_loses_packets_costs_only_its_own_operator() -> None:
+    call = GroupCall(2)
+    call.connect(2)
+    call.links[1].to_operator = ImpairedLink(NetworkProfile(loss=0.3), seed=1)
+    call.run(0.8)
+    assert [member.redundancy.depth for member in call.group.members] == [1, 2]
+    assert call.group.loss > 0.1
+    assert call.decoded(0) == alone(0.8)
+
+
+def test_a_hostile_operator_changes_nothing_for_the_other() -> None:
+    call, generator = GroupCall(2), random.Random(0)
+    call.connect(2)
+    seen: list[bytes] = []
+    push = call.links[1].to_robot.push
+    call.links[1].to_robot.push = lambda datagram, *, now: (
+        seen.append(datagram),
+        push(datagram, now=now),
+    )
+
+    def attack(call: GroupCall) -> None:
+        for _ in range(5):
+            forged = generator.randbytes(generator.randrange(200))
+            changed = bytearray(generator.choice(seen) if seen else b"\x80")
+            changed[generator.randrange(len(changed))] ^= 1
+            for datagram in (forged, bytes(changed), *seen[-1:]):
+                push(datagram, now=call.now)
+
+    call.run(0.5, attack)
+    assert call.group.members[1].session.faults["rejected"] > 100
+    assert call.group.members[0].session.refused == 0
+    assert call.decoded(0) == alone(0.5)
+
+
+def test_an_operator_that_does_not_trust_the_robot_gets_nothing_and_the_other_all() -> (
+    None
+):
+    call = GroupCall(2, trusting=1)
+    call.connect(1)
+    call.run(0.5)
+    assert call.group.peers == ["operator 0"]
+    assert "refused this machine's certificate" in str(
+        call.group.members[1].session.failure
+    )
+    assert not call.events[1]
+    assert call.decoded(0) == alone(0.5)
+
+
+def test_each_operator_renews_its_keys_without_a_gap_at_any() -> None:
+    call = GroupCall(2, renew_after=0.2)
+    call.connect(2)
+    call.run(0.5)
+    assert min(member.counters["handshakes"] for member in call.group.members) > 1
+    keys = {member.session.remote[1] for member in call.group.members}
+    assert len(keys) == 2
+    assert call.decoded(0) == call.decoded(1) == alone(0.5)
+
+
+def test_a_fifth_operator_is_refused() -> None:
+    identity = Identity.create("robot")
+    sessions = [
+        Session(identity, Peers(), call=("192.0.2.1", port)) for port in range(5)
+    ]
+    with pytest.raises(ValueError, match="5 operators, but a robot has 1 to 4"):
+        SendGroup(sessions, OPUS)
+
+
+def test_predictions_go_to_all() -> None:
+    call = GroupCall(2)
+    call.connect(2)
+    call.group.send_predictions(
+        {0: Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1)}
+    )
+    call.carry()
+    first, second = (
+        [e for e in events if isinstance(e, PredictionReceived)]
+        for events in call.events
+    )
+    assert len(first) == 1
+    assert first == second
+
+
+def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_listen() -> (
+    None
+):
+    call = GroupCall(2)
+    call.links[0].operator.bandwidth = 8_000
+    call.connect(1)
+    call.run(0.3, without=(1,))
+    assert call.group.encoder.codec.bandwidth == 8_000
+    call.links[1].operator.bandwidth = 4_000
+    call.run(0.5)
+    assert (len(call.group.connected), call.group.encoder.codec.bandwidth) == (2, 8_000)
+    call.links[1].operator.bandwidth = 12_000
+    call.run(0.3)
+    assert call.group.encoder.codec.bandwidth == 12_000
+
+
+def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None:
+    call, logged = GroupCall(2), []
+    call.group.tap = logged.append
+    call.connect(2)
+    call.run(0.1)
+    call.links[0].operator.session.hang_up()
+    call.run(0.1)
+    kinds = [type(event) for event in logged]
+    assert kinds.count(PacketReceived) == 80
+    changes = [event for event in logged if not isinstance(event, PacketReceived)]
+    assert [(type(event), getattr(event, "peer", "")) for event in changes] == [
+        (Connected, "operator 0"),
+        (Disconnected, ""),
+        (Connected, "operator 1"),
+    ]
+
+
+def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> (
+    None
+):
+    robot, operator = Identity.create("robot"), Identity.create("trainer")
+    trusted, addresses = (
+        Peers({operator.fingerprint: "trainer"}),
+        [("192.0.2.1", 6000), ("198.51.100.1", 6000)],
+    )
+    group = SendGroup(
+        [Session(robot, trusted, call=address) for address in addresses], OPUS
+    )
+    answerer = Session(operator, Peers({robot.fingerprint: "robot"}))
+    connected = []
+
+    def run(begin: float, end: float, *, unreachable: tuple[int, ...] = ()) -> None:
+        for step in range(round(begin * 50), round(end * 50)):
+            now = step / 50
+            for number, member in enumerate(group.members):
+                group.poll(now, operator=number)
+                sent = (
+                    []
+                    if number in unreachable
+                    else [datagram for datagram, _ in member.session.outgoing()]
+                )
+                for datagram in sent:
+                    connected.extend(
+                        answerer.receive(
+                            datagram, source=("192.0.2.2", number), now=now
+                        )
+                    )
+            answerer.poll(now)
+            for datagram, (_, number) in answerer.outgoing():
+                if number not in unreachable:
+                    group.receive(
+                        [(datagram, addresses[number])], now=now, operator=number
+                    )
+
+    run(0.0, 4.5)
+    assert group.peers == ["trainer"]
+    (left_out,) = [member for member in group.members if member.session.peer is None]
+    assert left_out.session.failure == (
+        "it is 'trainer', connected already under another address: name each operator once"
+    )
+    assert sum(isinstance(event, Connected) for event in connected) == 1
+    # Once the address in use fails, the other one takes over.
+    in_use = next(
+        number for number, member in enumerate(group.members) if member.session.peer
+    )
+    run(4.5, 20.0, unreachable=(in_use,))
+    assert group.members[1 - in_use].session.peer == "trainer"
+    assert group.members[in_use].session.peer is None

@@ -1,0 +1,235 @@
+import ast
+from collections.abc import Callable, Iterator
+from itertools import cycle
+from pathlib import Path
+
+import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
+from msgspec.structs import replace
+from tests.models import write_tiny_model
+from tests.sounds import blocks, noise, strokes
+
+import tactophone
+from tactophone.core.errors import ModelError
+from tactophone.core.types import HapticCommand, PipelineStep, Touch
+from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.net.impairment import ImpairedLink, NetworkProfile
+from tactophone.net.link.codec import Codec
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.pipeline import Pipeline, open_pipeline
+
+RATE = 48_000
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    return str(write_tiny_model(tmp_path / "tiny.onnx"))
+
+
+def pipeline_of(model: str) -> Pipeline:
+    return open_pipeline(model, sample_rate=RATE, channels=1)
+
+
+def journey(
+    model: str,
+    *,
+    lost: Iterator[bool] | None = None,
+    send_predictions: bool = False,
+    moving: Callable[[float], bool] = lambda time: False,
+) -> list[tuple[float, PipelineStep]]:
+    """Strokes from the robot's fingertip to the operator's, in virtual time; each step
+    with the time of its arrival."""
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    sender = RobotEndpoint(
+        robot, pipeline_of(model).detector if send_predictions else None
+    )
+    link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
+    begun = now = link.connect(0.0)
+    link.to_operator = ImpairedLink(NetworkProfile(), lost=lost)
+    steps = []
+    for block in blocks(strokes(), 120):
+        now = begun + block.end / RATE
+        sender.push(replace(block, moving=moving(block.time)))
+        steps += [(now - begun, step) for _, step in link.carry(now) if step]
+    return steps
+
+
+def commands_of(
+    steps: list[tuple[float, PipelineStep]],
+) -> list[tuple[float, HapticCommand]]:
+    return [(when, command) for when, step in steps for command in step.commands]
+
+
+def touch_at(steps: list[tuple[float, PipelineStep]], time: float) -> Touch:
+    return [
+        prediction.touch
+        for when, step in steps
+        for prediction in step.predictions
+        if when <= time
+    ][-1]
+
+
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_a_stroke_is_rendered_at_the_other_end(
+    model: str, send_predictions: bool
+) -> None:
+    steps = journey(model, send_predictions=send_predictions)
+    assert [touch_at(steps, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
+        Touch.NONE,
+        Touch.ROUGH,
+        Touch.NONE,
+        Touch.SMOOTH,
+    ]
+    first = next(when for when, command in commands_of(steps) if command.amplitude > 0)
+    assert first == pytest.approx(0.503, abs=0.006)
+
+
+def test_without_loss_the_link_changes_nothing(model: str) -> None:
+    pipeline = pipeline_of(model)
+    direct = [
+        command
+        for block in blocks(strokes(), 120)
+        for command in pipeline.push(block).commands
+    ]
+    over_the_link = [command for _, command in commands_of(journey(model))]
+    # The link rounds the sound to 16 bits, and may keep a last packet.
+    assert len(direct) - len(over_the_link) in range(3)
+    for here, there in zip(direct, over_the_link, strict=False):
+        assert (here.amplitude, here.frequency) == pytest.approx(
+            (there.amplitude, there.frequency), abs=0.2
+        )
+
+
+@pytest.mark.parametrize("every", [20, 5])
+def test_loss_does_not_change_the_touch(model: str, every: int) -> None:
+    steps = journey(model, lost=cycle([False] * (every - 1) + [True]))
+    assert [touch_at(steps, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
+        Touch.NONE,
+        Touch.ROUGH,
+        Touch.NONE,
+        Touch.SMOOTH,
+    ]
+
+
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_late_sound_is_not_rendered_but_still_detected(
+    model: str, send_predictions: bool
+) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
+    sender = RobotEndpoint(
+        robot, pipeline_of(model).detector if send_predictions else None
+    )
+    begun = link.connect(0.0)
+    stalled: list[PipelineStep] = []
+    after: list[PipelineStep] = []
+    for block in blocks(strokes(), 120):
+        sender.push(block)
+        if 0.7 < block.time < 0.9:
+            continue  # the link holds everything back for 200 ms
+        steps = [step for _, step in link.carry(begun + block.end / RATE) if step]
+        (after if block.time >= 0.9 else stalled).extend(steps)
+    old = [step for step in after if step.block.time < 0.83]
+    assert old
+    assert not any(step.commands for step in old)
+    now = [
+        prediction
+        for step in after
+        if 0.9 < step.block.time < 0.92
+        for prediction in step.predictions
+    ]
+    assert {prediction.touch for prediction in now} == {Touch.ROUGH}
+
+
+def test_a_robot_with_other_microphones_gets_its_own_pipeline_under_the_same_ceiling(
+    model: str,
+) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    opened: list[int] = []
+
+    def reopen(channels: int) -> Pipeline:
+        opened.append(channels)
+        return pipeline_of(model)
+
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), reopen=reopen)
+    endpoint.pipeline.limits = Limits(ceiling=0.1)
+    link = VirtualLink(robot, endpoint)
+    begun = link.connect(0.0)
+    for block in blocks(noise(duration=0.1, channels=1), 120):
+        robot.push(block)
+        link.carry(begun + block.end / RATE)
+    assert opened == [1]
+    assert endpoint.pipeline.limits.ceiling == 0.1
+
+
+def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_ends(
+    model: str,
+) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+
+    def reopen(channels: int) -> Pipeline:
+        raise ModelError("the model needs contact and air; choose a one-channel model")
+
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), reopen=reopen)
+    link = VirtualLink(robot, endpoint)
+    begun = link.connect(0.0)
+    steps = []
+    for block in blocks(noise(duration=0.05, channels=1), 120):
+        robot.push(block)
+        steps += [step for _, step in link.carry(begun + block.end / RATE)]
+    assert steps
+    assert not any(steps)
+    assert "one-channel model" in endpoint.refusal
+    operator.session.hang_up(endpoint.refusal)
+    link.carry(begun + 0.1)
+    assert robot.members[0].session.failure
+    assert "one-channel model" in robot.members[0].session.failure
+
+
+def calls(tree: ast.AST) -> Iterator[str]:
+    """Methods called, as ``object.method``, such as ``self._endpoint.receive``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            yield ast.unparse(node.func)
+
+
+def test_the_operator_has_no_loop_of_its_own() -> None:
+    """There is no second path: outside the endpoints, nothing feeds a session's sound
+    to a pipeline."""
+    source = Path(tactophone.__file__).parent
+    operator = set(
+        calls(ast.parse((source / "live" / "runtime" / "operator.py").read_text()))
+    )
+    assert {"self._endpoint.receive", "self._endpoint.poll"} <= operator
+    assert not {
+        call
+        for call in operator
+        if call.rpartition(".")[2] in ("push", "command_for", "flush")
+    }
+    assert {call for call in operator if call.endswith((".receive", ".poll"))} == {
+        "self._socket.receive",
+        "self._endpoint.receive",
+        "self._endpoint.poll",
+    }
+    for path in (source / "live" / "runtime").glob("*.py"):
+        assert not [
+            call
+            for call in calls(ast.parse(path.read_text()))
+            if call.endswith(".command_for")
+        ], path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_a_robot_that_starts_to_move_is_felt_150_ms_later_at_the_other_end(
+    model: str, send_predictions: bool
+) -> None:
+    def begins(start: float) -> float:
+        steps = journey(
+            model, send_predictions=send_predictions, moving=lambda time: time >= start
+        )
+        return next(
+            when for when, command in commands_of(steps) if command.amplitude > 0
+        )
+
+    assert begins(0.4) - begins(9.0) == pytest.approx(0.15, abs=0.02)

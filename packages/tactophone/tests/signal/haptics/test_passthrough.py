@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from tests.sounds import ODD_SIZES, noise, tone
+
+from tactophone.signal.haptics.limits import Limits
+from tactophone.signal.haptics.passthrough import PASSTHROUGH, Passthrough
+
+FULL = Limits(ceiling=1.0)
+
+
+def peak_frequency(wave: np.ndarray) -> float:
+    return float(
+        np.abs(np.fft.rfft(wave * np.hanning(len(wave)))).argmax() * 48_000 / len(wave)
+    )
+
+
+@pytest.mark.parametrize("name", PASSTHROUGH)
+@pytest.mark.parametrize("size", ODD_SIZES)
+def test_any_block_size_gives_the_same_bits(name: str, size: int) -> None:
+    sound = noise(duration=0.1)
+    passthrough = PASSTHROUGH[name](FULL)
+    whole = passthrough.push(sound)
+    passthrough.reset()
+    pieces = [
+        passthrough.push(sound[start : start + size])
+        for start in range(0, len(sound), size)
+    ]
+    assert np.concatenate(pieces).tolist() == whole.tolist()
+
+
+@pytest.mark.parametrize("name", PASSTHROUGH)
+def test_nothing_more_after_a_whole_number_of_steps_is_silence_not_an_error(
+    name: str,
+) -> None:
+    sound = noise(duration=0.1)
+    assert len(sound) % 12 == 0
+    passthrough = PASSTHROUGH[name](FULL)
+    rendered = passthrough.push(sound)
+    assert len(passthrough.push(sound[:0])) == 0
+    assert len(rendered) + len(passthrough.push(noise(duration=0.001))) > len(rendered)
+
+
+def test_direct_keeps_a_low_tone_and_pitch_brings_a_high_one_down_by_three_octaves() -> (
+    None
+):
+    direct = Passthrough(limits=FULL).render_whole(tone(200))[12_000:-4800]
+    assert peak_frequency(direct) == pytest.approx(200, abs=3)
+    shifted = PASSTHROUGH["pitch"](FULL).render_whole(tone(1600, duration=2.0))[
+        24_000:-4800
+    ]
+    assert peak_frequency(shifted) == pytest.approx(200, abs=35)
+
+
+def test_what_no_finger_feels_is_gone() -> None:
+    assert np.abs(Passthrough(limits=FULL).render_whole(tone(6000))[4800:]).max() < 0.01
+
+
+def test_an_expander_closes_on_noise() -> None:
+    loud, quiet = (
+        float(
+            np.sqrt(
+                np.square(
+                    Passthrough(limits=FULL).render_whole(noise(level_dbfs=level))[
+                        4800:
+                    ]
+                ).mean()
+            )
+        )
+        for level in (-30, -60)
+    )
+    assert 20 * np.log10(loud / quiet) > 30 + 20
+
+
+def test_transients_are_sharpened() -> None:
+    sound = tone(150, amplitude=0.02)
+    sound[24_000:24_480] *= 4
+    flat = Passthrough(limits=FULL).render_whole(sound)
+    before, burst = (
+        float(np.abs(flat[part]).max())
+        for part in (slice(18_000, 23_000), slice(24_000, 25_000))
+    )
+    assert burst > 2 * before
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_garbage_never_passes_the_ceiling(value: float) -> None:
+    sound = noise(level_dbfs=-6)
+    sound[1000:1200] = value
+    wave = PASSTHROUGH["pitch"](Limits(ceiling=0.5)).render_whole(sound)
+    assert np.isfinite(wave).all()
+    assert np.abs(wave).max() <= 0.5
+
+
+def test_latency_is_as_declared() -> None:
+    click = np.zeros((9600, 1), np.float32)
+    click[4800:4808] = 0.5
+    first = (
+        int(
+            np.flatnonzero(np.abs(Passthrough(limits=FULL).render_whole(click)) > 1e-3)[
+                0
+            ]
+        )
+        - 4800
+    )
+    assert abs(first / 48_000 - Passthrough(limits=FULL).latency) < 2e-3
+
+
+def test_the_median_frequency_of_the_sound_is_the_frequency_felt() -> None:
+    both = 0.05 * (tone(120) + 1.2 * tone(480))
+    for sound, median in ((tone(150), 150), (tone(700), 700), (both, 480)):
+        felt = PASSTHROUGH["median-frequency"](FULL).render_whole(sound)[12_000:-4800]
+        assert peak_frequency(felt) == pytest.approx(median, abs=12)
+
+
+def test_a_median_outside_the_actuators_band_is_felt_within_it() -> None:
+    felt = PASSTHROUGH["median-frequency"](FULL).render_whole(noise(level_dbfs=-20))[
+        12_000:-4800
+    ]
+    assert FULL.lowest < peak_frequency(felt) < FULL.highest
+
+
+def test_the_median_frequency_is_silent_on_silence() -> None:
+    assert (
+        np.abs(PASSTHROUGH["median-frequency"](FULL).render_whole(0 * tone(200))).max()
+        == 0.0
+    )

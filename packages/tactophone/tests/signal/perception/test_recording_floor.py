@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from tests.sounds import ODD_SIZES, blocks, noise, tone
+
+from tactophone.core.types import AudioBlock
+from tactophone.signal.perception.noise_floor import (
+    LOWEST_DBFS,
+    RecordingFloor,
+    measure_floor,
+)
+
+RATE = 48_000
+
+
+def floor_of(samples: np.ndarray, size: int = 4800) -> RecordingFloor:
+    return measure_floor(blocks(samples, size), sample_rate=RATE, rule="banded")
+
+
+def touched(gain_db: float = 0.0) -> np.ndarray:
+    samples = noise(level_dbfs=-50, duration=4.0, channels=1)
+    swell = 0.1 * np.abs(np.sin(2 * np.pi * 1.2 * np.arange(2 * RATE) / RATE))[
+        :, None
+    ].astype(np.float32)
+    samples[RATE : 3 * RATE] += swell * noise(
+        level_dbfs=0, duration=2.0, channels=1, seed=3
+    )
+    return (samples * 10 ** (gain_db / 20)).astype(np.float32)
+
+
+@pytest.mark.parametrize("gain_db", [-30.0, 0.0, 10.0])
+def test_the_threshold_lies_just_over_the_noise_at_any_gain(gain_db: float) -> None:
+    floor = floor_of(touched(gain_db))
+    assert floor.known
+    assert floor.floor_dbfs + 1 < floor.threshold_dbfs < floor.floor_dbfs + 3
+    assert floor.floor_dbfs == pytest.approx(
+        floor_of(touched()).floor_dbfs + gain_db, abs=0.01
+    )
+    assert floor.loudest_dbfs >= floor.threshold_dbfs
+
+
+def test_a_recording_that_is_all_touch_has_no_floor_and_all_of_it_is_contact() -> None:
+    floor = floor_of(touched()[RATE + 4800 : 3 * RATE - 4800])
+    assert not floor.known
+    assert floor.threshold_dbfs == LOWEST_DBFS
+
+
+def test_steady_noise_alone_is_no_touch() -> None:
+    floor = floor_of(noise(level_dbfs=-40, duration=3.0, channels=1))
+    assert floor.known
+    assert floor.loudest_dbfs < floor.threshold_dbfs
+
+
+def test_digital_silence_is_no_floor() -> None:
+    assert not floor_of(np.zeros((RATE, 1), np.float32)).known
+
+
+def test_hum_and_offset_are_no_noise() -> None:
+    plain, hum = touched(), touched() + 0.02 + tone(50, amplitude=0.01, duration=4)
+    assert floor_of(hum.astype(np.float32)).floor_dbfs == pytest.approx(
+        floor_of(plain).floor_dbfs, abs=1.0
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", ODD_SIZES)
+def test_blocks_of_any_size_give_the_same_floor(size: int) -> None:
+    assert floor_of(touched()[: 2 * RATE], size) == floor_of(
+        touched()[: 2 * RATE], 2 * RATE
+    )
+
+
+def test_a_recording_shorter_than_a_cell_has_no_floor() -> None:
+    assert not measure_floor(
+        [AudioBlock(np.zeros((10, 1), np.float32), RATE)], sample_rate=RATE, rule="rms"
+    ).known
+
+
+def test_a_stroke_that_is_steady_for_a_moment_is_no_floor() -> None:
+    steady = noise(level_dbfs=-24, duration=0.6, channels=1)
+    swell = (
+        0.02
+        + 0.08 * np.abs(np.sin(2 * np.pi * 2.5 * np.arange(3 * RATE) / RATE))[:, None]
+    )
+    stroke = (swell * noise(level_dbfs=0, duration=3.0, channels=1, seed=3)).astype(
+        np.float32
+    )
+    assert not floor_of(np.concatenate([stroke, steady, stroke])).known
+
+
+def test_a_fade_at_the_end_leaves_the_floor_known() -> None:
+    samples = touched()
+    samples[-4800:] *= np.linspace(1, 0, 4800, dtype=np.float32)[:, None]
+    assert floor_of(samples).known
