@@ -60,7 +60,7 @@ def test_two_names_of_one_operator_are_refused(tmp_path: Path) -> None:
 
 def test_the_flag_may_be_given_for_each_operator() -> None:
     parser = argparse.ArgumentParser()
-    add_verb(parser, "send")
+    add_verb(parser, all_verbs()["send"])
     args = parser.parse_args(
         ["--peer", "trainer", "--peer", "trainee:48471", "--set", "link.port=5000"]
     )
