@@ -58,10 +58,11 @@ sys.exit(main(sys.argv[1:]))
 
 IMPORTS = """
 import tactophone
-import tactophone_lab.cli.data, tactophone_lab.cli.dataset, tactophone_lab.cli.evaluate, tactophone.cli.feel, tactophone.cli.model
-import tactophone_lab.cli.record, tactophone_lab.cli.setup, tactophone_lab.cli.simulate, tactophone_lab.cli.train
-import tactophone.faces.web.server, tactophone_lab.simulation.render
-import tests.conftest
+import tactophone.cli.feel, tactophone.cli.model, tactophone.faces.web.server
+import tactophone_lab.cli.data, tactophone_lab.cli.dataset, tactophone_lab.cli.evaluate
+import tactophone_lab.cli.record, tactophone_lab.cli.setup, tactophone_lab.cli.simulate
+import tactophone_lab.cli.train, tactophone_lab.simulation.render
+import conftest
 assert len(tactophone.classify(sys.argv[1]).times) > 10
 """
 

@@ -257,7 +257,10 @@ def measure_heights(
     )
     notes = _doubts(np.atleast_2d(heights), profile, step=step, resolution=resolution)
     if not fine_enough:
-        words = f"heights {1e6 * step:.3g} um apart are too coarse for the standard's noise filter ({1e6 * short:.3g} um)"
+        words = (
+            f"heights {1e6 * step:.3g} um apart are too coarse for the standard's "
+            f"noise filter ({1e6 * short:.3g} um)"
+        )
         notes.append(
             f"{words}: none was used, and figures of other instruments may differ"
         )
