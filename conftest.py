@@ -10,8 +10,8 @@ from typing import Any
 
 import hypothesis
 import pytest
-import tests  # noqa: F401  # one namespace of three folders, before pytest makes its own
 
+import tests  # noqa: F401  # one namespace of three folders, before pytest makes its own
 from tactophone.live.audio.dummy import DummyServer
 
 # A shell makes what it starts in the background ignore Ctrl+C, and programs under test

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.node import needs_node
 
 from tactophone.cli import _parse, main
 from tactophone.signal.perception.models import model_path, read_model
+from tests.node import needs_node
 
 ROOT = Path(__file__).parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]

@@ -157,6 +157,7 @@ def repeated(work: Callable[[], object]) -> Iterator[None]:
 def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     from tests.live.log.recorded_run import record
+
     from tests.models import write_tiny_model
 
     log = record(tmp_path / "run.mcap", write_tiny_model(tmp_path / "tiny.onnx"))

@@ -3,6 +3,7 @@ restructuring may change."""
 
 import pytest
 from opuslib_next.api.info import get_version_string
+
 from tests import golden
 
 WORDS = ("touch", "event")

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from examples import haptic_files
 
+from examples import haptic_files
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import HapticCommand
 

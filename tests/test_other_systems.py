@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from tests.folders import audiofolder, write_sound
 
 ROOT = Path(__file__).parent.parent

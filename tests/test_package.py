@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import audiofolder
 
 import tactophone
 import tactophone_lab.version
 from tactophone.cli.verbs import all_verbs
 from tactophone.core.extras import REQUIREMENT_OF_MODULE
+from tests.folders import audiofolder
 
 ROOT = Path(__file__).parent.parent
 INSTALL = re.compile(r"'tactophone(?:-lab)?\[([a-z,]+)\]'")

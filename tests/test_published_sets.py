@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+
 from examples import published_sets
 from examples.published_sets import ARCHIVE, PAC, fetch, import_biotac, import_cluster
-from tests.folders import write_text
-
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import write_text
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:

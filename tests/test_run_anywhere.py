@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.sounds import blocks
 
 from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.signal.perception.models import (
@@ -18,6 +17,7 @@ from tactophone.signal.perception.models import (
     shipped_models,
 )
 from tactophone_lab.simulation.demonstration import demonstration
+from tests.sounds import blocks
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "run_anywhere.py"
 LMT = ("G1RhombAluminumMesh_01.flac", "G4Bamboo_01.flac", "G7FineFoamVersion2_01.flac")

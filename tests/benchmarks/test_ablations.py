@@ -2,10 +2,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.surfaces import surfaces
 
 from ablations import Ablation
 from tactophone.core.errors import ConfigError
+from tests.surfaces import surfaces
 
 
 @pytest.mark.slow

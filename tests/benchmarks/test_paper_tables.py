@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 
 from paper_tables import (
     FINE_TUNED,
@@ -31,6 +30,7 @@ from tactophone_lab.benchmark.folds import Cache
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.bootstrap import Estimate
 from tactophone_lab.evaluation.predict import TakePredictions
+from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 
 RATE = 16_000
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from tests.sounds import noise
 
 from paper_tables import play_task, task_methods, vibration_of
 from tactophone.core.errors import ConfigError
 from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tests.sounds import noise
 
 
 @pytest.mark.slow

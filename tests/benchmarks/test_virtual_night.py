@@ -2,8 +2,8 @@
 has longer ones."""
 
 import pytest
-from benchmarks.virtual_night import BrokenPromiseError, live_through
 
+from benchmarks.virtual_night import BrokenPromiseError, live_through
 from tactophone.live.runtime.watchdog import Verdict, Watchdog
 
 pytest.importorskip("mcap")

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
-from examples.published_sets import import_biotac
 
+from examples.published_sets import import_biotac
 from tactophone.app import lerobot
 from tactophone.core.errors import TactophoneError
 from tactophone.core.hand import each_finger, with_fingers

@@ -21,12 +21,12 @@ from typing import Self
 import numpy as np
 import psutil
 import soundfile
-from benchmarks.failsafe import ENDLESS_TONE, SILENT
-from tests.support.kills import TACTOPHONE, KilledRun
 
+from benchmarks.failsafe import ENDLESS_TONE, SILENT
 from tactophone.core.settings import Settings
 from tactophone.live.runtime.pairing import pair_on_one_machine
 from tactophone.live.telemetry.watcher import Watcher
+from tests.support.kills import TACTOPHONE, KilledRun
 
 ADDRESSES = {"robot": "10.77.0.2", "operator": "10.77.0.1"}
 PORT = 4_000

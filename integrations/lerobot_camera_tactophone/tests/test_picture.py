@@ -12,10 +12,10 @@ from lerobot_camera_tactophone.picture import (
 )
 from lerobot_camera_tactophone.sound import LiveSound, LoggedSound
 from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 
 from tactophone import Prediction, Touch
 from tactophone.live.telemetry.writer import Telemetry
+from tests.models import write_tiny_model
 
 
 def tone(hertz: float, seconds: float, channel: int = 0) -> np.ndarray:

@@ -12,14 +12,13 @@ import base64
 import json
 
 from benchmarks.virtual_link import VirtualLink, paired_sessions
-from tests import golden
-
 from tactophone.core.types import AudioBlock
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.events import Connected, PacketReceived
 from tactophone_lab.simulation.demonstration import demonstration
+from tests import golden
 
 START, END = 3.0, 8.0
 """The part of the demonstration that is sent, in s: most of its smooth stone, and of

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.cli import main
 from tactophone_lab.app.evaluation import evaluate_model
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder
 
 
 def test_python_scores_a_model_as_evaluate_does(

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from tests.app.robot_data import FRAMES, robot_data
 from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 
 from tactophone.cli import main
+from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")
 FEATURE = "observation.tactile.index"

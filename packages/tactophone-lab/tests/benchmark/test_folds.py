@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.folders import audiofolder
 
 from tactophone import Touch
 from tactophone.core.recordings.values import Dataset, Recording
@@ -12,6 +11,7 @@ from tactophone_lab.benchmark.folds import Cache, cross_validate, permute_labels
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
 from tactophone_lab.evaluation.predict import Predictor, TakePredictions
+from tests.folders import audiofolder
 
 
 @dataclass

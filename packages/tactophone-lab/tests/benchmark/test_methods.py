@@ -3,8 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.folders import audiofolder
-from tests.surfaces import surfaces
 
 from tactophone import Touch
 from tactophone.core.recordings.values import Recording
@@ -20,6 +18,8 @@ from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import TakePredictions, scores_of
 from tactophone_lab.training.options import OPEN_GATE, network_settings
 from tactophone_lab.training.trainer import NetworkRecipe
+from tests.folders import audiofolder
+from tests.surfaces import surfaces
 
 SETTINGS = replace(
     network_settings("fine-tuned"),

@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.surfaces import surfaces
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.recordings.values import Dataset
@@ -23,6 +22,7 @@ from tactophone_lab.benchmark.plan import (
 )
 from tactophone_lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone_lab.benchmark.results import DatasetResults, MethodResult
+from tests.surfaces import surfaces
 
 METHODS = ("level", "logistic", "direct", NO_AIR, "texture")
 

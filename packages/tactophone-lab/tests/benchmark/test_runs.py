@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.recordings.values import Recording
@@ -21,6 +20,7 @@ from tactophone_lab.benchmark.folds import (
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
 from tactophone_lab.evaluation.predict import Predictor, TakePredictions
+from tests.folders import audiofolder
 
 
 @dataclass(frozen=True)

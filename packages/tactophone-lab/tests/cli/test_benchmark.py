@@ -2,10 +2,10 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.surfaces import surfaces
 
 from tactophone.cli import main
 from tactophone.core.recordings.metadata import write_metadata
+from tests.surfaces import surfaces
 
 
 @pytest.fixture

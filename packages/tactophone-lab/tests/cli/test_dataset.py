@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import audiofolder, authors, write_sound
 
 from tactophone.cli import main
+from tests.folders import audiofolder, authors, write_sound
 
 
 def test_check_names_the_bad_file_and_exits_with_one(

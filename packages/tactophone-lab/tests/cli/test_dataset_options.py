@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder, write_sound
 
 from tactophone import DatasetError
 from tactophone_lab.cli.data import open_filtered
+from tests.folders import audiofolder, write_sound
 
 
 def test_every_filter_must_match(tmp_path: Path) -> None:

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import write_sound
 
 from tactophone.cli import main
 from tactophone.core.recordings.read import ground_truth
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.timeline import read_timeline
+from tests.folders import write_sound
 
 pytestmark = pytest.mark.realtime
 

@@ -4,11 +4,11 @@ from pathlib import Path
 import pytest
 import soundfile
 from tests.cli.test_train import QUICK
-from tests.folders import audiofolder
-from tests.sounds import noise
 
 from tactophone.cli import main
 from tactophone.signal.perception.model_file import read_model
+from tests.folders import audiofolder
+from tests.sounds import noise
 
 
 @pytest.fixture(autouse=True)

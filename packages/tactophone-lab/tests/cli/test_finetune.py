@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.cli import main
 from tactophone.core.types import FloatArray
@@ -12,6 +11,7 @@ from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone_lab.training import finetune
 from tactophone_lab.training.export import make_card, write_model
 from tactophone_lab.training.network import PaperNetwork, weights_of
+from tests.folders import audiofolder
 
 
 @pytest.fixture

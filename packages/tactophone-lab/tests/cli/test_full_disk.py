@@ -11,11 +11,8 @@ from pathlib import Path
 import pytest
 import torch
 from tests.app.robot_data import robot_data
-from tests.folders import audiofolder
 from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 from tests.signal.perception.test_calibration_file import CALIBRATION
-from tests.surfaces import surfaces
 
 from tactophone.cli import main
 from tactophone.core.errors import ConfigError
@@ -24,6 +21,9 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
 from tactophone_lab.training.export import make_card, write_model
 from tactophone_lab.training.network import PaperNetwork, weights_of
+from tests.folders import audiofolder
+from tests.models import write_tiny_model
+from tests.surfaces import surfaces
 
 VERBS = {
     "pair init": ("pair init --name me --identity {disk}/keys", "{disk}/keys"),

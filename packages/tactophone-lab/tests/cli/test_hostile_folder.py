@@ -9,9 +9,9 @@ from pathlib import Path
 
 import psutil
 import pytest
-from tests.surfaces import surfaces
 
 from tactophone.core.recordings.metadata import write_metadata
+from tests.surfaces import surfaces
 
 pytestmark = pytest.mark.realtime
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.browser import browser, chromium, stroke, text, wait
 
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone_lab.simulation.takes import shuffled
+from tests.browser import browser, chromium, stroke, text, wait
 
 __all__ = ["browser", "chromium"]
 

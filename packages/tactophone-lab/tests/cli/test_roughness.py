@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.datasets.test_heights import STEP, SURFACES, ridges
-from tests.folders import audiofolder
 
 from tactophone.cli import main
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder
 
 
 def test_a_map_is_measured_and_written_into_a_data_set(

@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.models import write_tiny_model
 
 from tactophone.cli import main
 from tactophone.cli import model as model_verbs
@@ -14,6 +13,7 @@ from tactophone.core.types import Touch
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.evaluation.bootstrap import Estimate
+from tests.models import write_tiny_model
 
 
 @pytest.fixture(scope="module")

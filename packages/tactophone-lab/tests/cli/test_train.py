@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.cli import main
 from tactophone.signal.perception.model_file import read_model
+from tests.folders import audiofolder
 
 QUICK = ["--recipe", str(Path(__file__).with_name("quick.toml"))]
 

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import SAMPLE_RATE, audiofolder, write_sound
 
 from tactophone import DatasetError, Touch
 from tactophone.core.recordings.values import Dataset, Recording, Segment
 from tactophone_lab.datasets.checks import check, usable
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
 def truncated(path: Path) -> None:

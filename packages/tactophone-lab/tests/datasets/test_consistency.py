@@ -3,12 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
-from tests.folders import audiofolder
 
 from tactophone.core.recordings.values import Dataset
 from tactophone.core.types import Touch
 from tactophone_lab.datasets.checks import check_consistency
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder
 
 
 def kinds(dataset: Dataset, **options: float) -> list[str]:

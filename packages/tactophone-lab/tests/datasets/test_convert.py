@@ -3,13 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import audiofolder, authors
 
 from tactophone.core.errors import DatasetError
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.convert import convert, set_columns, write_card
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
+from tests.folders import audiofolder, authors
 
 
 def test_the_authors_layout_becomes_ours_without_a_change_of_sound(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import soundfile
 from tests.evaluation.takes import predicted
-from tests.surfaces import RATE, surfaces
 
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
@@ -24,6 +23,7 @@ from tactophone_lab.evaluation.events import (
     false_bumps_per_minute,
     join_edges,
 )
+from tests.surfaces import RATE, surfaces
 
 RULE = DecisionRule()
 

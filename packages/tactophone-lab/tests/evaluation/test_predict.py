@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import SAMPLE_RATE, audiofolder, write_sound
 
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
 from tactophone.core.recordings.values import Recording, Segment
@@ -15,6 +14,7 @@ from tactophone_lab.evaluation.predict import (
     scores_of,
     take_of,
 )
+from tests.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
 @dataclass

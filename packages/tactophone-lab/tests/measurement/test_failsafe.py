@@ -3,8 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.failsafe import EndlessStroke, PeakRecorder
 
+from benchmarks.failsafe import EndlessStroke, PeakRecorder
 from tactophone.core.settings import Settings
 
 

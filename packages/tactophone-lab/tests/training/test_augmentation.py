@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from tests.surfaces import surfaces
 
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.training.augmentation import Augmentation
 from tactophone_lab.training.options import FeatureSpec
 from tactophone_lab.training.sets import build_training_set
+from tests.surfaces import surfaces
 
 RATE = 16_000
 

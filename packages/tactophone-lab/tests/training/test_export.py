@@ -5,7 +5,6 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from tests.folders import audiofolder
 
 from tactophone import AudioBlock, ModelError
 from tactophone.core.types import FloatArray
@@ -24,6 +23,7 @@ from tactophone_lab.training.export import (
 from tactophone_lab.training.network import PaperNetwork, magnitudes, weights_of
 from tactophone_lab.training.options import network_settings
 from tactophone_lab.training.trainer import NetworkRecipe
+from tests.folders import audiofolder
 
 GATE = Gate(-60.0)
 

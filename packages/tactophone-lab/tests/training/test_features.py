@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 import torch
-from tests.sounds import tone
 
 from tactophone_lab.training.features import Texture, design_bands
 from tactophone_lab.training.options import BAND_COUNT, BAND_VALUES
+from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512
 

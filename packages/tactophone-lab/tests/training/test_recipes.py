@@ -9,7 +9,6 @@ import onnxruntime
 import pytest
 from sklearn.base import ClassifierMixin
 from sklearn.linear_model import LogisticRegression
-from tests.surfaces import surfaces
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.recordings.values import Dataset
@@ -32,6 +31,7 @@ from tactophone_lab.training.recipes import (
     configure,
 )
 from tactophone_lab.training.sets import build_training_set
+from tests.surfaces import surfaces
 
 SEPARATES = {"texture": 0.9, "logistic": 0.9, "rules": 0.8, "surface": 0.8}
 """Balanced accuracy that each recipe reaches on surfaces so plainly different; the

@@ -4,8 +4,6 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from tests.models import classifier
-from tests.sounds import noise
 
 from tactophone.core.errors import ModelError
 from tactophone.signal.perception.decision import NEVER_ABSTAIN
@@ -27,6 +25,8 @@ from tactophone_lab.training.setup import (
     proves_wrong,
     write_set_up,
 )
+from tests.models import classifier
+from tests.sounds import noise
 
 COLUMNS = impulse_columns(40, 1)
 

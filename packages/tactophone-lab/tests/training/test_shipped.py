@@ -3,7 +3,6 @@ were trained on."""
 
 import numpy as np
 import pytest
-from tests.sounds import blocks
 
 from tactophone.core.tips import TIP_NAMES, TIPS
 from tactophone.core.types import AudioBlock, Touch
@@ -17,6 +16,7 @@ from tactophone.signal.perception.models import (
     tip_mismatch,
 )
 from tactophone_lab.training.recipes import RECIPES
+from tests.sounds import blocks
 
 PAPERS = {"paper": 2, "paper-mono": 1}
 ON_FEATURES = sorted({tip.model for tip in TIPS.values()})

@@ -2,8 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, blocks, tone
-from tests.surfaces import RATE, TOUCHED, scrape, surfaces
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Dataset
@@ -19,6 +17,8 @@ from tactophone_lab.training.options import FeatureSpec, TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 from tactophone_lab.training.sets import build_training_set
 from tactophone_lab.training.tracks import extract_features, noise_level
+from tests.sounds import ODD_SIZES, blocks, tone
+from tests.surfaces import RATE, TOUCHED, scrape, surfaces
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from tests.folders import audiofolder
 
 from tactophone import DatasetError, ModelError, Touch
 from tactophone.core.recordings.values import Dataset
@@ -27,6 +26,7 @@ from tactophone_lab.training.network import (
 )
 from tactophone_lab.training.options import OPEN_GATE, NetworkSettings, network_settings
 from tactophone_lab.training.trainer import NetworkRecipe, Progress, Run
+from tests.folders import audiofolder
 
 
 def make_windows(*, seconds: float = 2.0, seed: int = 0) -> Windows:

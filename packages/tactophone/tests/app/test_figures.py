@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.app.figures import draw_dataset, load_pyplot, save_figure
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder
 
 
 @pytest.mark.slow

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.sounds import noise
 
 from tactophone.app.hum import Hum, HumMeter
 from tactophone.core.types import FloatArray
+from tests.sounds import noise
 
 
 def mains(

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, noise
 
 from tactophone.app.vibration_wav import CAPACITY, PeakEnvelope
+from tests.sounds import ODD_SIZES, noise
 
 
 def columns(samples: np.ndarray, size: int) -> list[np.ndarray]:

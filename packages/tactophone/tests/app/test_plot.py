@@ -3,14 +3,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.models import write_tiny_model
-from tests.sounds import noise
 
 from tactophone.app.plot import draw_recording
 from tactophone.app.vibration_wav import OutputFiles, process_recording
 from tactophone.core.recordings.values import Segment
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.pipeline import open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import noise
 
 pytest.importorskip("matplotlib")
 

@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.sounds import noise
 
 from tactophone.app.hum import Hum
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.live.audio.files import FileSource
+from tests.sounds import noise
 
 
 def written(path: Path, samples: np.ndarray) -> Path:

@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import audiofolder, write_sound
 
 from tactophone.app.sources import open_source, recorded
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Source, Touch
 from tactophone.live.audio.files import FileSource
+from tests.folders import audiofolder, write_sound
 
 
 def source(*changes: str) -> Source:

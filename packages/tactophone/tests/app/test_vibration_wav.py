@@ -4,8 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.models import write_tiny_model
-from tests.sounds import noise, tone
 
 from tactophone.app.vibration_wav import (
     VIBRATION_TAIL,
@@ -16,6 +14,8 @@ from tactophone.app.vibration_wav import (
 from tactophone.live.audio.files import FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.pipeline import open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import noise, tone
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.browser import browser, chromium, text, wait
 
 from tactophone.live.telemetry.watcher import Watcher
+from tests.browser import browser, chromium, text, wait
 
 __all__ = ["browser", "chromium"]
 

@@ -6,13 +6,13 @@ import numpy as np
 import onnx
 import pytest
 import soundfile
-from tests.models import write_tiny_model
-from tests.sounds import noise, tone
 
 from tactophone.cli import main
 from tactophone.core.types import FloatArray
 from tactophone.signal.perception.model_file import read_model
 from tactophone_lab.training.export import write_graph
+from tests.models import write_tiny_model
+from tests.sounds import noise, tone
 
 
 @pytest.fixture

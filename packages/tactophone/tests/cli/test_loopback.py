@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.models import write_tiny_model
 
 from tactophone.cli import main
+from tests.models import write_tiny_model
 
 pytestmark = pytest.mark.realtime
 

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.models import write_tiny_model
 
 from tactophone.cli import main
 from tactophone_lab.training.network import PaperNetwork
+from tests.models import write_tiny_model
 
 
 def test_a_card_is_shown_in_words(

@@ -3,11 +3,11 @@ from pathlib import Path
 
 import pytest
 from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 from tests.signal.perception.test_calibration_file import CALIBRATION
 
 from tactophone.cli import main, playback
 from tactophone.net.link.codec import Codec
+from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")
 

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 from tests.live.runtime.live_system import LiveSystem, eventually
-from tests.models import write_tiny_model
 
 from tactophone.cli import main
 from tactophone.live.telemetry.writer import Telemetry
+from tests.models import write_tiny_model
 
 
 @pytest.mark.realtime

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 from tests.cli.test_train import QUICK
-from tests.folders import audiofolder
 
 from tactophone.core.extras import REQUIREMENT_OF_MODULE
+from tests.folders import audiofolder
 
 WITHOUT_LINK = """
 import sys

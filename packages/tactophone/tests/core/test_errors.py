@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder
 
 from tactophone.cli import main
 from tactophone.core.errors import TactophoneError, did_you_mean
@@ -13,6 +12,7 @@ from tactophone_lab.benchmark.methods import methods_for
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
 from tactophone_lab.simulation.catalogue import find
+from tests.folders import audiofolder
 
 
 def test_the_nearest_name_or_one_that_holds_the_word() -> None:

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import VirtualLink, paired_sessions
-from tests.models import write_tiny_model
-from tests.sounds import ODD_SIZES, blocks, noise, strokes
 
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.types import AudioBlock, FloatArray, PipelineStep
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.signal.pipeline import Hand, Pipeline, open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import ODD_SIZES, blocks, noise, strokes
 
 RATE = 48_000
 

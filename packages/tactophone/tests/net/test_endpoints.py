@@ -4,12 +4,10 @@ from itertools import cycle
 from pathlib import Path
 
 import pytest
-from benchmarks.virtual_link import VirtualLink, paired_sessions
 from msgspec.structs import replace
-from tests.models import write_tiny_model
-from tests.sounds import blocks, noise, strokes
 
 import tactophone
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.errors import ModelError
 from tactophone.core.types import HapticCommand, PipelineStep, Touch
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
@@ -17,6 +15,8 @@ from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.pipeline import Pipeline, open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import blocks, noise, strokes
 
 RATE = 48_000
 

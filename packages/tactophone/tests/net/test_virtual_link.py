@@ -5,8 +5,8 @@ from itertools import repeat
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import VirtualLink, paired_sessions
 
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.types import AudioBlock
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from tests.models import write_tiny_model
-from tests.sounds import ODD_SIZES, blocks, strokes, tone
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.types import (
@@ -27,6 +25,8 @@ from tactophone.signal.haptics.profiles import (
     open_profile,
 )
 from tactophone.signal.pipeline import Hand, Pipeline, open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import ODD_SIZES, blocks, strokes, tone
 
 RATE = 48_000
 HOP = 512 / RATE

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.folders import SAMPLE_RATE, write_sound, write_text
 
 from tactophone import Touch
 from tactophone.core.errors import DatasetError
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.convert import convert
 from tactophone_lab.datasets.open import find_importable, open_dataset
+from tests.folders import SAMPLE_RATE, write_sound, write_text
 
 
 def touches(

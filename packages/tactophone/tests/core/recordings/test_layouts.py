@@ -1,10 +1,9 @@
 from pathlib import Path
 
-from tests.folders import authors, write_sound, write_text
-
 from tactophone import Touch
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
+from tests.folders import authors, write_sound, write_text
 
 
 def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:

@@ -1,12 +1,12 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder, write_sound, write_text
 
 from tactophone import DatasetError, Touch
 from tactophone.core.recordings.metadata import inside, write_metadata
 from tactophone.core.recordings.values import Recording, Segment
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder, write_sound, write_text
 
 
 def test_reads_the_columns_it_knows_and_keeps_the_others(tmp_path: Path) -> None:

@@ -4,11 +4,11 @@ names, numbered labels."""
 from pathlib import Path
 
 import pytest
-from tests.folders import write_sound
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import write_sound
 
 
 def test_class_folders_are_a_data_set_without_an_import(tmp_path: Path) -> None:

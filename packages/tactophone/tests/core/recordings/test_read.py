@@ -1,11 +1,11 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import audiofolder, authors, write_sound, write_text
 
 from tactophone import DatasetError, Touch
 from tactophone.core.recordings.read import find_recording, ground_truth
 from tactophone_lab.datasets.open import open_dataset
+from tests.folders import audiofolder, authors, write_sound, write_text
 
 
 def test_a_manifest_may_be_named_itself(tmp_path: Path) -> None:

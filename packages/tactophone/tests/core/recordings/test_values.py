@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
-from tests.folders import write_sound
 
 from tactophone import DatasetError, Touch
 from tactophone.core.recordings.values import Dataset, Recording, Segment, fingerprint
+from tests.folders import write_sound
 
 
 def test_a_dataset_keeps_only_what_is_labelled_smooth_or_rough() -> None:

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 from tests.faces.bridges.test_osc import STEP
-from tests.node import NODE, needs_node
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
@@ -21,6 +20,7 @@ from tactophone.live.log.log_topics import TOPICS
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.node import NODE, needs_node
 
 aiohttp = pytest.importorskip("aiohttp")
 

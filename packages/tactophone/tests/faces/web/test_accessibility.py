@@ -5,6 +5,11 @@ from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from tests.faces.web.running import Run
+
+from tactophone.core.types import Touch
+from tactophone.faces.web.server import Page
+from tactophone.live.telemetry.layout import Fault
 from tests.accessibility import (
     SIZES,
     needs_axe,
@@ -13,11 +18,6 @@ from tests.accessibility import (
     serious_faults,
 )
 from tests.browser import resize, text, wait
-from tests.faces.web.running import Run
-
-from tactophone.core.types import Touch
-from tactophone.faces.web.server import Page
-from tactophone.live.telemetry.layout import Fault
 
 pytestmark = pytest.mark.realtime
 

@@ -17,15 +17,15 @@ import pytest
 import soundfile
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.accessibility import needs_axe, serious_faults
-from tests.browser import start_chromium, text, wait
-from tests.node import needs_node
-from tests.sounds import blocks, noise
 
 from tactophone.core.types import FloatArray, Prediction
 from tactophone.signal.perception.levels import banded_dbfs
 from tactophone.signal.perception.models import open_detector
 from tactophone.signal.perception.resample import Resampler
+from tests.accessibility import needs_axe, serious_faults
+from tests.browser import start_chromium, text, wait
+from tests.node import needs_node
+from tests.sounds import blocks, noise
 
 pytestmark = [pytest.mark.realtime, needs_node]
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
+
+from tactophone.signal.perception.model_file import read_model
 from tests.accessibility import (
     SIZES,
     needs_axe,
@@ -18,8 +20,6 @@ from tests.accessibility import (
     serious_faults,
 )
 from tests.browser import resize, text, wait
-
-from tactophone.signal.perception.model_file import read_model
 
 pytestmark = pytest.mark.realtime
 

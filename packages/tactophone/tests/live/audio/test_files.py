@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.sounds import noise
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.files import FileSource
+from tests.sounds import noise
 
 from . import contract
 

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import VirtualLink, paired_sessions
 from msgspec.structs import replace
-from tests.sounds import blocks, strokes
 
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.app.logged_run import _without_gaps, decoded_blocks
 from tactophone.core.hand import channels_of, each_finger, with_fingers
 from tactophone.core.settings import Settings, change
@@ -29,6 +28,7 @@ from tactophone.net.link.codec import Codec
 from tactophone.net.link.receive import ReceiveSession
 from tactophone.net.link.send import Datagrams
 from tactophone.signal.pipeline import Hand
+from tests.sounds import blocks, strokes
 
 RATE = 48_000
 

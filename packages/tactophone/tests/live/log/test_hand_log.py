@@ -14,8 +14,6 @@ from tests.live.log.recorded_run import (
     messages,
     record,
 )
-from tests.models import write_tiny_model
-from tests.sounds import blocks, strokes
 
 from tactophone.app.logged_run import add_sound, settings_of, write_sound
 from tactophone.app.replay import Replay, write_replay
@@ -29,6 +27,8 @@ from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
+from tests.models import write_tiny_model
+from tests.sounds import blocks, strokes
 
 pytest.importorskip("mcap.reader")
 

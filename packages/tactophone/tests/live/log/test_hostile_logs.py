@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import soundfile
 from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 
 from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay, write_replay
@@ -31,6 +30,7 @@ from tactophone.live.log.mcap import FORMAT, LARGEST_CHUNK, MAGIC, LogFile, read
 from tactophone.live.telemetry.records import EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
 from tactophone.net.link.packet import Packet, Payload, PayloadType
+from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")
 zstandard = pytest.importorskip("zstandard")

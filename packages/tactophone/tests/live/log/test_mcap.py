@@ -20,8 +20,6 @@ from tests.live.log.recorded_run import (
     messages,
     record,
 )
-from tests.models import write_tiny_model
-from tests.node import NODE, needs_node
 
 from tactophone.app.logged_run import add_sound, write_sound
 from tactophone.app.replay import Comparison, Replay, write_replay
@@ -54,6 +52,8 @@ from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
+from tests.models import write_tiny_model
+from tests.node import NODE, needs_node
 
 mcap_reader = pytest.importorskip("mcap.reader")
 

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+
 from tests.support.kills import DAY, WallClock, left_by, running_link
 
 pytestmark = pytest.mark.realtime

@@ -3,9 +3,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import paired_sessions
-from tests.models import write_tiny_model
 
+from benchmarks.virtual_link import paired_sessions
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 from tactophone.core.types import (
@@ -30,6 +29,7 @@ from tactophone.signal.haptics.passthrough import (
     PassthroughRenderer,
 )
 from tactophone.signal.pipeline import Hand, open_pipeline
+from tests.models import write_tiny_model
 
 
 @pytest.fixture

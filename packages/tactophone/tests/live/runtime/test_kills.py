@@ -5,6 +5,7 @@ import random
 from pathlib import Path
 
 import pytest
+
 from tests.support.kills import demonstration, kill, loopback
 
 pytestmark = pytest.mark.realtime

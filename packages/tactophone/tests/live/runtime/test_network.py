@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Self
 
 import pytest
-from benchmarks.failsafe import SILENT
-from tests.models import write_tiny_model
-from tests.support.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
+from benchmarks.failsafe import SILENT
 from tactophone.live.runtime.robot import Robot
 from tactophone.live.runtime.supervisor import ProcessInfo
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.udp import UdpSocket
+from tests.models import write_tiny_model
+from tests.support.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
 from .live_system import LiveSystem, Strokes, eventually, housekept
 

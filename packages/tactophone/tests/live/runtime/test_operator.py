@@ -3,12 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.models import write_tiny_model
 
 from tactophone.core.types import Touch
 from tactophone.live.runtime.operator import LONGEST_CALL
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
 from tactophone.live.telemetry.watcher import Watcher
+from tests.models import write_tiny_model
 
 from .live_system import LiveSystem, eventually
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from benchmarks.failsafe import EndlessStroke
 from tests.live.runtime.live_system import eventually
 
+from benchmarks.failsafe import EndlessStroke
 from tactophone.core.settings import Settings, change
 from tactophone.live.runtime.operator import run_operator
 from tactophone.live.runtime.pairing import pair_on_one_machine

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+
 from benchmarks.failsafe import (
     ENDLESS_TONE,
     EndlessStroke,
@@ -19,7 +20,6 @@ from benchmarks.failsafe import (
     measure_time_to_silence,
     recording,
 )
-
 from tactophone.core.settings import Settings, change
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient

@@ -11,11 +11,10 @@ from uuid import uuid4
 
 import numpy as np
 import pytest
-from benchmarks.second_operator import with_operator
-from tests.models import write_tiny_model
 
-from tactophone.cli import add_verb
-from tactophone.cli.verbs import options
+from benchmarks.second_operator import with_operator
+from tactophone.cli import add_verb, options
+from tactophone.cli.verbs import all_verbs
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Link, Settings, change
 from tactophone.live.runtime import robot as robot_side
@@ -24,6 +23,7 @@ from tactophone.live.runtime.robot import Robot
 from tactophone.live.runtime.supervisor import ProcessInfo
 from tactophone.live.runtime.wiring import open_send_group, operators_of
 from tactophone.live.telemetry.watcher import Watcher
+from tests.models import write_tiny_model
 
 from .live_system import LiveSystem, eventually, housekept
 

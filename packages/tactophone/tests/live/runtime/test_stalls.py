@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from benchmarks.failsafe import EndlessStroke
 from benchmarks.virtual_link import OPERATOR_ADDRESS, ROBOT_ADDRESS, paired_sessions
-
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock
 from tactophone.live.audio.pacing import paced

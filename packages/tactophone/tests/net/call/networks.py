@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import pytest
+
 from tests.support.unplugged import prefix_of_networks, remove_network
 
 from .end import End, Ends, enter_network

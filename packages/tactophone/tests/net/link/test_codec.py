@@ -4,12 +4,12 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from tests.sounds import noise
 
 from tactophone.core.errors import ConfigError, PacketError
 from tactophone.core.types import FloatArray
 from tactophone.net.link.codec import Codec, open_decoder, open_encoder
 from tactophone.net.link.packet import FRAME_SIZES, SOUND_FORMATS, PayloadType
+from tests.sounds import noise
 
 CODECS = [
     *(

@@ -3,8 +3,8 @@ virtual time."""
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import VirtualLink
 
+from benchmarks.virtual_link import VirtualLink
 from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec

@@ -5,12 +5,6 @@ import itertools
 import time
 
 import pytest
-from tests.support.hostile_callers import (
-    CERTIFICATE_FAULTS,
-    DelayedLine,
-    call_with_certificate,
-    overlong_hello,
-)
 
 from tactophone.core.errors import PacketError
 from tactophone.net.link.events import Connected, Disconnected, PacketReceived
@@ -19,6 +13,12 @@ from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import PayloadType, parse_packet
 from tactophone.net.link.rtcp import Goodbye, ReceiverReport, parse_report
 from tactophone.net.link.session import BUSY, BUSY_PAUSE, Session
+from tests.support.hostile_callers import (
+    CERTIFICATE_FAULTS,
+    DelayedLine,
+    call_with_certificate,
+    overlong_hello,
+)
 
 from .session_pair import (
     AT_OPERATOR,

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import VirtualLink, paired_sessions
 
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec
 from tactophone.net.link.packet import Packet

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.sounds import ODD_SIZES, blocks
 
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.net.link.codec import Codec, open_decoder
@@ -16,6 +15,7 @@ from tactophone.net.link.stream import (
     Redundancy,
     RedundancyRule,
 )
+from tests.sounds import ODD_SIZES, blocks
 
 RATE = 48_000
 PCM = Codec("pcm16", packet_size=120)

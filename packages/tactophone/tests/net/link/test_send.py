@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
 
+from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
 from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.impairment import ImpairedLink, NetworkProfile

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, noise, tone
 
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import PASSTHROUGH, Passthrough
+from tests.sounds import ODD_SIZES, noise, tone
 
 FULL = Limits(ceiling=1.0)
 

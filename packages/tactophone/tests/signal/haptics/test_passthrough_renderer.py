@@ -3,7 +3,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.sounds import tone
 
 from tactophone.core.types import FloatArray, HapticCommand, Prediction, Touch
 from tactophone.signal.haptics.limits import Limits
@@ -13,6 +12,7 @@ from tactophone.signal.haptics.passthrough import (
     GateProfile,
     PassthroughRenderer,
 )
+from tests.sounds import tone
 
 RATE = 48_000
 FULL = Limits(ceiling=1.0)

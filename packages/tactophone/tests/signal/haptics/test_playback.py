@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES
 
 from tactophone.core.types import FloatArray, HapticCommand
 from tactophone.signal.haptics.oscillator import Oscillator, Playback
+from tests.sounds import ODD_SIZES
 
 COMMANDS = [
     HapticCommand(amplitude, 60.0 + 5 * n, 0.0107 * n)

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.sounds import blocks, strokes
 
 from tactophone.core.types import AudioBlock, FloatArray, Prediction
 from tactophone.signal.perception.detector import WindowDetector, process_together
 from tactophone.signal.perception.model_file import Engine, read_model
 from tactophone.signal.perception.models import model_path
+from tests.sounds import blocks, strokes
 
 RATE = 48_000
 

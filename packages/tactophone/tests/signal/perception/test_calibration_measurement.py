@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.sounds import noise
 
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.calibration import (
@@ -20,6 +19,7 @@ from tactophone.signal.perception.noise_floor import BAND_MARGIN_DB
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.faults import CODES, FaultSpan, FaultySource
 from tactophone_lab.simulation.participant import SimulatedParticipant
+from tests.sounds import noise
 
 RATE = 48_000
 

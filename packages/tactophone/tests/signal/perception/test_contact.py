@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.contact import (
@@ -20,6 +19,7 @@ from tactophone.signal.perception.noise_floor import (
     RecordingFloor,
     measure_floor,
 )
+from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 THRESHOLD_DBFS = -40.0
 

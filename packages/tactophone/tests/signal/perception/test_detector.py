@@ -3,14 +3,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.models import write_tiny_model
-from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 from tactophone.core.errors import ModelError
 from tactophone.core.types import Detector, Prediction, Touch
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
+from tests.models import write_tiny_model
+from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 
 def open_model(path: Path) -> WindowDetector:

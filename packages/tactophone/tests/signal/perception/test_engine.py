@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from tests.models import classifier, write_tiny_model
 
 from tactophone.signal.perception.model_file import FEATURES, SOUND, Engine, read_model
 from tactophone.signal.perception.models import model_path
+from tests.models import classifier, write_tiny_model
 
 
 def sounds(name: str, count: int) -> np.ndarray:

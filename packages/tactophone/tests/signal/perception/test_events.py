@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+
 from benchmarks.touch_event_metrics import f_measure
 from benchmarks.touch_scenes import TouchScene, touch_scene
-from tests.sounds import ODD_SIZES
-
 from tactophone.core.types import AudioBlock, PipelineStep, TouchEvent
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.events import EventDetector
 from tactophone.signal.pipeline import open_pipeline
+from tests.sounds import ODD_SIZES
 
 RATE = 48_000
 UNHEARD = ("3", "14", "21")

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.sounds import blocks, noise
 
 from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.health import FaultDetector, Reference
 from tactophone.signal.perception.models import open_detector
+from tests.sounds import blocks, noise
 
 RATE = 48_000
 REFERENCE = Reference(

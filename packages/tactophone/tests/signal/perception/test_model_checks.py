@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
-from tests.models import CARD, write_tiny_model
 
 from tactophone.core.errors import ModelError
 from tactophone.core.types import AudioBlock
@@ -28,6 +27,7 @@ from tactophone.signal.perception.model_file import (
     read_model,
 )
 from tactophone.signal.perception.models import open_detector
+from tests.models import CARD, write_tiny_model
 
 SHARES = numpy_helper.from_array(
     np.log(np.array([[0.1, 0.1, 0.8]], np.float32)), "shares"

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import onnx
 import pytest
-from tests.models import CARD, write_tiny_model
 
 from tactophone.core.errors import ModelError
 from tactophone.signal.perception.model_file import CARD_KEY, ModelCard, read_model
+from tests.models import CARD, write_tiny_model
 
 
 def test_the_card_survives_the_file(tmp_path: Path) -> None:

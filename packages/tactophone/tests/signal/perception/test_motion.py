@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from tests.sounds import noise
 
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.contact import PERSISTENT, Contact, ContactGate
 from tactophone.signal.perception.noise_floor import NoiseFloor
 from tactophone.signal.pipeline import Hand, open_pipeline
+from tests.sounds import noise
 
 RATE = 48_000
 PACKET = 120

@@ -1,6 +1,6 @@
 import numpy as np
-from benchmarks.no_touch_sounds import NO_TOUCH_RATE, draw_no_touch
 
+from benchmarks.no_touch_sounds import NO_TOUCH_RATE, draw_no_touch
 from tactophone.core.types import AudioBlock, Touch
 from tactophone.signal.perception.models import open_detector
 from tactophone.signal.perception.no_touch import NoTouchCheck

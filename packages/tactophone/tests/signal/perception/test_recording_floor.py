@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.noise_floor import (
@@ -8,6 +7,7 @@ from tactophone.signal.perception.noise_floor import (
     RecordingFloor,
     measure_floor,
 )
+from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 RATE = 48_000
 

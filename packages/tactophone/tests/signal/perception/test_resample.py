@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 from tactophone.signal.perception.resample import Resampler, design_kernels
+from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 
 def resample(
