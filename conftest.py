@@ -14,6 +14,16 @@ import pytest
 import tests  # noqa: F401  # one namespace of three folders, before pytest makes its own
 from tactophone.live.audio.dummy import DummyServer
 
+ROOT = Path(__file__).parent
+
+# Programs that tests start import helpers from `tests` too.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [
+        *map(str, (ROOT, *sorted(ROOT.glob("packages/tactophone*")))),
+        *filter(None, [os.environ.get("PYTHONPATH")]),
+    ]
+)
+
 # A shell makes what it starts in the background ignore Ctrl+C, and programs under test
 # would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)

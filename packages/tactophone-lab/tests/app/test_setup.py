@@ -61,13 +61,12 @@ def test_python_fits_the_model_that_setup_fits(
 
 
 @pytest.mark.slow
-def test_python_checks_microphones_as_setup_check_does(
+def test_python_checks_microphones_as_the_verb_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = check_microphones(change(Settings(), QUICK), tmp_path / "python.toml")
     command = [
-        "setup",
-        "--check",
+        "check",
         "--source",
         "finger",
         "--set",

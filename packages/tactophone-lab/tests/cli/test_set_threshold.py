@@ -6,7 +6,6 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.cli import model as model_verbs
 from tactophone.core.recordings.metadata import write_metadata
 from tactophone.core.recordings.values import Recording, Segment
 from tactophone.core.types import Touch
@@ -65,7 +64,9 @@ def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     rates = iter([Estimate(0.1, 0.0, 0.2), Estimate(0.3, 0.1, 0.5)] * 2)
-    monkeypatch.setattr(model_verbs, "_rendered", lambda *arguments: next(rates))
+    monkeypatch.setattr(
+        "tactophone_lab.cli.set_threshold._rendered", lambda *arguments: next(rates)
+    )
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
     command = [
         "set-threshold",

@@ -147,16 +147,16 @@ print(next(iter(tactophone.open_live("finger"))).block.size)
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("source", "names", "extra"),
+    ("source", "names", "requirement"),
     [
-        ("jack", ("jack",), "jack"),
-        ("portaudio:0", ("sounddevice",), "portaudio"),
-        ("ros:/sound", ("cyclonedds",), "ros"),
-        ("finger", ("numba",), "sim"),
+        ("jack", ("jack",), "tactophone[jack]"),
+        ("portaudio:0", ("sounddevice",), "tactophone[portaudio]"),
+        ("ros:/sound", ("cyclonedds",), "tactophone[ros]"),
+        ("finger", ("numba",), "tactophone-lab[sim]"),
     ],
 )
 def test_a_missing_extra_names_its_pip_install(
-    source: str, names: tuple[str, ...], extra: str
+    source: str, names: tuple[str, ...], requirement: str
 ) -> None:
     code = f"""
 try:
@@ -165,9 +165,7 @@ except tactophone.TactophoneError as error:
     print(error)
 """
     no_wheel = any(sys.version_info >= WITHOUT_WHEEL.get(name, (4,)) for name in names)
-    wanted = (
-        "use Python 3.11 to 3.13" if no_wheel else f"pip install 'tactophone[{extra}]'"
-    )
+    wanted = "use Python 3.11 to 3.13" if no_wheel else f"pip install '{requirement}'"
     assert wanted in without(names, code)
 
 
