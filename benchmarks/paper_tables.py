@@ -66,7 +66,11 @@ from tactophone.core.recordings.values import (
 )
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 from tactophone.signal.haptics.oscillator import Oscillator
-from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.passthrough import (
+    is_passthrough,
+    open_passthrough,
+    passthrough_names,
+)
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone.signal.perception.models import shipped_models
@@ -581,7 +585,7 @@ def task_methods() -> tuple[str, ...]:
             for name in PROFILES
             if name not in LIKE_PAPER and "texture" in models
         ),
-        *PASSTHROUGH,
+        *passthrough_names(),
     )
 
 
@@ -632,8 +636,8 @@ def play_task(
 def vibration_of(name: str) -> SoundToVibration:
     """Return the function from both microphones to the vibration: the live pipeline and
     oscillator, or a renderer."""
-    if name in PASSTHROUGH:
-        return lambda sound: PASSTHROUGH[name](FULL_DRIVE).render_whole(sound)
+    if is_passthrough(name):
+        return open_passthrough(name, FULL_DRIVE).render_whole
     model, _, profile = name.partition(":")
     return lambda sound: _render(sound, model, profile or "paper")
 

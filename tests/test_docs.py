@@ -16,6 +16,7 @@ import pytest
 from tactophone.cli import _parse, main
 from tactophone.signal.perception.models import model_path, read_model
 from tests.node import needs_node
+from tests.passthroughs import install_plugin
 
 ROOT = Path(__file__).parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -179,7 +180,15 @@ def test_each_cheap_command_of_the_page_about_the_paper_runs(
         assert main(shlex.split(words)) == 0
 
 
-def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -> None:
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install the plug-in whose profiles some pages show."""
+    install_plugin(tmp_path, monkeypatch)
+
+
+def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper(
+    plugin: None,
+) -> None:
     page = (ROOT / "docs" / "reference" / "paper.md").read_text()
     commands = [found.split() for found in re.findall(r"`tactophone ([^`]+)`", page)]
     assert len(commands) > 40
@@ -207,7 +216,9 @@ def commands_of(page: Path) -> list[list[str]]:
     [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))],
     ids=lambda page: page.name,
 )
-def test_the_command_line_takes_each_command_that_a_page_shows(page: Path) -> None:
+def test_the_command_line_takes_each_command_that_a_page_shows(
+    page: Path, plugin: None
+) -> None:
     for words in commands_of(page):
         assert _parse(words, words[0]).verb == words[0], words
 

@@ -4,8 +4,8 @@
 Every recipe of :data:`tactophone_lab.training.recipes.RECIPES` is a method through
 :func:`method_of`.
 
-A renderer of :data:`~signal.haptics.passthrough.PASSTHROUGH` has no detector: the
-finger itself must separate rough from smooth. In :class:`RendererMethod` a regression
+A passthrough (`tactophone.signal.haptics.passthrough`), built in or from a plug-in, has
+no detector: the finger itself must separate rough from smooth. In :class:`RendererMethod` a regression
 takes its place, on what a finger can perceive of the vibration: its level, its peaks,
 and its strength in bands from 35 Hz to 1 kHz.
 
@@ -30,7 +30,11 @@ from tactophone.core.microphones import AIR
 from tactophone.core.recordings.values import Dataset, Recording, tip_of
 from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.passthrough import PASSTHROUGH, STEP_SIZE
+from tactophone.signal.haptics.passthrough import (
+    STEP_SIZE,
+    open_passthrough,
+    passthrough_names,
+)
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import (
     FEATURES,
@@ -89,9 +93,10 @@ FAINTEST_VIBRATION = 1e-8
 """Added to each power, as silence has no logarithm."""
 
 RENDERERS: Mapping[str, str] = {
-    f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH
+    f"{name}/felt" if name in FEATURE_RECIPES else name: name
+    for name in passthrough_names()
 }
-"""The renderer of each method: a name that a recipe has too gets ``/felt``."""
+"""The passthrough of each method: a name that a recipe has too gets ``/felt``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +175,7 @@ class RendererMethod:
 
     @property
     def latency(self) -> float:
-        return PASSTHROUGH[RENDERERS[self.name]](None).latency
+        return open_passthrough(RENDERERS[self.name]).latency
 
     @property
     def identity(self) -> str:
@@ -224,9 +229,8 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
     sound = recording.read(channels=1)
     resampler = Resampler(sound.sample_rate, LIVE_SAMPLE_RATE, channels=1)
     contact = np.concatenate([resampler.push(sound.samples), resampler.flush()])
-    vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(contact)[
-        STEP_SIZE - 1 :: STEP_SIZE
-    ]
+    whole = open_passthrough(renderer, FULL_DRIVE).render_whole(contact)
+    vibration = whole[STEP_SIZE - 1 :: STEP_SIZE]
     rate = LIVE_SAMPLE_RATE // STEP_SIZE
     starts = np.floor(
         np.arange(max(0, int((len(vibration) - WINDOW_SIZE) / HOP) + 1)) * HOP

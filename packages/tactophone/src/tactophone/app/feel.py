@@ -26,7 +26,7 @@ from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import ContactRule, PipelineStep, TouchEvent, ignore
 from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.passthrough import is_passthrough, open_passthrough
 from tactophone.signal.perception.models import tip_mismatch
 from tactophone.signal.perception.noise_floor import RecordingFloor
 from tactophone.signal.pipeline import Pipeline
@@ -119,7 +119,7 @@ def feel(
         OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json),
     )
     passthrough = (
-        PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None
+        open_passthrough(profile, pipeline.limits) if is_passthrough(profile) else None
     )
     events: list[TouchEvent] = []
 

@@ -29,7 +29,7 @@ from tactophone.core.types import (
 )
 from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
-from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.passthrough import is_passthrough
 from tactophone.signal.perception.detector import TouchDetector
 from tactophone.signal.perception.model_file import Model, ModelCard
 from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
@@ -161,7 +161,7 @@ def open_recording(
         sample_rate=file.sample_rate,
         channels=len(preparation.channels),
         limits=limits,
-        profile="graded" if profile in PASSTHROUGH else profile,
+        profile="graded" if is_passthrough(profile) else profile,
         contact=contact,
         follow_floor=contact == "bands",
         events=events,
@@ -179,7 +179,7 @@ def open_recording(
     elif card and isinstance(detector, TouchDetector):
         floor = _measured(source, preparation, card)
         # Sound that is rendered itself keeps its level.
-        if not card.imported and profile not in PASSTHROUGH:
+        if not card.imported and not is_passthrough(profile):
             louder = preparation.amplified(floor.loudest_dbfs)
             if louder != preparation:
                 preparation, floor = louder, _measured(source, louder, card)

@@ -11,7 +11,7 @@ from tactophone.cli import options, output, page
 from tactophone.core.errors import TactophoneError
 from tactophone.core.recordings.values import CHECKED_SILENT_DBFS
 from tactophone.core.settings import Settings
-from tactophone.signal.haptics.passthrough import PASSTHROUGH
+from tactophone.signal.haptics.passthrough import passthrough_names
 from tactophone.signal.haptics.profiles import PROFILES
 from tactophone.signal.perception.noise_floor import FLOOR_SILENT_DBFS
 
@@ -141,10 +141,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--profile",
         dest="rendering.profile",
-        choices=(*PROFILES, *PASSTHROUGH),
+        choices=(*PROFILES, *passthrough_names()),
         default="graded",
         metavar="NAME",
-        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
+        help=f"rendering profile: {', '.join(PROFILES)}; "
+        f"or the sound itself: {', '.join(passthrough_names())}",
     )
     options.add_figure(parser)
     add(

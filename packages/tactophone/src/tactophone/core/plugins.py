@@ -1,5 +1,5 @@
 """What other packages add, as entry points in their ``pyproject.toml``: verbs, sources,
-detectors, actuators and ROS devices."""
+detectors, passthroughs, actuators and ROS devices."""
 
 import importlib.metadata
 from typing import Any
@@ -18,6 +18,11 @@ INSTRUCTED_SOURCES = "tactophone.instructed_sources"
 DETECTORS = "tactophone.detectors"
 """Entry points called with ``sample_rate`` and ``channels``; each returns a
 `tactophone.core.types.Detector`."""
+
+PASSTHROUGHS = "tactophone.passthroughs"
+"""Entry points called with `tactophone.signal.haptics.limits.Limits` or ``None``; each
+returns a `tactophone.signal.haptics.passthrough.Passthrough`. Their names are rendering
+profiles."""
 
 ACTUATORS = "tactophone.actuators"
 """Entry points called with ``render``, ``fingers`` and ``device``; each returns an

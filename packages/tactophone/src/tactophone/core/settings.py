@@ -286,8 +286,8 @@ class Rendering:
 
     profile: str = _setting(
         "graded",
-        "rendering profile: graded, paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: "
-        "direct, pitch, median-frequency",
+        "rendering profile: graded, paper, perceptual, erm, lra, piezo, dualsense, events; "
+        "or the sound itself: direct, or a passthrough of a plug-in",
         flag="--profile",
         verbs="demo loopback play receive replay try",
     )

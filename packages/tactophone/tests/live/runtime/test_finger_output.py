@@ -24,9 +24,9 @@ from tactophone.net.link.session import Session
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
 from tactophone.signal.haptics.passthrough import (
-    PASSTHROUGH,
     GateProfile,
     PassthroughRenderer,
+    open_passthrough,
 )
 from tactophone.signal.pipeline import Hand, open_pipeline
 from tests.models import write_tiny_model
@@ -129,7 +129,7 @@ def test_threshold_and_profile_reach_the_pipeline_or_are_refused(
 def test_a_renderer_of_sound_gets_no_other_profile(endpoint: OperatorEndpoint) -> None:
     endpoint.pipeline.profile = GateProfile("direct")
     renderer = PassthroughRenderer(
-        PASSTHROUGH["direct"](Limits(ceiling=1.0)),
+        open_passthrough("direct", Limits(ceiling=1.0)),
         lambda size: np.zeros((size, 2), np.float32),
     )
     finger = FingerOutput(Settings(), renderer, endpoint)

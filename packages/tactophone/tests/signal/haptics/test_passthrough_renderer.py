@@ -8,10 +8,10 @@ from tactophone.core.types import FloatArray, HapticCommand, Prediction, Touch
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import RAMP
 from tactophone.signal.haptics.passthrough import (
-    PASSTHROUGH,
     GateProfile,
     PassthroughRenderer,
 )
+from tests.passthroughs import ALL_PASSTHROUGHS
 from tests.sounds import tone
 
 RATE = 48_000
@@ -38,7 +38,7 @@ def opened(
     sound: FloatArray | None = None,
 ) -> PassthroughRenderer:
     return PassthroughRenderer(
-        PASSTHROUGH[name](FULL),
+        ALL_PASSTHROUGHS[name](FULL),
         endless(tone(200) if sound is None else sound),
         limits or FULL,
     )
@@ -61,7 +61,7 @@ def rendered(
     return out
 
 
-@pytest.mark.parametrize("name", PASSTHROUGH)
+@pytest.mark.parametrize("name", ALL_PASSTHROUGHS)
 def test_sound_passes_while_a_command_opens_it(name: str) -> None:
     wave = rendered(opened(name), OPEN, 0.5)
     assert np.isfinite(wave).all()
@@ -70,8 +70,8 @@ def test_sound_passes_while_a_command_opens_it(name: str) -> None:
 
 def test_what_passes_is_what_the_passthrough_makes() -> None:
     renderer, sound = opened(), tone(200)
-    expected = PASSTHROUGH["direct"](FULL).render_whole(sound)
-    delay = round((renderer.latency - PASSTHROUGH["direct"](FULL).latency) * RATE)
+    expected = ALL_PASSTHROUGHS["direct"](FULL).render_whole(sound)
+    delay = round((renderer.latency - ALL_PASSTHROUGHS["direct"](FULL).latency) * RATE)
     wave = rendered(renderer, OPEN, 0.5)
     np.testing.assert_allclose(
         wave[9600:24_000], expected[9600 - delay : 24_000 - delay], atol=1e-4

@@ -21,14 +21,14 @@ from tactophone.core.types import (
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import RAMP, Oscillator, Renderer
 from tactophone.signal.haptics.passthrough import (
-    PASSTHROUGH,
     GateProfile,
     PassthroughRenderer,
 )
 from tactophone.signal.haptics.profiles import PROFILES, open_profile
+from tests.passthroughs import ALL_PASSTHROUGHS
 
 PERIOD = 480
-NAMES = (*PROFILES, *PASSTHROUGH)
+NAMES = (*PROFILES, *ALL_PASSTHROUGHS)
 WINDOW = 0.1
 """Seconds over which a mean is a push."""
 
@@ -97,7 +97,7 @@ def opened(name: str, bounds: Limits, heard: FloatArray) -> tuple[Renderer, Prof
         part[: len(found)] = found
         return np.stack([part, part], axis=1)
 
-    made = PASSTHROUGH[name](
+    made = ALL_PASSTHROUGHS[name](
         Limits(ceiling=1.0, lowest=bounds.lowest, highest=bounds.highest)
     )
     return PassthroughRenderer(made, pull, bounds), GateProfile(name)
@@ -224,7 +224,7 @@ def test_a_sound_of_one_sign_is_no_constant_force(name: str, kind: str) -> None:
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
-    st.sampled_from(sorted(PASSTHROUGH)),
+    st.sampled_from(sorted(ALL_PASSTHROUGHS)),
     limits(),
     st.sampled_from(KINDS),
     st.floats(20, 2000),

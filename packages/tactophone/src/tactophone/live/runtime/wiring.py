@@ -46,9 +46,10 @@ from tactophone.net.link.way import Keeper, WaySocket
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator, Renderer
 from tactophone.signal.haptics.passthrough import (
-    PASSTHROUGH,
     GateProfile,
     PassthroughRenderer,
+    is_passthrough,
+    open_passthrough,
 )
 from tactophone.signal.haptics.profiles import (
     ActuatorResponse,
@@ -152,7 +153,7 @@ def open_renderer(
         Limits(ceiling=settings.rendering.ceiling),
         settings.rendering.profile,
     )
-    if profile not in PASSTHROUGH:
+    if not is_passthrough(profile):
         return Oscillator(limits)
     if hand:
         raise ConfigError(
@@ -160,7 +161,8 @@ def open_renderer(
         )
     # The gate of the renderer applies the ceiling; applied in the passthrough too, it
     # would count twice.
-    return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
+    passthrough = open_passthrough(profile, Limits(ceiling=1.0))
+    return PassthroughRenderer(passthrough, pull, limits)
 
 
 def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
@@ -215,7 +217,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     return Pipeline(
         detector,
         GateProfile(profile)
-        if profile in PASSTHROUGH
+        if is_passthrough(profile)
         else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
         events=open_events(
