@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,9 +68,20 @@ def test_quiet_sound_is_amplified_and_a_converters_noise_is_not(
     assert Preparation((0,), (0.0,)).amplified(loudest_dbfs).gain_db == gain_db
 
 
-def test_invalid_samples_are_passed_on(tmp_path: Path) -> None:
-    samples = np.full((900, 1), np.nan, np.float32)
-    assert np.isnan(prepared(written(tmp_path / "a.wav", samples))[1]).all()
+def test_the_places_of_invalid_samples_are_passed_on_through_every_change(
+    tmp_path: Path,
+) -> None:
+    samples = noise(level_dbfs=-70, duration=0.5, channels=2)
+    samples[:, 1] = 0
+    samples[7, 0] = np.nan
+    path = written(tmp_path / "a.wav", samples + np.array([0.1, 0], np.float32))
+    preparation = replace(Preparation.of(FileSource(path)), gain_db=6.0)
+    with PreparedSource(FileSource(path), preparation) as source:
+        block = next(iter(source))
+    assert preparation.invalid == 1
+    assert block.invalid is not None
+    assert block.invalid.shape == block.samples.shape == (block.size, 1)
+    assert np.flatnonzero(block.invalid).tolist() == [7]
 
 
 def test_mains_hum_is_subtracted_before_a_channel_is_left_out(tmp_path: Path) -> None:
@@ -108,6 +120,7 @@ def test_an_infinite_sample_leaves_the_others_as_they_are(tmp_path: Path) -> Non
     samples = noise(level_dbfs=-30, duration=3, channels=2)
     samples[5] = np.inf
     preparation, found = prepared(written(tmp_path / "a.wav", samples))
+    samples[5] = 0
     assert (found == samples).all()
     (note,) = preparation.notes(2)
     assert note.startswith("1 x no sound")

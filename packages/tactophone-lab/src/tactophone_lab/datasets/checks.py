@@ -373,7 +373,7 @@ def _measure_contact(
         if "contact" in recording.channels
         else CONTACT
     )
-    if not samples.size or not np.isfinite(samples).all():
+    if not samples.size or sound.invalid is not None:
         return None  # reported as a fault of the file
     size = max(1, int(CHECKED_CELL * rate))
     # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the

@@ -115,9 +115,9 @@ class HumMeter:
     def _measure(self, frame: FloatArray) -> None:
         # A bin is 1 Hz wide, as a frame lasts 1 s; a cosine of amplitude 1 gives 1 at
         # its bin.
-        spectrum = np.nan_to_num(
-            np.fft.rfft(frame * self._window, axis=0)
-        ) * np.float32(4 / self._rate)
+        spectrum = np.fft.rfft(frame * self._window, axis=0) * np.float32(
+            4 / self._rate
+        )
         power = np.square(np.abs(spectrum))
         around = np.median(power[self._lines[:, None] + APART], axis=1)
         self._frames.append(spectrum[self._lines].astype(np.complex64))

@@ -57,8 +57,8 @@ class Preparation:
     hum: Hum | None = None
     """Hum to subtract from all channels of the source, if any."""
     invalid: int = 0
-    """Samples that are no sound; they are left as they are, and the detector withholds
-    its predictions there."""
+    """Samples that are no sound (`AudioBlock.invalid`); the detector withholds its
+    predictions there."""
     clipped: float = 0.0
     """Share of the samples of a channel, the one that has most, that are cut off;
     floats may go over 1."""
@@ -80,23 +80,21 @@ class Preparation:
             for block in source:
                 peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
                 samples = block.samples
-                if len(found := health.find_invalid(samples)):
-                    samples, invalid = samples.copy(), invalid + len(found)
-                    samples[found] = 0
+                if block.invalid is not None:
+                    invalid += int(block.invalid.any(axis=1).sum())
                 total += samples.sum(axis=0, dtype=np.float64)
                 railed += health.clipped_samples(samples.T).sum(axis=1)
                 count += block.size
                 meter.push(samples)
-                heard = structs.replace(block, samples=samples)
                 if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(
-                    heard
+                    block
                 ):
                     faults |= dict.fromkeys(
                         fault
                         for fault in detector.faults
                         if fault.kind not in _MEASURED
                     )
-        live = tuple(np.flatnonzero(~(peak < SILENT_CHANNEL)).tolist())
+        live = tuple(np.flatnonzero(peak >= SILENT_CHANNEL).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
         offset = tuple(
@@ -191,18 +189,17 @@ class PreparedSource(ChangedSource):
         return map(self._prepared, self._source)
 
     def _prepared(self, block: AudioBlock) -> AudioBlock:
-        samples = block.samples
         if self._hum:
-            samples = samples - self._hum.waveform(self._position, block.size)
+            hum = self._hum.waveform(self._position, block.size)
             self._position += block.size
+            block = structs.replace(block, samples=block.samples - hum)
         if self._channels is not None:
-            samples = samples[:, self._channels]
+            block = block.select(self._channels)
+        samples = block.samples
         if self._offset.any():
             samples = samples - self._offset
         if self._gain != 1:
             samples = samples * self._gain
-        return (
-            block
-            if samples is block.samples
-            else structs.replace(block, samples=np.ascontiguousarray(samples))
-        )
+        if samples is block.samples:
+            return block
+        return structs.replace(block, samples=samples)

@@ -11,9 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from msgspec import structs
-
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
 from tactophone.core.hand import each_finger
@@ -213,9 +210,7 @@ def _measured(
     source: Source, preparation: Preparation, card: ModelCard
 ) -> RecordingFloor:
     with PreparedSource(source, preparation) as sound:
-        heard = (
-            structs.replace(block, samples=card.heard(block.samples)) for block in sound
-        )
+        heard = (block.select(card.channels_heard(block.channels)) for block in sound)
         return measure_floor(heard, sample_rate=sound.sample_rate, rule=card.gate.rule)
 
 
@@ -224,9 +219,7 @@ class _Exchanged(ChangedSource):
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._source:
-            yield structs.replace(
-                block, samples=np.ascontiguousarray(block.samples[:, ::-1])
-            )
+            yield block.select(slice(None, None, -1))
 
 
 def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:

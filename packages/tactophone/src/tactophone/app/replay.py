@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from msgspec import structs
 
 from tactophone.app.logged_run import (
@@ -30,7 +29,7 @@ from tactophone.app.plot import draw_recording
 from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.core.errors import DatasetError
 from tactophone.core.hand import names_of
-from tactophone.core.microphones import MICROPHONES
+from tactophone.core.microphones import CONTACT, MICROPHONES
 from tactophone.core.settings import DEFAULT_CEILING, Finger, Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, HapticCommand, PipelineStep
 from tactophone.live.audio.files import FileSource
@@ -245,11 +244,8 @@ def write_replay(
 def _complete(step: PipelineStep) -> PipelineStep:
     """Give each prediction a command, silence where there was none, and each block two
     channels."""
-    samples = step.block.samples
-    if samples.shape[1] == 1:
-        block = structs.replace(
-            step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1)
-        )
+    if step.block.channels == 1:
+        block = step.block.select([CONTACT] * len(MICROPHONES))
         step = structs.replace(step, block=block)
     if len(step.commands) == len(step.predictions):
         return step

@@ -238,10 +238,7 @@ class OfflineRenderer:
                 else PipelineStep(self._last, (), ())
             )
             self._write(
-                structs.replace(
-                    tail,
-                    block=structs.replace(self._last, samples=self._last.samples[:0]),
-                ),
+                structs.replace(tail, block=self._last.part(0, 0)),
                 until=duration + VIBRATION_TAIL,
             )
         updates = sum(self._counts.values())

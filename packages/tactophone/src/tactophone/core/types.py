@@ -15,7 +15,7 @@ from typing import Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float32]
@@ -45,15 +45,25 @@ SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
 here."""
 
 
+PLAUSIBLE_PEAK = 8.0
+"""Greatest sample that a microphone can deliver, in times full scale: float files and
+mixers may exceed 1 a little, but 18 dB over it is a broken driver or decoder."""
+
+
 class AudioBlock(msgspec.Struct, frozen=True, eq=False):
-    """Consecutive samples of sound as they arrived.
+    """Consecutive samples of sound as they arrived, without any that no microphone can
+    deliver.
+
+    This is the door through which all sound comes in. A sample that is no number, or
+    over `PLAUSIBLE_PEAK`, becomes 0 here and is noted in ``invalid``, so that no
+    filter, floor, statistic or level after it can ever hold one.
 
     Attributes
     ----------
     samples
         float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is
         *contact*, channel 1 is *air*. They stay unchanged: a detector keeps the array
-        until a window falls due.
+        until a window falls due. Where a sample had to be removed, this is a copy.
     sample_rate
         In Hz.
     start
@@ -62,12 +72,18 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
         True when the sound was lost on the network and these samples replace it.
     moving
         Whether the robot says that it moves.
+    invalid
+        Which samples were removed, in the shape of ``samples``; ``None`` if none was,
+        as nearly always.
 
     Examples
     --------
     >>> block = AudioBlock(np.zeros((480, 2), np.float32), sample_rate=48_000, start=960)
     >>> block.size, block.channels, block.time, block.duration
     (480, 2, 0.02, 0.01)
+    >>> broken = AudioBlock(np.array([[0.5], [np.nan]], np.float32), sample_rate=48_000)
+    >>> broken.samples.tolist(), broken.invalid.tolist()
+    ([[0.5], [0.0]], [[False], [True]])
     """
 
     samples: FloatArray
@@ -75,6 +91,7 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
     start: int = 0
     concealed: bool = False
     moving: bool = False
+    invalid: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if self.samples.ndim != 2 or self.samples.dtype != np.float32:
@@ -82,6 +99,44 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
                 f"samples are {self.samples.dtype} of shape {self.samples.shape}, "
                 "but a block holds float32 of shape (samples, channels); reshape or convert them"
             )
+        if self.invalid is not None and self.invalid.shape != self.samples.shape:
+            raise ValueError(
+                f"invalid has shape {self.invalid.shape}, but the samples have {self.samples.shape}; "
+                "cut both alike, as `part` and `select` do"
+            )
+        # Sound with less energy than a single such sample holds none, so that most
+        # blocks need no further look. A comparison with NaN is false.
+        if not np.vdot(self.samples, self.samples) <= PLAUSIBLE_PEAK**2:
+            self._remove_invalid()
+
+    def _remove_invalid(self) -> None:
+        # A comparison with NaN is false, so that NaN counts as invalid.
+        invalid = ~(np.abs(self.samples) <= PLAUSIBLE_PEAK)
+        if not invalid.any():
+            return
+        force_setattr(self, "samples", np.where(invalid, np.float32(0), self.samples))
+        if self.invalid is not None:
+            invalid |= self.invalid
+        force_setattr(self, "invalid", invalid)
+
+    def part(self, first: int, end: int) -> Self:
+        """Return the samples from ``first`` to before ``end``, counted from the
+        beginning of the block, as a block of their own."""
+        return replace(
+            self,
+            samples=self.samples[first:end],
+            start=self.start + first,
+            invalid=None if self.invalid is None else self.invalid[first:end],
+        )
+
+    def select(self, channels: slice | Sequence[int]) -> Self:
+        """Return some of the channels as a block, in memory of their own: the result of
+        a sum may depend on how its numbers lie there."""
+        return replace(
+            self,
+            samples=np.ascontiguousarray(self.samples[:, channels]),
+            invalid=None if self.invalid is None else self.invalid[:, channels],
+        )
 
     @property
     def size(self) -> int:
@@ -121,11 +176,23 @@ def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
         first = blocks[begin]
         if end - begin == 1:
             yield first
-        else:
-            yield replace(
-                first,
-                samples=np.concatenate([block.samples for block in blocks[begin:end]]),
+            continue
+        parts = blocks[begin:end]
+        invalid = None
+        if any(part.invalid is not None for part in parts):
+            invalid = np.concatenate(
+                [
+                    np.zeros(part.samples.shape, bool)
+                    if part.invalid is None
+                    else part.invalid
+                    for part in parts
+                ]
             )
+        yield replace(
+            first,
+            samples=np.concatenate([part.samples for part in parts]),
+            invalid=invalid,
+        )
 
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")

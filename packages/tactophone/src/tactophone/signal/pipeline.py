@@ -12,9 +12,6 @@ needs none of the network's libraries.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-from msgspec.structs import replace
-
 from tactophone.core.microphones import MICROPHONES, check_channels
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import (
@@ -117,10 +114,7 @@ class Pipeline:
     def flush(self, block: AudioBlock) -> PipelineStep:
         """Return what the end of the stream still completes; ``block`` is the last one
         pushed."""
-        return self._step(
-            replace(block, samples=block.samples[:0], start=block.end),
-            self.detector.flush(),
-        )
+        return self._step(block.part(block.size, block.size), self.detector.flush())
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
@@ -281,13 +275,9 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
         raise ValueError(
             f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}"
         )
-    # Copied to memory of its own: the result of a sum may depend on how its numbers lie
-    # there.
-    parts = (
-        np.ascontiguousarray(block.samples[:, 2 * at : 2 * at + count])
-        for at, count in enumerate(channels)
-    )
-    return [replace(block, samples=part) for part in parts]
+    return [
+        block.select(slice(2 * at, 2 * at + count)) for at, count in enumerate(channels)
+    ]
 
 
 def open_pipeline(

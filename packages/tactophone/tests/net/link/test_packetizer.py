@@ -89,7 +89,7 @@ def test_what_is_no_number_is_sent_as_silence_and_counted() -> None:
     out = packetizer()
     packets = push(out, AudioBlock(sound, RATE))
     assert packets[0].payload.content[12:16] == bytes(4)
-    assert out.encoder.faults == {"non-finite samples": 3}
+    assert out.encoder.faults == {"invalid samples": 3}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ that the next fresh packet completes a full window. Of a longer backlog only the
 `PACKET_HISTORY` is decoded.
 """
 
-import math
 import secrets
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
@@ -56,8 +55,7 @@ class BlockEncoder:
     shorter packets. Else it waits for the next block: with periods of 512 samples and
     packets of 480, for up to 10 ms.
 
-    - ``faults``: ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of
-      the codec.
+    - ``faults``: ``invalid samples``: removed as no sound (`AudioBlock.invalid`), and sent as silence.
     - ``origin``: the RTP timestamp of the source's first sample, in all streams.
     - ``position``: the first sample of the next block; ``None`` before the first.
     - ``moving``: whether the robot moves, as each packet says.
@@ -89,14 +87,9 @@ class BlockEncoder:
             # The source lost sound: the incomplete packet is dropped.
             self._filled, self._after_gap = 0, True
         self.position = block.end
-        samples = block.samples
-        # Where the sum of squares is finite, every sample is; the search takes six
-        # times as long.
-        if not math.isfinite(np.vdot(samples, samples)):
-            finite = np.isfinite(samples)
-            self.faults["non-finite samples"] += int((~finite).sum())
-            samples = np.where(finite, samples, np.float32(0))
-        encoded = list(self._cut(samples, block.start))
+        if block.invalid is not None:
+            self.faults["invalid samples"] += int(block.invalid.sum())
+        encoded = list(self._cut(block.samples, block.start))
         if self._prompt and block.size > self.codec.packet_size:
             # The rest goes in shorter packets, as far as the codec has so short ones.
             while size := self.codec.largest_packet(self._filled):

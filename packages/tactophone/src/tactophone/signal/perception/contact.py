@@ -164,7 +164,7 @@ class ContactGate:
         self._steps = self._lasted = self._quiet = self._part = 0
         # Of the level: whether it says contact, and only holds it; whether its word
         # counts before the bands can tell.
-        self._open = self._held = self._invalid = False
+        self._open = self._held = False
         self._believed, self._believed_from = False, 0
         # Of the bands: whether they are loud now, and the steps since.
         self._heard, self._silent_for = False, self._hold + 1
@@ -273,39 +273,27 @@ class ContactGate:
     def _stays(self, slow: list[float], fast: list[float]) -> bool:
         """Whether the level plainly says of these steps what it said before, so that
         none needs a look of its own."""
-        # A comparison with NaN is false: invalid samples are looked at, and the first
-        # step after them. NaN begins at a step and lasts, longer than these steps: it
-        # is first or last.
-        if self._invalid or self._held:
+        if self._held:
             return False
         if not slow:
             return True
         if self._open:
-            return min(slow) >= self._close_under and slow[-1] >= self._close_under
-        return (
-            slow[-1] < self._open_from
-            and max(slow) < self._open_from
-            and max(fast) < self._clear_from
-        )
+            return min(slow) >= self._close_under
+        return max(slow) < self._open_from and max(fast) < self._clear_from
 
     def _step(self, slow: float, fast: float) -> list[Contact]:
         was_open, held = self._open, self._held
         self._steps += 1
         self._lasted += 1
-        # Every comparison with NaN is false: invalid samples close the gate at once,
-        # and keep it closed.
-        self._invalid = not slow >= 0
         loud = slow >= self._open_from or fast >= self._clear_from
         if not loud and was_open and not held:
             # Hysteresis: an open gate closes at a lower level, and a touch lasts for
             # `SHORTEST_GATED_TOUCH` at least.
-            loud = slow >= self._close_under or (
-                self._lasted < self._shortest and fast >= 0
-            )
+            loud = slow >= self._close_under or self._lasted < self._shortest
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does
         # not end a touch.
-        self._held = not loud and was_open and slow >= 0 and self._quiet <= self._hold
+        self._held = not loud and was_open and self._quiet <= self._hold
         self._open = loud or self._held
         if self._open and not was_open:
             self._lasted, self._believed = 0, self._steps >= self._believed_from
@@ -338,16 +326,8 @@ class ContactGate:
             float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0)))
             / BANDS
         )  # their mean
-        self._heard = over >= (
-            BANDS_OFF_DB if self._heard else BANDS_ON_DB
-        )  # false where it is NaN
-        self._silent_for = (
-            0
-            if self._heard
-            else self._hold + 1
-            if math.isnan(over)
-            else self._silent_for + self._hop
-        )
+        self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)
+        self._silent_for = 0 if self._heard else self._silent_for + self._hop
         if self._open and self._believed and self._lasted >= self._early:
             self._believed = False
             if self._silent_for > self._hold:
@@ -371,9 +351,7 @@ class ContactGate:
         as the bands lag by a window."""
         if not self._by_bands:
             return self._open, self._held
-        touching = not self._invalid and (
-            (self._open and self._believed) or self._silent_for <= self._hold
-        )
+        touching = (self._open and self._believed) or self._silent_for <= self._hold
         return touching, touching and (self._held or not self._open)
 
     def _report(self, *, due: bool = False) -> list[Contact]:

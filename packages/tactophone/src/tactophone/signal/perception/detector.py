@@ -22,6 +22,7 @@ from typing import TypeAlias
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from tactophone.core.errors import ModelError
 from tactophone.core.microphones import AIR, CONTACT, check_channels
@@ -36,13 +37,13 @@ from tactophone.core.types import (
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import Decision, Probabilities, rough_share
 from tactophone.signal.perception.fit import FitCheck, Misfit
-from tactophone.signal.perception.health import InvalidSampleFilter
 from tactophone.signal.perception.levels import loudness
 from tactophone.signal.perception.model_file import (
     KINDS,
     SUPPORTS_MISSING_CHANNEL,
     Engine,
     Model,
+    Samples,
 )
 from tactophone.signal.perception.no_touch import NO_TOUCH_TEXT, NoTouchCheck
 from tactophone.signal.perception.noise_floor import NoiseFloor, RecordingFloor
@@ -144,6 +145,40 @@ def _predict_one_each(
 
 CERTAINLY_NONE: Probabilities = (1.0, 0.0, 0.0)
 
+_NOWHERE = np.empty(0, np.intp)
+
+
+class InvalidPositions:
+    """Remembers where in a stream samples were removed as invalid.
+
+    >>> invalid = InvalidPositions()
+    >>> invalid.push(3, np.array([[False], [True], [False]]))
+    >>> invalid.any_between(0, 2), invalid.any_between(2, 3)
+    (True, False)
+    """
+
+    def __init__(self) -> None:
+        self._found = _NOWHERE
+        self._count = 0
+
+    def push(self, size: int, invalid: NDArray[np.bool_] | None) -> None:
+        """Take the mask of the next samples, as many as ``size``; ``None`` where all
+        are valid."""
+        if invalid is not None:
+            here = np.flatnonzero(invalid.any(axis=1))
+            self._found = np.concatenate((self._found, self._count + here))
+        self._count += size
+
+    def any_between(self, start: int, end: int) -> bool:
+        """Whether any sample from ``start`` to before ``end`` was invalid.
+
+        Call it in ascending order of ``start``: positions before it are dropped.
+        """
+        if self._found is _NOWHERE:
+            return False
+        self._found = self._found[np.searchsorted(self._found, start) :]
+        return bool(len(self._found)) and bool(self._found[0] < end)
+
 
 class WindowDetector:
     """Classifies a stream of sound, window by window, with a model of any kind.
@@ -211,7 +246,7 @@ class WindowDetector:
     def reset(self) -> None:
         """Return to the initial state; the fault counts stay."""
         card = self.card
-        self._invalid_samples = InvalidSampleFilter()
+        self._invalid = InvalidPositions()
         self._resampler = Resampler(
             self._sample_rate, card.sample_rate, channels=card.channels
         )
@@ -254,6 +289,10 @@ class WindowDetector:
             )
         if self._arrived and self._arrived[0].shape[1] != channels:
             self._complete_windows()  # none: they fall due below
+        invalid = block.invalid
+        self._invalid.push(
+            size, None if invalid is None else self._select_channels(invalid)
+        )
         # Kept as it is until a window falls due: a packet is a quarter of a hop, and
         # each call on it costs.
         self._arrived.append(samples)
@@ -275,12 +314,12 @@ class WindowDetector:
             else np.concatenate(self._arrived)
         )
         self._arrived = []
-        samples = self._invalid_samples.clean(self._select_channels(samples))
-        windows = self._windower.push(self._resampler.push(samples))
+        samples = self._resampler.push(self._select_channels(samples))
+        windows = self._windower.push(samples)
         self.missing = self._resampler.missing_until(self._windower.next_end)
         return windows
 
-    def _select_channels(self, samples: FloatArray) -> FloatArray:
+    def _select_channels(self, samples: Samples) -> Samples:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
             return np.pad(samples, ((0, 0), (0, missing)))
@@ -348,7 +387,7 @@ class WindowDetector:
             int((end - self.card.window_size) * ratio) - reach,
             int((end - 1) * ratio) + reach,
         )
-        if self._invalid_samples.any_between(first, last + 1):
+        if self._invalid.any_between(first, last + 1):
             self.faults["sound"] += 1
             return True
         # Both comparisons with NaN are false; exp(log-softmax) in float32 sums to 1

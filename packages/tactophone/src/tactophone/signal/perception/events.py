@@ -167,10 +167,7 @@ class EventDetector:
             self.reset()
             self._origin = block.start
         self._next = block.end
-        samples = np.nan_to_num(
-            block.samples[:, : self._channels], nan=0.0, posinf=0.0, neginf=0.0
-        )
-        sound = np.concatenate((self._rest, samples))
+        sound = np.concatenate((self._rest, block.samples[:, : self._channels]))
         steps = len(sound) // self._step - 1
         events: list[tuple[float, TouchEvent]] = []
         for begin in range(0, steps * self._step, self._step):

@@ -207,11 +207,7 @@ class FallbackDetector:
         start = 0
         while start < block.size:
             size = min(self._left, block.size - start)
-            yield replace(
-                block,
-                samples=block.samples[start : start + size],
-                start=block.start + start,
-            )
+            yield block.part(start, start + size)
             start += size
             self._left = self._left - size or self._fault_detector.cell_size
 
@@ -228,9 +224,7 @@ class FallbackDetector:
         # as if there had been none.
         predictions = yield from self._main.process(part)
         if active is not self._main:
-            predictions = yield from active.process(
-                replace(part, samples=part.samples[:, : CONTACT + 1])
-            )
+            predictions = yield from active.process(part.select([CONTACT]))
         revised = (
             [self._revised(prediction) for prediction in predictions]
             if self.mode

@@ -1,8 +1,5 @@
-"""Health of the microphones: invalid samples, statistics of each signal, and the faults
-that show in them.
-
-Invalid samples are those that no microphone can produce: NaN, infinities, and values
-far beyond full scale.
+"""Health of the microphones: statistics of each signal, and the faults that show in
+them.
 
 Statistics are half a second of sound in a few numbers, eight times a second. Everything
 is measured under 4 kHz, on sound averaged down to about 8 kHz, so that a codec's
@@ -31,61 +28,6 @@ from numpy.typing import NDArray
 
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES, check_channels
 from tactophone.core.types import AudioBlock, FloatArray
-
-PLAUSIBLE_PEAK = 8.0
-"""Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a
-broken driver or decoder."""
-
-_NONE = np.empty(0, np.intp)
-
-
-def find_invalid(samples: FloatArray) -> NDArray[np.intp]:
-    """Return the indices at which any channel is invalid; ``samples`` has shape
-    ``(samples, channels)``."""
-    # Sound with less energy than a single such sample contains none, so that most
-    # blocks need no further check.
-    if np.vdot(samples, samples) <= PLAUSIBLE_PEAK**2:
-        return _NONE
-    # Written so that a comparison with NaN, which is always false, counts as invalid.
-    return np.flatnonzero(~(np.abs(samples) <= PLAUSIBLE_PEAK).all(axis=1))
-
-
-class InvalidSampleFilter:
-    """Replaces invalid samples with silence and keeps their positions.
-
-    >>> invalid = InvalidSampleFilter()
-    >>> invalid.clean(np.array([[0.1], [np.nan], [0.2]], np.float32))[:, 0].tolist()
-    [0.10000000149011612, 0.0, 0.20000000298023224]
-    >>> invalid.any_between(0, 2), invalid.any_between(2, 3)
-    (True, False)
-    """
-
-    def __init__(self) -> None:
-        self._found = _NONE
-        self._count = 0
-
-    def clean(self, samples: FloatArray) -> FloatArray:
-        """Return the next samples of the stream with invalid ones set to 0; the array
-        itself if there are none."""
-        here = find_invalid(samples)
-        position, self._count = self._count, self._count + len(samples)
-        if not len(here):
-            return samples
-        self._found = np.concatenate((self._found, position + here))
-        samples = samples.copy()
-        samples[here] = 0
-        return samples
-
-    def any_between(self, start: int, end: int) -> bool:
-        """Whether any sample cleaned, from ``start`` to before ``end``, was invalid.
-
-        Call it in ascending order of ``start``: positions before it are dropped.
-        """
-        if self._found is _NONE:
-            return False
-        self._found = self._found[np.searchsorted(self._found, start) :]
-        return bool(len(self._found)) and bool(self._found[0] < end)
-
 
 HEALTH_CELL = 0.125
 """Seconds between two measures."""
@@ -189,16 +131,11 @@ class SignalStatistics:
         cell = np.ascontiguousarray(np.concatenate(self._parts).T)
         self._parts, self._filled = [], 0
         peak = np.abs(cell).max()
-        with np.errstate(invalid="ignore", over="ignore"):
-            self._clipped.append(
-                clipped_samples(cell).mean(axis=1)
-                if not peak <= _LOUD
-                else np.zeros(len(cell))
-            )
-            if not peak <= _LARGEST:  # also where it is NaN
-                cell = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(
-                    -_LARGEST, _LARGEST
-                )
+        self._clipped.append(
+            clipped_samples(cell).mean(axis=1) if peak > _LOUD else np.zeros(len(cell))
+        )
+        if peak > _LARGEST:
+            cell = cell.clip(-_LARGEST, _LARGEST)
         finite = cell.astype(np.float64)
         self._decimated.append(_mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:

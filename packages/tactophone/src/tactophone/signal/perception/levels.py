@@ -20,7 +20,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.core.types import FloatArray
-from tactophone.signal.perception.health import PLAUSIBLE_PEAK
 
 LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
 
@@ -181,10 +180,7 @@ class StepLevels:
 
     def push(self, contacts: FloatArray) -> FloatArray:
         """Take samples, ``(count, samples)``; return power, or mean absolute value, of
-        the steps that they complete.
-
-        A step with invalid samples is NaN.
-        """
+        the steps that they complete."""
         if (size := contacts.shape[1]) <= LARGEST_PIECE:
             return self._push(contacts)
         pieces = (
@@ -207,9 +203,6 @@ class StepLevels:
 
     def _measure(self, steps: int) -> FloatArray:
         new, around = self._views.get(steps) or self._make_views(steps)
-        # Sound with less energy than a single invalid sample contains none.
-        if not np.vdot(new, new) <= PLAUSIBLE_PEAK**2:
-            new[~(np.abs(new) <= PLAUSIBLE_PEAK).all(axis=2)] = np.nan
         if self._rule == "banded":
             change = np.vecdot(around, self._filter)
             powers: FloatArray = np.vecdot(change, change)
@@ -288,10 +281,7 @@ class BandLevels:
 
     def push(self, contacts: FloatArray) -> list[FloatArray]:
         """Take samples, ``(count, samples)``; return the levels in dBFS, ``(count,
-        BANDS)``, of each hop they complete.
-
-        While a window holds an invalid sample they are NaN.
-        """
+        BANDS)``, of each hop they complete."""
         rows = list[FloatArray]()
         sound = (
             np.concatenate((self._rest, contacts), axis=1)
@@ -310,8 +300,6 @@ class BandLevels:
         # The mean, by the two functions that `mean` calls after a search of its own.
         new = np.add.reduce(hops.reshape(count, steps, -1, self._decimation), axis=3)
         new /= self._decimation
-        if not np.vdot(hops, hops) <= PLAUSIBLE_PEAK**2:
-            new[~(np.abs(hops) <= PLAUSIBLE_PEAK).all(axis=2)] = np.nan
         size, step = len(self._window), new.shape[2]
         sound = np.concatenate((self._recent, new.reshape(count, -1)), axis=1)
         self._recent = sound[:, -size:]

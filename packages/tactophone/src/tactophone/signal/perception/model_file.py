@@ -21,11 +21,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 from weakref import WeakValueDictionary
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.core.errors import ModelError, plain
 from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
@@ -85,6 +86,10 @@ class Gate:
             )
 
 
+Samples = TypeVar("Samples", FloatArray, NDArray[np.bool_])
+"""Sound, or the mask of its invalid samples."""
+
+
 @dataclass(frozen=True, slots=True)
 class ModelCard:
     """Description of a model."""
@@ -118,15 +123,16 @@ class ModelCard:
         ``contact`` or ``air``."""
         return str(self.settings.get("microphone", "contact"))
 
-    def heard(self, samples: FloatArray) -> FloatArray:
+    def heard(self, samples: Samples) -> Samples:
         """Return the channels that the model uses of sound, ``(samples, channels)``,
         which may have more."""
-        first = (
-            AIR
-            if samples.shape[1] > self.channels and self.microphone == "air"
-            else CONTACT
-        )
-        return samples[:, first : first + self.channels]
+        return samples[:, self.channels_heard(samples.shape[1])]
+
+    def channels_heard(self, channels: int) -> slice:
+        """Return which channels the model uses of sound that has so many."""
+        more = channels > self.channels
+        first = AIR if more and self.microphone == "air" else CONTACT
+        return slice(first, first + self.channels)
 
     @property
     def duration(self) -> float:
