@@ -5,7 +5,7 @@ import pytest
 
 from tactophone.cli import options
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Finger
+from tactophone.core.settings import FingerSettings
 
 
 def parse(*words: str) -> argparse.Namespace:
@@ -62,7 +62,7 @@ def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -
     assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == (
         "system:capture_3",
         "lra",
-        (Finger(),),
+        (FingerSettings(),),
     )
     with pytest.raises(ConfigError, match="names thumb, index"):
         options.settings_of(parser.parse_args(["--fingers", str(path)]))

@@ -20,7 +20,7 @@ from tactophone.core.hand import each_finger, names_of
 from tactophone.core.processes import make_room
 from tactophone.core.recordings.read import ground_truth
 from tactophone.core.recordings.values import Segment
-from tactophone.core.settings import Finger, Settings, change
+from tactophone.core.settings import FingerSettings, Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, ignore
 from tactophone.live.audio.files import FileSource
 from tactophone.live.runtime.supervisor import Supervisor
@@ -178,7 +178,7 @@ def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Set
         )
     paths = write_demonstration(folder, names_of(settings), seed=seed, tip=tip)
     fingers = (
-        Finger(finger.name, (*finger.settings, ("capture.device", str(path))))
+        FingerSettings(finger.name, (*finger.settings, ("capture.device", str(path))))
         for finger, path in zip(settings.fingers, paths, strict=True)
     )
     return replace(settings, fingers=tuple(fingers))

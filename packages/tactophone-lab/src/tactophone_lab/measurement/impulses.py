@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import TactophoneError
 from tactophone.core.hand import names_of
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.settings import Finger, Settings, change
+from tactophone.core.settings import FingerSettings, Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.audio.sources import open_device
@@ -323,7 +323,7 @@ def running_sides(
         free = dict.fromkeys(("capture.contact", "capture.air", "output.port"), "-")
         changes += [f"{name}={port}" for name, port in free.items()]
         fingers = (
-            Finger(each.name, tuple((dict(each.settings) | free).items()))
+            FingerSettings(each.name, tuple((dict(each.settings) | free).items()))
             for each in settings.fingers
         )
         settings = replace(settings, fingers=tuple(fingers))

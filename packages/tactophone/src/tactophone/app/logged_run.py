@@ -20,7 +20,7 @@ import soundfile
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
 from tactophone.core.processes import make_room
-from tactophone.core.settings import Finger, Settings, change, set_value
+from tactophone.core.settings import FingerSettings, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
 from tactophone.live.log.mcap import (
@@ -248,7 +248,7 @@ def settings_of(run: RunStart) -> Settings:
         for name, value in table.items()
     }
     settings = _with(Settings(), tables)
-    fingers: list[Finger] = []
+    fingers: list[FingerSettings] = []
     for finger in run.fingers:
         own = {
             name: value
@@ -256,7 +256,7 @@ def settings_of(run: RunStart) -> Settings:
             if name != _CALIBRATION and value is not None
         }
         _with(settings, own)  # checked here, where the log can be named
-        fingers.append(Finger(finger["name"], tuple(own.items())))
+        fingers.append(FingerSettings(finger["name"], tuple(own.items())))
     return replace(settings, fingers=tuple(fingers) or settings.fingers)
 
 
@@ -289,7 +289,7 @@ def _bounded(settings: Settings, ceiling: float) -> Settings:
         settings.rendering, ceiling=min(settings.rendering.ceiling, ceiling)
     )
     fingers = (
-        Finger(
+        FingerSettings(
             each.name,
             tuple(
                 (name, min(own, ceiling) if name == _CEILING else own)

@@ -15,7 +15,7 @@ from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
 from tactophone.core.hand import each_finger
 from tactophone.core.recordings.read import find_recording
-from tactophone.core.settings import Finger, Settings
+from tactophone.core.settings import FingerSettings, Settings
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import (
     AudioBlock,
@@ -263,6 +263,7 @@ def with_own_thresholds(settings: Settings) -> Settings:
     return replace(
         settings,
         fingers=tuple(
-            Finger(each.name, (*each.settings, (name, own))) for each, own in fingers
+            FingerSettings(each.name, (*each.settings, (name, own)))
+            for each, own in fingers
         ),
     )

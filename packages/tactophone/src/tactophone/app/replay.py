@@ -30,7 +30,7 @@ from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummar
 from tactophone.core.errors import DatasetError
 from tactophone.core.hand import names_of
 from tactophone.core.microphones import CONTACT, MICROPHONES
-from tactophone.core.settings import DEFAULT_CEILING, Finger, Settings, change
+from tactophone.core.settings import DEFAULT_CEILING, FingerSettings, Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, HapticCommand, PipelineStep
 from tactophone.live.audio.files import FileSource
 from tactophone.live.log.mcap import LogEnd, LogEntry, LoggedPrediction, read_log
@@ -336,7 +336,7 @@ def changed_by(changes: Sequence[str]) -> Change:
 
     def changed(settings: Settings) -> Settings:
         fingers = (
-            Finger(
+            FingerSettings(
                 each.name, tuple(own for own in each.settings if own[0] not in names)
             )
             for each in settings.fingers

@@ -21,7 +21,13 @@ from pathlib import Path
 from typing import Any
 
 from tactophone.core.errors import ConfigError, did_you_mean
-from tactophone.core.settings import SETTINGS, Finger, Settings, read_tables, set_value
+from tactophone.core.settings import (
+    SETTINGS,
+    FingerSettings,
+    Settings,
+    read_tables,
+    set_value,
+)
 from tactophone.core.types import FINGER_NAMES, FINGER_PATTERN, MOST_FINGERS
 
 OWN_SETTINGS: Mapping[str, str] = {
@@ -93,7 +99,7 @@ def of_finger(settings: Settings, index: int) -> Settings:
     """
     own, settings = (
         settings.fingers[index].settings,
-        replace(settings, fingers=(Finger(),)),
+        replace(settings, fingers=(FingerSettings(),)),
     )
     for name, value in own:
         settings = set_value(settings, name, value, where=name)
@@ -147,7 +153,7 @@ def finger_named(settings: Settings, name: str | None) -> Settings:
 
 def _checked(
     tables: Mapping[str, Mapping[str, Any]], *, where: str
-) -> tuple[Finger, ...]:
+) -> tuple[FingerSettings, ...]:
     """Check every entry, and that no two fingers share a port or channel."""
     if not 1 <= len(tables) <= MOST_FINGERS:
         found = f"{len(tables)} fingers" if tables else "no finger"
@@ -155,7 +161,7 @@ def _checked(
             f"{where}: {found}, but a hand has 1 to {MOST_FINGERS}; write one table for each, as [index]"
         )
     fingers = tuple(
-        Finger(name, tuple(_own(name, place, table, where=where)))
+        FingerSettings(name, tuple(_own(name, place, table, where=where)))
         for place, (name, table) in enumerate(tables.items())
     )
     _check_shared(fingers, where=where)
@@ -199,7 +205,7 @@ def _own(
         )
 
 
-def _check_shared(fingers: Sequence[Finger], *, where: str) -> None:
+def _check_shared(fingers: Sequence[FingerSettings], *, where: str) -> None:
     users: dict[tuple[str, Any], str] = {}
     for finger in fingers:
         own = dict(finger.settings)

@@ -116,7 +116,7 @@ def _setting(default: Any, words: str, *, verbs: str = "", **rest: Any) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Capture:
+class CaptureSettings:
     """Where the robot's sound comes from."""
 
     source: str = _setting(
@@ -154,7 +154,7 @@ class Capture:
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class LinkSettings:
     """The network link between robot and operator."""
 
     peer: str = _setting(
@@ -209,7 +209,7 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class CallSettings:
     """The servers of `tactophone call` and `answer`: docs/guide/apart.md."""
 
     mailbox: str = _setting(
@@ -231,7 +231,7 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
-class Detector:
+class DetectorSettings:
     """What classifies the sound."""
 
     model: str = _setting(
@@ -281,7 +281,7 @@ class Detector:
 
 
 @dataclass(frozen=True, slots=True)
-class Rendering:
+class RenderingSettings:
     """How predictions become vibration, and how strong it may be."""
 
     profile: str = _setting(
@@ -306,7 +306,7 @@ class Rendering:
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class OutputSettings:
     """Where the vibration goes."""
 
     actuator: str = _setting(
@@ -334,7 +334,7 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
-class Actuator:
+class ActuatorSettings:
     """What the actuator can play, for the profiles perceptual, erm, lra, piezo and
     dualsense: `devices measure`."""
 
@@ -372,7 +372,7 @@ class Actuator:
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
+class ProcessSettings:
     """Processes, priorities and the watchdog."""
 
     name: str = _setting(
@@ -397,7 +397,7 @@ class Process:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class PageSettings:
     """The page that --dashboard serves, and those of `play` and `try`."""
 
     address: str = _setting(
@@ -425,7 +425,7 @@ class Page:
 
 
 @dataclass(frozen=True, slots=True)
-class Bridges:
+class BridgeSettings:
     """What --bridge passes on, and how: docs/guide/bridges.md."""
 
     finger: str = _setting(
@@ -449,7 +449,7 @@ class Bridges:
 
 
 @dataclass(frozen=True, slots=True)
-class Simulation:
+class SimulationSettings:
     """The simulated network, and the simulated person of the source finger."""
 
     network: str = _setting(
@@ -483,7 +483,7 @@ class Simulation:
 
 
 @dataclass(frozen=True, slots=True)
-class Finger:
+class FingerSettings:
     """One finger: its name, and the settings that are its own, by dotted name
     (`tactophone.core.hand`)."""
 
@@ -496,18 +496,18 @@ class Finger:
 class Settings:
     """Everything that can be set; one TOML table per field, but for the fingers."""
 
-    capture: Capture = Capture()
-    link: Link = Link()
-    call: Call = Call()
-    detector: Detector = Detector()
-    rendering: Rendering = Rendering()
-    output: Output = Output()
-    actuator: Actuator = Actuator()
-    process: Process = Process()
-    page: Page = Page()
-    bridges: Bridges = Bridges()
-    simulation: Simulation = Simulation()
-    fingers: tuple[Finger, ...] = (Finger(),)
+    capture: CaptureSettings = CaptureSettings()
+    link: LinkSettings = LinkSettings()
+    call: CallSettings = CallSettings()
+    detector: DetectorSettings = DetectorSettings()
+    rendering: RenderingSettings = RenderingSettings()
+    output: OutputSettings = OutputSettings()
+    actuator: ActuatorSettings = ActuatorSettings()
+    process: ProcessSettings = ProcessSettings()
+    page: PageSettings = PageSettings()
+    bridges: BridgeSettings = BridgeSettings()
+    simulation: SimulationSettings = SimulationSettings()
+    fingers: tuple[FingerSettings, ...] = (FingerSettings(),)
     """At least one, in the order of the link's channels; by default the one that the
     tables above describe."""
 

@@ -16,7 +16,7 @@ from benchmarks.second_operator import with_operator
 from tactophone.cli import add_verb, options
 from tactophone.cli.verbs import all_verbs
 from tactophone.core.errors import ConfigError
-from tactophone.core.settings import Link, Settings, change
+from tactophone.core.settings import LinkSettings, Settings, change
 from tactophone.live.runtime import robot as robot_side
 from tactophone.live.runtime.operator import Operator
 from tactophone.live.runtime.robot import Robot
@@ -43,7 +43,7 @@ from .live_system import LiveSystem, eventually, housekept
 )
 def test_operators_that_cannot_be_called_are_refused(peer: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        operators_of(Link(peer=peer))
+        operators_of(LinkSettings(peer=peer))
 
 
 def test_two_names_of_one_operator_are_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from tactophone.core.settings import Link, Settings
+from tactophone.core.settings import LinkSettings, Settings
 from tactophone.core.types import ignore
 from tactophone.live.audio.sources import open_device
 from tactophone.live.runtime.operator import run_operator
@@ -104,5 +104,5 @@ def both_sides(
         yield Sides(*stack.enter_context(supervised(receiving, sending)))
 
 
-def _side(settings: Settings, link: Link, name: str) -> Settings:
+def _side(settings: Settings, link: LinkSettings, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))

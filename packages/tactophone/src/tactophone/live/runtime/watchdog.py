@@ -12,7 +12,7 @@ still, so did the watchdog, and the client may be late for the same reason.
 
 from enum import Enum
 
-from tactophone.core.settings import Process
+from tactophone.core.settings import ProcessSettings
 from tactophone.live.telemetry.watcher import Pulse
 
 CHECK_INTERVAL = 0.005
@@ -48,7 +48,7 @@ class Watchdog:
     (8, 401)
     """
 
-    def __init__(self, late_after: float = Process().stall_timeout) -> None:
+    def __init__(self, late_after: float = ProcessSettings().stall_timeout) -> None:
         self._late_after = late_after
         self._last: float | None = None
         self._callbacks = -1

@@ -20,7 +20,7 @@ from tactophone.core.errors import ConfigError, ModelError, PacketError
 from tactophone.core.hand import channels_of, each_finger, names_of
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
-from tactophone.core.settings import Link, Settings
+from tactophone.core.settings import LinkSettings, Settings
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
@@ -315,12 +315,12 @@ def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
     return found
 
 
-def operators_of(link: Link) -> list[Address]:
+def operators_of(link: LinkSettings) -> list[Address]:
     """Return host and port of each operator that the robot calls.
 
     Raises `ConfigError` if there is none, one twice, or more than `MOST_OPERATORS`.
 
-    >>> operators_of(Link(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
+    >>> operators_of(LinkSettings(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
     [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
     """
     try:

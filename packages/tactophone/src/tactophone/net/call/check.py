@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from tactophone.core.settings import Call
+from tactophone.core.settings import CallSettings
 from tactophone.net.call.ice import Finder, Server, mapped_addresses, servers_of
 from tactophone.net.call.messages import Nat
 from tactophone.net.link.packet import Address
@@ -93,7 +93,7 @@ async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
     return nat, seen[0][0], answered
 
 
-async def examine(settings: Call) -> Findings:
+async def examine(settings: CallSettings) -> Findings:
     asked, turn = servers_of(settings)
     (nat, seen, stun), mailbox, relay = await asyncio.gather(
         find_nat(asked), _answers(settings.mailbox), _relays(turn)

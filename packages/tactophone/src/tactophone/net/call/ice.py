@@ -23,7 +23,7 @@ from aioice import stun
 from aioice.turn import TurnTransport
 
 from tactophone.core.errors import DeviceError
-from tactophone.core.settings import Call
+from tactophone.core.settings import CallSettings
 from tactophone.net.call.messages import Address, Nat, Offer
 from tactophone.net.link.packet import split_address
 from tactophone.net.link.udp import STUN_COOKIE
@@ -127,7 +127,7 @@ class Server:
         return None
 
 
-def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
+def servers_of(settings: CallSettings) -> tuple[list[Server], Server | None]:
     """Return the STUN servers that may be asked, the relay among them, and the relay;
     ``None`` if none is set."""
     turn = Server(settings.turn) if settings.turn else None

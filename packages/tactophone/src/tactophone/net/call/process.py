@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.processes import Child, Parent
-from tactophone.core.settings import Call
+from tactophone.core.settings import CallSettings
 from tactophone.core.version import __version__
 from tactophone.net.call.messages import (
     Accepted,
@@ -68,7 +68,7 @@ class Plan:
     - ``expected``: fingerprint of the other end; empty where that is not known.
     """
 
-    settings: Call
+    settings: CallSettings
     answers: bool
     code: str
     secrets: tuple[bytes, ...]
@@ -104,7 +104,7 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
     ``keeper`` is for the live side.
     """
 
-    def __init__(self, plan: Plan | Call) -> None:
+    def __init__(self, plan: Plan | CallSettings) -> None:
         self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._child = Child(
@@ -169,7 +169,7 @@ def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -
 
 
 def _run_check(
-    parent: Parent, settings: Call, pair: socket.socket, _: socket.socket
+    parent: Parent, settings: CallSettings, pair: socket.socket, _: socket.socket
 ) -> None:
     async def check() -> None:
         from tactophone.net.call.check import examine
