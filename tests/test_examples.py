@@ -157,7 +157,6 @@ def repeated(work: Callable[[], object]) -> Iterator[None]:
 def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     from tests.live.log.recorded_run import record
-
     from tests.models import write_tiny_model
 
     log = record(tmp_path / "run.mcap", write_tiny_model(tmp_path / "tiny.onnx"))
@@ -167,10 +166,9 @@ def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_osc_messages_are_printed(tmp_path: Path) -> None:
     pytest.importorskip("pythonosc")
+    from tactophone.faces.bridges.osc import OscBridge
     from tests.faces.bridges.test_osc import STEP
     from tests.live.runtime.live_system import free_port
-
-    from tactophone.faces.bridges.osc import OscBridge
 
     port = free_port()
     with (
@@ -186,9 +184,8 @@ def test_osc_messages_are_printed(tmp_path: Path) -> None:
 
 def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> None:
     pytest.importorskip("aiohttp")
-    from tests.faces.bridges.test_osc import STEP
-
     from tactophone.faces.bridges.foxglove import FoxgloveBridge
+    from tests.faces.bridges.test_osc import STEP
 
     name = f"test-{tmp_path.name}"
     with (
@@ -205,9 +202,8 @@ def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> No
 @pytest.mark.realtime
 def test_the_vibration_on_ros_is_printed(tmp_path: Path) -> None:
     pytest.importorskip("cyclonedds")
-    from tests.faces.bridges.test_osc import STEP
-
     from tactophone.faces.bridges.ros import RosBridge
+    from tests.faces.bridges.test_osc import STEP
 
     name = f"test-{tmp_path.name}"
     with (

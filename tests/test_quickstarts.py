@@ -11,10 +11,10 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from tests.live.runtime.live_system import free_port
 
 from tactophone.cli import main
 from tactophone.net.link.identity import Identity
+from tests.live.runtime.live_system import free_port
 
 PAGES = Path(__file__).parent.parent / "docs" / "quickstart"
 
@@ -119,6 +119,13 @@ def test_a_lab_pairs_runs_and_replays(
             "simulation.gain_db=-20",
             "--seconds",
             "2",
+            "--yes",
+        ],
+        "check": [
+            "--source",
+            "finger",
+            "--set",
+            "simulation.gain_db=-20",
             "--yes",
         ],
         "receive": [

@@ -15,7 +15,6 @@ import numpy as np
 import soundfile
 
 from examples.published_sets import import_biotac
-from tactophone.app import lerobot
 from tactophone.core.errors import TactophoneError
 from tactophone.core.hand import each_finger, with_fingers
 from tactophone.core.settings import Settings, change, read_settings
@@ -42,6 +41,7 @@ from tactophone.signal.haptics.profiles import (
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import ModelCard, check_graph, read_model
 from tactophone.signal.perception.models import default_model, model_path
+from tactophone_lab.app import lerobot
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.roughness import measure_heights, read_heights
 from tactophone_lab.game.rules import read_results

@@ -14,7 +14,6 @@ from typing import Any
 
 import msgspec
 
-from tactophone.app import lerobot
 from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay
 from tactophone.core.errors import TactophoneError
@@ -35,6 +34,7 @@ from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
 from tactophone.net.link.packet import Packet, Payload, PayloadType
+from tactophone_lab.app import lerobot
 from tactophone_lab.game.rules import GameSettings
 
 from .file_targets import _chosen, _file

@@ -11,10 +11,10 @@ from lerobot_camera_tactophone.picture import (
     Picture,
 )
 from lerobot_camera_tactophone.sound import LiveSound, LoggedSound
-from tests.live.log.recorded_run import record
 
 from tactophone import Prediction, Touch
 from tactophone.live.telemetry.writer import Telemetry
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
 

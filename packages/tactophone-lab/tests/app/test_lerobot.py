@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.app.robot_data import FPS, FRAMES, robot_data
-from tests.live.log.recorded_run import record
 
-from tactophone.app import lerobot
 from tactophone.cli import main
 from tactophone.live.log.mcap import LogEnd, read_messages
+from tactophone_lab.app import lerobot
 from tactophone_lab.app.lerobot import LEROBOT_VALUES
+from tests.app.robot_data import FPS, FRAMES, robot_data
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.app.robot_data import FRAMES, robot_data
-from tests.live.log.recorded_run import record
 
 from tactophone.cli import main
+from tests.app.robot_data import FRAMES, robot_data
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 import soundfile
-from tests.cli.test_train import QUICK
 
 from tactophone.cli import main
 from tactophone.signal.perception.model_file import read_model
+from tests.cli.test_train import QUICK
 from tests.folders import audiofolder
 from tests.sounds import noise
 

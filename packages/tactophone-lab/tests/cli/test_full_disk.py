@@ -10,9 +10,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from tests.app.robot_data import robot_data
-from tests.live.log.recorded_run import record
-from tests.signal.perception.test_calibration_file import CALIBRATION
 
 from tactophone.cli import main
 from tactophone.core.errors import ConfigError
@@ -21,8 +18,11 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
 from tactophone_lab.training.export import make_card, write_model
 from tactophone_lab.training.network import PaperNetwork, weights_of
+from tests.app.robot_data import robot_data
 from tests.folders import audiofolder
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
+from tests.signal.perception.test_calibration_file import CALIBRATION
 from tests.surfaces import surfaces
 
 VERBS = {

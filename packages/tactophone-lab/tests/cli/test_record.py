@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 import soundfile
-from tests.signal.perception.test_calibration_file import CALIBRATION
 
 from tactophone.cli import main
 from tactophone_lab.datasets.open import open_dataset
+from tests.signal.perception.test_calibration_file import CALIBRATION
 
 FINGER = [
     "record",

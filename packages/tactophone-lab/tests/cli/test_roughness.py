@@ -3,10 +3,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.datasets.test_heights import STEP, SURFACES, ridges
 
 from tactophone.cli import main
 from tactophone_lab.datasets.open import open_dataset
+from tests.datasets.test_heights import STEP, SURFACES, ridges
 from tests.folders import audiofolder
 
 

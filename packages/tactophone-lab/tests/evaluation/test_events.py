@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.evaluation.takes import predicted
 
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
@@ -23,6 +22,7 @@ from tactophone_lab.evaluation.events import (
     false_bumps_per_minute,
     join_edges,
 )
+from tests.evaluation.takes import predicted
 from tests.surfaces import RATE, surfaces
 
 RULE = DecisionRule()

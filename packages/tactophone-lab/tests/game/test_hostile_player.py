@@ -12,11 +12,11 @@ from typing import Any
 
 import aiohttp
 import pytest
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone_lab.game.page import serve_game
 from tactophone_lab.game.rules import GameSettings
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

@@ -14,7 +14,6 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
@@ -22,6 +21,7 @@ from tactophone_lab.game.page import serve_game
 from tactophone_lab.game.rules import GameSettings
 from tests.accessibility import needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, stroke, text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

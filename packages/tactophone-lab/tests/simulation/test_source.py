@@ -2,7 +2,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.live.audio import contract
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import Touch
@@ -12,6 +11,7 @@ from tactophone_lab.simulation.motion import Scene, five_stones, single
 from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES, shuffled
+from tests.live.audio import contract
 
 PLACE = (0.04, 0.035)
 

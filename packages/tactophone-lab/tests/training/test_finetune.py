@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.signal.perception.test_calibration_file import CALIBRATION
 
 from tactophone.core.errors import DatasetError, ModelError
 from tactophone.core.recordings.values import Dataset, Recording
@@ -22,6 +21,7 @@ from tactophone_lab.training.finetune import (
 )
 from tactophone_lab.training.network import PaperNetwork, weights_of
 from tests.folders import audiofolder
+from tests.signal.perception.test_calibration_file import CALIBRATION
 
 QUIET = replace(CALIBRATION, threshold_dbfs=-55.0, window_dbfs=-60.0)
 

@@ -12,7 +12,6 @@ from uuid import uuid4
 import numpy as np
 import pytest
 import soundfile
-from tests.live.runtime.live_system import eventually
 
 from tactophone.app import playback
 from tactophone.core.recordings.values import Segment
@@ -22,6 +21,7 @@ from tactophone.live.telemetry.memory import folder
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.pipeline import open_pipeline
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 

@@ -2,10 +2,10 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.live.runtime.live_system import LiveSystem, eventually
 
 from tactophone.cli import main
 from tactophone.live.telemetry.writer import Telemetry
+from tests.live.runtime.live_system import LiveSystem, eventually
 from tests.models import write_tiny_model
 
 

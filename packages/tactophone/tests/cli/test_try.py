@@ -17,7 +17,6 @@ import soundfile
 from numpy.typing import NDArray
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.live.runtime.live_system import eventually
 
 from tactophone import open_pipeline
 from tactophone.core.errors import TactophoneError
@@ -27,6 +26,7 @@ from tactophone.live.audio.jack import JackClient
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.signal.perception.resample import Resampler
 from tests.browser import start_chromium, text, wait
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 

@@ -3,9 +3,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.cli.test_train import QUICK
 
 from tactophone.core.extras import REQUIREMENT_OF_MODULE
+from tests.cli.test_train import QUICK
 from tests.folders import audiofolder
 
 WITHOUT_LINK = """

@@ -10,11 +10,10 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from tests.faces.bridges.test_osc import STEP
-from tests.faces.bridges.test_ros import URI
-
 from tactophone.faces.bridges.ros import RosBridge
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.bridges.test_osc import STEP
+from tests.faces.bridges.test_ros import URI
 
 SOURCES = Path(__file__).parent / "fastdds"
 DOMAIN = 88

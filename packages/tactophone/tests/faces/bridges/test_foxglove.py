@@ -10,7 +10,6 @@ from contextlib import ExitStack, suppress
 from typing import Any
 
 import pytest
-from tests.faces.bridges.test_osc import STEP
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
@@ -20,6 +19,7 @@ from tactophone.live.log.log_topics import TOPICS
 from tactophone.live.runtime.recorder import SessionRecorder
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.bridges.test_osc import STEP
 from tests.node import NODE, needs_node
 
 aiohttp = pytest.importorskip("aiohttp")

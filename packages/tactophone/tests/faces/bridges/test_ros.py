@@ -18,8 +18,6 @@ from msgspec.structs import replace
 
 pytest.importorskip("cyclonedds")
 
-from tests.faces.bridges.test_osc import STEP
-
 from tactophone.cli import options
 from tactophone.core import plugins
 from tactophone.core.errors import ConfigError
@@ -30,6 +28,7 @@ from tactophone.faces.bridges.ros import MOST_JOINTS, QOS, JointMotion, RosBridg
 from tactophone.faces.bridges.ros_topics import open_sinks
 from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.bridges.test_osc import STEP
 
 URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
 DOMAIN = 87

@@ -16,8 +16,6 @@ pytest.importorskip("cyclonedds")
 pytest.importorskip("rosbags")
 
 import zenoh
-from tests.faces.bridges.test_osc import STEP
-from tests.live.runtime.live_system import eventually
 from zenoh import ext
 
 from tactophone.core.errors import ConfigError
@@ -26,6 +24,8 @@ from tactophone.faces.bridges.ros import RosBridge
 from tactophone.faces.bridges.ros_topics import open_type_store
 from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.bridges.test_osc import STEP
+from tests.live.runtime.live_system import eventually
 
 FLOAT32 = "std_msgs::msg::dds_::Float32_"
 FLOAT32_HASH = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"

@@ -4,10 +4,10 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from tests.faces.web.running import Run
 
 from tactophone.faces.web.server import Page, watch
 from tests.browser import browser, chromium
+from tests.faces.web.running import Run
 
 __all__ = ["browser", "chromium"]
 

@@ -5,7 +5,6 @@ from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
@@ -18,6 +17,7 @@ from tests.accessibility import (
     serious_faults,
 )
 from tests.browser import resize, text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tests.faces.web.test_message import BUCKET, parse
 
 from tactophone.core.types import (
     AudioBlock,
@@ -14,6 +13,7 @@ from tactophone.core.types import (
 from tactophone.faces.web.feed import Feed, WatchedRun
 from tactophone.live.telemetry.layout import FingerState, Request, State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.web.test_message import BUCKET, parse
 
 RATE = 48_000
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page, watch
 from tests.browser import text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

@@ -6,7 +6,6 @@ import time
 import numpy as np
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
-from tests.faces.web.test_message import parse
 
 from tactophone.core.types import (
     AudioBlock,
@@ -19,6 +18,7 @@ from tactophone.faces.web.devices import Fingertips
 from tactophone.faces.web.feed import WatchedRun
 from tactophone.live.telemetry.layout import FingerState, State
 from tactophone.live.telemetry.writer import Telemetry
+from tests.faces.web.test_message import parse
 
 NAME = "test-fingertip-hand"
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from selenium.webdriver.common.by import By
-from tests.faces.web.running import Run
 
 from tactophone.cli.page import qr_code
 from tactophone.faces.web.server import watch
 from tactophone.net.link.identity import CERTIFICATE_FILE, KEY_FILE, Identity
 from tests.browser import start_chromium, text, wait
+from tests.faces.web.running import Run
 
 
 @pytest.mark.realtime

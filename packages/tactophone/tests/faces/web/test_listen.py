@@ -11,7 +11,6 @@ import aiohttp
 import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
-from tests.faces.web.running import Run
 
 from tactophone.faces.web.devices import FINGERTIPS
 from tactophone.faces.web.server import Page, watch
@@ -23,6 +22,7 @@ from tactophone.faces.web.views import (
     TOO_MANY,
 )
 from tests.browser import start_chromium, text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

@@ -7,12 +7,12 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
 from tactophone.live.telemetry.layout import Fault
 from tests.browser import resize, text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

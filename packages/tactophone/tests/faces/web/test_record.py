@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
-from tests.faces.web.running import Run
 
 from tactophone.app.runs import PageRecorder
 from tactophone.faces.web.dashboard import RecordRequest, parse_request
@@ -15,6 +14,7 @@ from tactophone.faces.web.server import Page, watch
 from tactophone.live.log.mcap import read_log
 from tactophone.live.telemetry.layout import State
 from tests.browser import text, wait
+from tests.faces.web.running import Run
 
 
 @pytest.fixture

@@ -11,13 +11,13 @@ import aiohttp
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
-from tests.faces.web.running import Run
-from tests.faces.web.test_message import parse
 
 from tactophone.faces.web.connections import CONNECTION_TIMEOUT
 from tactophone.faces.web.security import HEADERS
 from tactophone.faces.web.server import Page
 from tactophone.faces.web.views import CREDIT, admit
+from tests.faces.web.running import Run
+from tests.faces.web.test_message import parse
 
 pytestmark = pytest.mark.realtime
 

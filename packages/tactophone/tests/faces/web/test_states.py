@@ -11,7 +11,6 @@ from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page, watch
@@ -19,6 +18,7 @@ from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone_lab.game.page import serve_game
 from tactophone_lab.game.rules import GameSettings
 from tests.browser import resize, text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

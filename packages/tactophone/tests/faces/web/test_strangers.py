@@ -11,10 +11,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from tests.faces.web.running import Run
 
 from tactophone.faces.web.connections import MOST
 from tactophone.faces.web.server import Page, watch
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 from selenium import webdriver
-from tests.faces.web.running import Run
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
 from tests.browser import text, wait
+from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 

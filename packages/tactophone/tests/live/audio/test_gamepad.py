@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.live.audio import actuator_contract as contract
 
 from tactophone.core.errors import DeviceError
 from tactophone.core.types import FloatArray
 from tactophone.live.audio.gamepad import GamepadDevice, motor_levels
+from tests.live.audio import actuator_contract as contract
 
 from .test_jack import eventually
 

@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from tests.live.log.recorded_run import RATE, record
 
 from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.models import model_path, open_detector
+from tests.live.log.recorded_run import RATE, record
 from tests.sounds import blocks, strokes
 
 

@@ -6,14 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from tests.live.log.recorded_run import (
-    RecordedOperator,
-    decoded,
-    decoded_sessions,
-    joined,
-    messages,
-    record,
-)
 
 from tactophone.app.logged_run import add_sound, settings_of, write_sound
 from tactophone.app.replay import Replay, write_replay
@@ -27,6 +19,14 @@ from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
+from tests.live.log.recorded_run import (
+    RecordedOperator,
+    decoded,
+    decoded_sessions,
+    joined,
+    messages,
+    record,
+)
 from tests.models import write_tiny_model
 from tests.sounds import blocks, strokes
 

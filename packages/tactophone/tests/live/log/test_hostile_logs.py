@@ -12,7 +12,6 @@ import msgspec
 import numpy as np
 import pytest
 import soundfile
-from tests.live.log.recorded_run import record
 
 from tactophone.app.logged_run import write_sound
 from tactophone.app.replay import Replay, write_replay
@@ -30,6 +29,7 @@ from tactophone.live.log.mcap import FORMAT, LARGEST_CHUNK, MAGIC, LogFile, read
 from tactophone.live.telemetry.records import EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
 from tactophone.net.link.packet import Packet, Payload, PayloadType
+from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
 
 pytest.importorskip("mcap")

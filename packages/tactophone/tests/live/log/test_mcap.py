@@ -12,14 +12,6 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
-from tests.live.log.recorded_run import (
-    RecordedOperator,
-    decoded,
-    decoded_sessions,
-    joined,
-    messages,
-    record,
-)
 
 from tactophone.app.logged_run import add_sound, write_sound
 from tactophone.app.replay import Comparison, Replay, write_replay
@@ -52,6 +44,14 @@ from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.packet import PayloadType
+from tests.live.log.recorded_run import (
+    RecordedOperator,
+    decoded,
+    decoded_sessions,
+    joined,
+    messages,
+    record,
+)
 from tests.models import write_tiny_model
 from tests.node import NODE, needs_node
 

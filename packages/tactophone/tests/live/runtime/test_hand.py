@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.live.runtime.live_system import LiveSystem, Strokes, eventually
 
 from tactophone.core.hand import with_fingers
 from tactophone.core.settings import change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock
 from tactophone.live.telemetry.layout import State
 from tactophone.live.telemetry.watcher import Watcher
+from tests.live.runtime.live_system import LiveSystem, Strokes, eventually
 from tests.models import write_tiny_model
 
 pytestmark = pytest.mark.realtime

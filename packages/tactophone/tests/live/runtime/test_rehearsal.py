@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.live.runtime.live_system import eventually
 
 from benchmarks.failsafe import EndlessStroke
 from tactophone.core.settings import Settings, change
@@ -17,6 +16,7 @@ from tactophone.live.runtime.robot import run_robot
 from tactophone.live.runtime.supervisor import Main, ProcessInfo, Supervisor, supervised
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
+from tests.live.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.signal.perception.test_calibration_file import CALIBRATION
 
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
@@ -14,6 +13,7 @@ from tactophone.live.runtime.wiring import (
 )
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.noise_floor import NoiseFloor
+from tests.signal.perception.test_calibration_file import CALIBRATION
 
 
 def calibrated(folder: Path) -> Settings:

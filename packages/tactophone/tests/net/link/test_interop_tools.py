@@ -10,17 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.live.runtime.live_system import eventually
-from tests.net.link.test_interop import (
-    PORT,
-    RATE,
-    SSRC,
-    needs_gstreamer,
-    needs_wireshark,
-    packets,
-    tone,
-    write_capture,
-)
 
 from tactophone.core.types import FloatArray, Prediction, Touch
 from tactophone.net.link.codec import Codec
@@ -32,6 +21,17 @@ from tactophone.net.link.stream import (
     Packetizer,
     Redundancy,
     RedundancyRule,
+)
+from tests.live.runtime.live_system import eventually
+from tests.net.link.test_interop import (
+    PORT,
+    RATE,
+    SSRC,
+    needs_gstreamer,
+    needs_wireshark,
+    packets,
+    tone,
+    write_capture,
 )
 
 LUA = Path(__file__).parents[5] / "docs" / "reference" / "tactophone.lua"

@@ -6,12 +6,13 @@ import pytest
 import soundfile
 
 from tactophone.app.check import check_microphones
-from tactophone.cli import main, setup
+from tactophone.cli import check as check_verb
+from tactophone.cli import main
 from tactophone.cli.guide import GuideScreen
 from tactophone.core.settings import Settings, change
 from tactophone.signal.perception.calibration import Calibration, CalibrationResult
 
-FINGER = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-12"]
+FINGER = ["check", "--source", "finger", "--set", "simulation.gain_db=-12"]
 
 
 @pytest.mark.slow
@@ -64,7 +65,7 @@ def test_a_recording_can_be_calibrated_on_and_one_too_short_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     soundfile.write(tmp_path / "short.wav", [[0.0, 0.0]] * 48_000, 48_000)
-    command = ["setup", "--check", "--source", f"file:{tmp_path / 'short.wav'}"]
+    command = ["check", "--source", f"file:{tmp_path / 'short.wav'}"]
     assert main(command) == 1
     assert "ended" in capsys.readouterr().err
 
@@ -86,7 +87,7 @@ def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
 ) -> None:
     arguments = [
         *FINGER,
-        "--smooth",
+        "--stroked",
         "glazed tile",
         "--out",
         str(tmp_path / "calibration.toml"),
@@ -118,14 +119,13 @@ def test_a_robot_is_asked_for_and_then_to_move(
         )
         return check_microphones(simulated, *args, step=follow, **options)
 
-    monkeypatch.setattr(setup, "check_microphones", check)
+    monkeypatch.setattr(check_verb, "check_microphones", check)
     monkeypatch.setattr(GuideScreen, "answers", True)
     monkeypatch.setattr(GuideScreen, "pressed", lambda *_: key)
     assert (
         main(
             [
-                "setup",
-                "--check",
+                "check",
                 "--source",
                 "portaudio",
                 "--out",
