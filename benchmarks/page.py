@@ -51,7 +51,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.faces.web.server import watch
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -139,7 +139,7 @@ def step(telemetry: Telemetry, number: int, touch: Touch) -> None:
     telemetry.publish(done, now=time.monotonic())
     telemetry.rendered((amplitude * np.sin(2 * np.pi * 60 * times)).astype(np.float32))
     telemetry.update(
-        State(
+        RunState(
             "operator",
             fingers=(FingerState(armed=True, muted_because="", ceiling=0.5),),
         ),

@@ -22,7 +22,7 @@ from tactophone.core.types import Prediction, Touch
 from tactophone.faces.bridges.foxglove import _Viewer
 from tactophone.faces.web.dashboard import parse_request
 from tactophone.live.audio.files import FileSource
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.timeline import read_timeline
 from tactophone.net.link.identity import (
     CERTIFICATE_FILE,
@@ -99,7 +99,7 @@ def page_requests() -> tuple[Sequence[bytes], Run]:
         {"action": "ceiling", "value": 0.2},
         {"action": "profile", "text": "paper"},
     ]
-    state = State(profiles=("paper",), fingers=(FingerState(ceiling=0.5),))
+    state = RunState(profiles=("paper",), fingers=(FingerState(ceiling=0.5),))
 
     def run(data: bytes) -> None:
         for local in (True, False):

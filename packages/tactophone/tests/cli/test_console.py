@@ -13,7 +13,7 @@ from tactophone.core.types import (
     Prediction,
     Touch,
 )
-from tactophone.live.telemetry.layout import Fault, FingerState, State
+from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 
 
@@ -26,9 +26,9 @@ def test_the_terminal_says_why_there_is_no_link_once(
     with Telemetry("test-console") as telemetry:
         view = _ConsoleView("test-console")
         for state in (
-            State(link=""),
-            State(link="calling", faults=(refused,)),
-            State(link="calling", faults=(refused,)),
+            RunState(link=""),
+            RunState(link="calling", faults=(refused,)),
+            RunState(link="calling", faults=(refused,)),
         ):
             telemetry.update(state, now=time.monotonic())
             view.update()
@@ -51,7 +51,7 @@ def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> N
             telemetry.publish(
                 PipelineStep(block, (predicted,), (command,)), now=time.monotonic()
             )
-            telemetry.update(State(role="operator"), now=time.monotonic())
+            telemetry.update(RunState(role="operator"), now=time.monotonic())
             view.update()
         strip, figures = view.line().split("\n")
     assert (strip.plain[-3:], len(strip)) == ("▂█·", 60)
@@ -76,7 +76,7 @@ def test_every_fault_and_field_is_printed_as_text_whatever_the_other_end_named_i
     )
     with Telemetry("test-hostile-text") as telemetry:
         view = _ConsoleView("test-hostile-text")
-        state = State(
+        state = RunState(
             "operator",
             link=HOSTILE,
             source=HOSTILE,

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from tactophone.core.recordings.values import Segment, touch_at
 from tactophone.live.audio.files import FileSource
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.signal.haptics.oscillator import Oscillator, Playback
 from tactophone.signal.pipeline import Pipeline
@@ -74,7 +74,7 @@ def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | Non
     return None
 
 
-def _obey(telemetry: Telemetry, state: State) -> tuple[State, float | None]:
+def _obey(telemetry: Telemetry, state: RunState) -> tuple[RunState, float | None]:
     """Carry out what pages ask; while paused, wait here. Returns where to go on, if a
     page has moved the position."""
     while True:
@@ -95,7 +95,7 @@ def _source(path: Path) -> FileSource:
     )
 
 
-def _state(take: Take, source: FileSource) -> State:
+def _state(take: Take, source: FileSource) -> RunState:
     fingers = tuple(
         FingerState(
             name=name,
@@ -108,7 +108,7 @@ def _state(take: Take, source: FileSource) -> State:
         )
         for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
     )
-    return State(
+    return RunState(
         role="replay",
         profiles=(fingers[0].profile,),
         source=take.title,

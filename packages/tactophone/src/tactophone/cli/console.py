@@ -18,7 +18,7 @@ from rich.text import Text
 
 from tactophone.cli import output
 from tactophone.core.types import Touch
-from tactophone.live.telemetry.layout import Action, State
+from tactophone.live.telemetry.layout import Action, RunState
 from tactophone.live.telemetry.watcher import Snapshot, Watcher
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
@@ -146,7 +146,7 @@ class _ConsoleView:
             else Text("\n").join([_strip(self._felt), figures])
         )
 
-    def _print_changes(self, state: State) -> None:
+    def _print_changes(self, state: RunState) -> None:
         # One entry per subject, so that a message is printed when it appears or
         # changes, not at every update.
         messages = {

@@ -17,7 +17,7 @@ from tactophone.faces.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
 from tactophone.faces.web.connections import CONNECTION_TIMEOUT
 from tactophone.live.log.log_topics import TOPICS
 from tactophone.live.runtime.recorder import SessionRecorder
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 from tests.node import NODE, needs_node
@@ -30,7 +30,7 @@ def telemetry(request: pytest.FixtureRequest) -> Iterator[Telemetry]:
     with Telemetry(f"test-foxglove-{abs(hash(request.node.name))}") as telemetry:
         SessionRecorder(telemetry, Settings(), role="operator")
         telemetry.update(
-            State(
+            RunState(
                 role="operator", fingers=(FingerState(armed=True, muted_because=""),)
             ),
             now=time.monotonic(),

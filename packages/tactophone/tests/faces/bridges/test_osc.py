@@ -23,7 +23,7 @@ from tactophone.core.types import (
 from tactophone.faces.bridges.osc import OscBridge
 from tactophone.faces.bridges.process import BridgeProcess
 from tactophone.live.log.reader import READER_BACKLOG, READER_SILENCE, PredictionReader
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 
 osc_message = pytest.importorskip("pythonosc.osc_message")
@@ -67,7 +67,7 @@ def test_each_finger_of_a_hand_has_its_name() -> None:
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening,
     ):
         telemetry.update(
-            State(fingers=(FingerState("thumb"), FingerState("index"))),
+            RunState(fingers=(FingerState("thumb"), FingerState("index"))),
             now=time.monotonic(),
         )
         listening.bind(("127.0.0.1", 0))

@@ -26,7 +26,7 @@ from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.process import BridgeProcess
 from tactophone.faces.bridges.ros import MOST_JOINTS, QOS, JointMotion, RosBridge
 from tactophone.faces.bridges.ros_topics import open_sinks
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 
@@ -387,7 +387,7 @@ def test_joint_states_tell_the_robots_side_alone_when_it_moves(
     monkeypatch.setattr(
         "tactophone.faces.bridges.ros.DdsTransport", lambda domain: transport
     )
-    telemetry.update(State(role=role), now=time.monotonic())
+    telemetry.update(RunState(role=role), now=time.monotonic())
     asked: list[tuple[str, float]] = []
     with RosBridge(telemetry.name, domain=DOMAIN) as bridge:
         for speed in (0.0, 0.2, 0.2, 0.0):

@@ -22,7 +22,7 @@ from tactophone.core.errors import ConfigError
 from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.ros import RosBridge
 from tactophone.faces.bridges.ros_topics import open_type_store
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 from tests.live.runtime.live_system import eventually
@@ -162,7 +162,7 @@ def test_a_node_sees_the_publishers_and_may_stop_and_mute_only(
 def test_joint_states_say_when_the_robot_moves(
     bridge: RosBridge, node: Any, telemetry: Telemetry
 ) -> None:
-    telemetry.update(State(role="robot"), now=time.monotonic())
+    telemetry.update(RunState(role="robot"), now=time.monotonic())
     moving = messages.JointState(
         messages.header(1.0), ["wrist"], velocity=[0.2]
     ).serialize()

@@ -18,7 +18,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
-from tactophone.live.telemetry.layout import Fault, FingerState, State
+from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone_lab.game.rules import Point
 
@@ -39,7 +39,7 @@ class Run:
         self._order: tuple[int, ...] = ()
         self.telemetry = Telemetry(name)
         self.touch = Touch.NONE
-        self.state = State(
+        self.state = RunState(
             role="receive",
             profiles=("paper", "plain"),
             source="simulated finger",

@@ -11,7 +11,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.faces.web.feed import Feed, WatchedRun
-from tactophone.live.telemetry.layout import FingerState, Request, State
+from tactophone.live.telemetry.layout import FingerState, Request, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import BUCKET, parse
 
@@ -33,7 +33,7 @@ def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
     sound = rng.uniform(-1, 1, (40_000, 2)).astype(np.float32)
     rows = []
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(State(), now=1e9)
+        telemetry.update(RunState(), now=1e9)
         feed = Feed(WatchedRun("test-feed"))
         for start in range(0, len(sound), size):
             publish(telemetry, sound[start : start + size], start)
@@ -57,7 +57,7 @@ def _absolute(message: bytes) -> np.ndarray:
 
 def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(State(), now=1e9)
+        telemetry.update(RunState(), now=1e9)
         feed = Feed(WatchedRun("test-feed"))
         publish(telemetry, np.zeros((700, 2), np.float32), 0)
         feed.message()
@@ -73,14 +73,14 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
     assert parse(feed.message())[0]["waiting_for"] == "test-feed"
     with Telemetry("test-feed") as telemetry:
         telemetry.update(
-            State(role="first"), now=0.0
+            RunState(role="first"), now=0.0
         )  # the last heartbeat was long ago
         for k in range(3):
             publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
         header, _ = parse(feed.message())
         assert (header["state"]["role"], header["alive"]) == ("first", False)
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(State(role="second"), now=1e9)
+        telemetry.update(RunState(role="second"), now=1e9)
         publish(telemetry, np.ones((480, 2), np.float32), 0)
         header, tables = parse(feed.message())
     assert header["state"]["role"] == "second"
@@ -93,7 +93,7 @@ def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
             FingerState("thumb", profile="paper"),
             FingerState("index", profile="lra", armed=True),
         )
-        telemetry.update(State(fingers=fingers), now=1e9)
+        telemetry.update(RunState(fingers=fingers), now=1e9)
         prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
         block = AudioBlock(np.full((480, 2), 0.5, np.float32), RATE)
         step = PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),), 1)

@@ -16,7 +16,7 @@ from tactophone.core.types import (
 )
 from tactophone.faces.web.devices import Fingertips
 from tactophone.faces.web.feed import WatchedRun
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.web.test_message import parse
 
@@ -58,5 +58,5 @@ async def felt(telemetry: Telemetry) -> list[list[float]]:
 def test_a_page_renders_the_finger_that_it_shows() -> None:
     fingers = tuple(FingerState(name, armed=True) for name in ("thumb", "index"))
     with Telemetry(NAME, fingers=2) as telemetry:
-        telemetry.update(State(fingers=fingers), now=time.monotonic())
+        telemetry.update(RunState(fingers=fingers), now=time.monotonic())
         assert asyncio.run(felt(telemetry)) == [[0.25, 1.0, 60.0], [0.5, 1.0, 60.0]]

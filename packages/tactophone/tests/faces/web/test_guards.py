@@ -17,7 +17,7 @@ from tactophone.core.types import (
 )
 from tactophone.faces.web.devices import command_of
 from tactophone.faces.web.views import is_local
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -25,7 +25,7 @@ from tactophone.live.telemetry.writer import Telemetry
 @pytest.mark.parametrize("armed", [True, False])
 def test_a_page_renders_a_command_only_while_the_finger_is_armed(armed: bool) -> None:
     with Telemetry("test-guards") as telemetry:
-        telemetry.update(State(fingers=(FingerState(armed=armed),)), now=1e9)
+        telemetry.update(RunState(fingers=(FingerState(armed=armed),)), now=1e9)
         block = AudioBlock(np.full((480, 2), 0.5, np.float32), 48_000)
         prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
         telemetry.publish(

@@ -12,7 +12,7 @@ from tactophone.app.runs import PageRecorder
 from tactophone.faces.web.dashboard import RecordRequest, parse_request
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.log.mcap import read_log
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tests.browser import text, wait
 from tests.faces.web.running import Run
 
@@ -82,9 +82,9 @@ def test_a_run_that_is_not_recorded_has_no_button(
 def test_only_a_page_on_the_machine_may_record() -> None:
     asked = '{"action": "record", "value": true}'
     assert "only a page on the run's own machine" in str(
-        parse_request(asked, State(), local=False)
+        parse_request(asked, RunState(), local=False)
     )
-    assert parse_request(asked, State()) == RecordRequest(begin=True)
-    assert parse_request('{"action": "record", "value": 1}', State()) == RecordRequest(
-        begin=False
-    )
+    assert parse_request(asked, RunState()) == RecordRequest(begin=True)
+    assert parse_request(
+        '{"action": "record", "value": 1}', RunState()
+    ) == RecordRequest(begin=False)

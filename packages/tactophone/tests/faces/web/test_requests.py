@@ -5,9 +5,9 @@ import json
 import pytest
 
 from tactophone.faces.web.dashboard import parse_request
-from tactophone.live.telemetry.layout import FingerState, Request, State
+from tactophone.live.telemetry.layout import FingerState, Request, RunState
 
-STATE = State(
+STATE = RunState(
     profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, local_ceiling=0.5),)
 )
 

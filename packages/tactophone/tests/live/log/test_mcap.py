@@ -39,7 +39,7 @@ from tactophone.live.log.mcap import (
 )
 from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry import layout
-from tactophone.live.telemetry.layout import PREDICTION_RECORD, FingerState, State
+from tactophone.live.telemetry.layout import PREDICTION_RECORD, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
@@ -272,7 +272,7 @@ def test_a_threshold_that_follows_the_noise_floor_is_no_event_at_each_read(
     with Telemetry(name) as telemetry, McapLog(name, tmp_path / "a.mcap") as log:
         for threshold in (-40.4, -40.6, -40.2, -37.0):
             telemetry.update(
-                State(
+                RunState(
                     "operator",
                     fingers=(
                         FingerState(

@@ -10,7 +10,7 @@ import pytest
 from tactophone.core.hand import with_fingers
 from tactophone.core.settings import change
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tests.live.runtime.live_system import LiveSystem, Strokes, eventually
 from tests.models import write_tiny_model
@@ -58,7 +58,7 @@ def peaks(watcher: Watcher) -> list[float]:
     ]
 
 
-def state(watcher: Watcher) -> State:
+def state(watcher: Watcher) -> RunState:
     return watcher.snapshot().state
 
 

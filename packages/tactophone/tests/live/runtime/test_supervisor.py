@@ -19,7 +19,7 @@ from tactophone.live.runtime.supervisor import (
     Supervisor,
     supervised,
 )
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -37,7 +37,7 @@ def live(settings: Settings, info: ProcessInfo, *, stall_after: int = 0) -> None
         telemetry.gauge("output_amplitude", 0.5)
         while not terminated.wait(0.003):
             telemetry.count("callbacks")
-            telemetry.update(State(role="test"), now=time.monotonic())
+            telemetry.update(RunState(role="test"), now=time.monotonic())
             if (
                 stall_after
                 and info.restarts == 0
@@ -56,7 +56,7 @@ def fail_to_open(settings: Settings, info: ProcessInfo) -> None:
 
 def end_at_once(settings: Settings, info: ProcessInfo) -> None:
     with Telemetry(info.name) as telemetry:
-        telemetry.update(State(), now=time.monotonic())
+        telemetry.update(RunState(), now=time.monotonic())
         time.sleep(0.2)
 
 
@@ -141,7 +141,7 @@ def test_a_process_whose_sound_has_ended_is_not_restarted(name: str) -> None:
 
 def fail_after_a_moment(settings: Settings, info: ProcessInfo) -> None:
     with Telemetry(info.name) as telemetry:
-        telemetry.update(State(), now=time.monotonic())
+        telemetry.update(RunState(), now=time.monotonic())
         time.sleep(0.3)
         raise DeviceError("the model needs two channels: choose another")
 

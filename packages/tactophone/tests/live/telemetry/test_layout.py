@@ -1,6 +1,6 @@
 import pytest
 
-from tactophone.live.telemetry.layout import COUNTERS, GAUGES, STAGES, Fault, State
+from tactophone.live.telemetry.layout import COUNTERS, GAUGES, STAGES, Fault, RunState
 
 
 def test_every_stage_of_the_budget_has_its_gauge() -> None:
@@ -10,7 +10,10 @@ def test_every_stage_of_the_budget_has_its_gauge() -> None:
 
 @pytest.mark.parametrize(
     "state",
-    [State(), State(role="receive", profiles=("paper",), faults=(Fault("a", "b"),))],
+    [
+        RunState(),
+        RunState(role="receive", profiles=("paper",), faults=(Fault("a", "b"),)),
+    ],
 )
-def test_a_state_survives_the_memory(state: State) -> None:
-    assert State.parse(bytes(state)) == state
+def test_a_state_survives_the_memory(state: RunState) -> None:
+    assert RunState.parse(bytes(state)) == state

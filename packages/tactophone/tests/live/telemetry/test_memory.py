@@ -12,7 +12,7 @@ import pytest
 
 from tactophone.core.errors import TactophoneError
 from tactophone.core.types import AudioBlock, PipelineStep
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.memory import (
     PREFIX,
     Memory,
@@ -133,7 +133,7 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(
 ) -> None:
     path = folder() / f"{PREFIX}{name}"
     with Telemetry(name) as telemetry:
-        telemetry.update(State(role="test"), now=time.monotonic())
+        telemetry.update(RunState(role="test"), now=time.monotonic())
         telemetry.count("xruns", 3)
         watcher = Watcher(name)
         with path.open("r+b") as file:
@@ -153,7 +153,7 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(
         telemetry.publish(STEP_OF_SILENCE, now=time.monotonic())
         telemetry.rendered(np.zeros(128, np.float32))
         telemetry.mark((0, 240, 1.0))
-        telemetry.update(State(role="test"), now=time.monotonic())
+        telemetry.update(RunState(role="test"), now=time.monotonic())
         snapshot = Watcher(name).snapshot()
         assert (snapshot.counters["xruns"], snapshot.state.role, snapshot.alive) == (
             4,
@@ -178,9 +178,9 @@ def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(
 def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     path = folder() / f"{PREFIX}{name}"
     killed = (
-        "import os, sys, time; from tactophone.live.telemetry.layout import State; "
+        "import os, sys, time; from tactophone.live.telemetry.layout import RunState; "
         "from tactophone.live.telemetry.writer import Telemetry; "
-        "Telemetry(sys.argv[1]).update(State(), now=time.monotonic() - float(sys.argv[2])); os.abort()"
+        "Telemetry(sys.argv[1]).update(RunState(), now=time.monotonic() - float(sys.argv[2])); os.abort()"
     )
     subprocess.run([sys.executable, "-c", killed, name, "1"])
     remove_leftovers()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep
-from tactophone.live.telemetry.layout import MARKS, FingerState, State
+from tactophone.live.telemetry.layout import MARKS, FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher, _newest
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -27,7 +27,7 @@ with Telemetry(sys.argv[1]) as telemetry:
         n += 1
         block = AudioBlock(np.full((32, 2), n % 65536, np.float32), sample_rate=32, start=32 * (n - 1))
         telemetry.publish(PipelineStep(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
-        telemetry.update(State(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
+        telemetry.update(RunState(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
 """
 
 
@@ -97,9 +97,9 @@ def test_since_returns_only_what_is_new(telemetry: Telemetry) -> None:
 def test_a_run_without_a_heartbeat_is_not_alive(telemetry: Telemetry) -> None:
     watcher = Watcher(telemetry.name)
     assert not watcher.snapshot().alive
-    telemetry.update(State(), now=time.monotonic())
+    telemetry.update(RunState(), now=time.monotonic())
     assert watcher.snapshot().alive
-    telemetry.update(State(), now=time.monotonic() - 2.0)
+    telemetry.update(RunState(), now=time.monotonic() - 2.0)
     assert not watcher.snapshot().alive
     assert watcher.snapshot().age >= 2.0
 
@@ -114,7 +114,7 @@ def test_a_pulse_contains_callbacks_amplitude_and_heartbeat(
 ) -> None:
     telemetry.count("callbacks", 5)
     telemetry.gauge("output_amplitude", 0.25)
-    telemetry.update(State(), now=7.0)
+    telemetry.update(RunState(), now=7.0)
     pulse = Watcher(telemetry.name).pulse()
     assert (pulse.callbacks, pulse.amplitude, pulse.beat) == (5, 0.25, 7.0)
 
@@ -165,7 +165,7 @@ def test_the_state_of_a_hand_names_its_fingers() -> None:
         FingerState("thumb", armed=True, ceiling=0.5),
         FingerState("index", ceiling=0.1),
     )
-    thumb, index = State.parse(bytes(State(fingers=fingers))).fingers
+    thumb, index = RunState.parse(bytes(RunState(fingers=fingers))).fingers
     assert (index.ceiling, index.armed, thumb.armed) == (0.1, False, True)
 
 

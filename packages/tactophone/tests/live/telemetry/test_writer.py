@@ -16,7 +16,7 @@ from tactophone.live.telemetry.layout import (
     SOUND_CAPACITY,
     Fault,
     FingerState,
-    State,
+    RunState,
 )
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -107,7 +107,7 @@ def test_an_unknown_counter_raises(telemetry: Telemetry) -> None:
 
 def test_the_state_is_published_with_a_heartbeat(telemetry: Telemetry) -> None:
     telemetry.update(
-        State(
+        RunState(
             fingers=(FingerState(armed=True),),
             faults=(Fault("link", "no sound from the robot"),),
         ),
@@ -117,7 +117,7 @@ def test_the_state_is_published_with_a_heartbeat(telemetry: Telemetry) -> None:
     assert snapshot.state.armed
     assert snapshot.state.faults[0].code == "link"
     with pytest.raises(ValueError, match="shorten"):
-        telemetry.update(State(source="x" * 20_000), now=6.0)
+        telemetry.update(RunState(source="x" * 20_000), now=6.0)
 
 
 def test_counters_start_at_zero_and_gauges_at_nan(telemetry: Telemetry) -> None:

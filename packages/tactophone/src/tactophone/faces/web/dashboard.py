@@ -18,7 +18,7 @@ from aiohttp import WSMsgType, web
 from tactophone.faces.web import views
 from tactophone.faces.web.devices import Fingertips, PageMicrophone
 from tactophone.faces.web.feed import Feed, WatchedRun
-from tactophone.live.telemetry.layout import FingerState, Request, State
+from tactophone.live.telemetry.layout import FingerState, Request, RunState
 
 DASHBOARD_PERIOD = 1 / 60
 """Seconds between messages: the refresh interval of a screen."""
@@ -38,7 +38,7 @@ class RecordRequest:
 
 
 def parse_request(
-    text: str, state: State, *, finger: int = 0, local: bool = True
+    text: str, state: RunState, *, finger: int = 0, local: bool = True
 ) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
@@ -49,9 +49,9 @@ def parse_request(
     - ``local``: whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken
       the vibration; it never arms, strengthens or changes what is detected.
 
-    >>> parse_request('{"action": "mute"}', State()).action
+    >>> parse_request('{"action": "mute"}', RunState()).action
     'mute'
-    >>> parse_request('{"action": "ceiling", "value": 0.9}', State(fingers=(FingerState(ceiling=0.5),)))
+    >>> parse_request('{"action": "ceiling", "value": 0.9}', RunState(fingers=(FingerState(ceiling=0.5),)))
     'a page can lower the ceiling (0.5 now), never raise it: raise it at the machine'
     """
     own = (state.fingers[finger:] or state.fingers)[0]
@@ -192,7 +192,7 @@ async def _receive(
         )  # only what is new: a flood of requests must stay cheap
         request = parse_request(
             message.data,
-            snapshot.state if snapshot else State(),
+            snapshot.state if snapshot else RunState(),
             finger=finger,
             local=local,
         )

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
-from tactophone.live.telemetry.layout import State
+from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 
@@ -228,7 +228,7 @@ PREDICTION_TOPIC = Topic(
 )
 STATE_TOPIC = Topic(
     "/tactophone/state",
-    _json_schema("tactophone.State", State),
+    _json_schema("tactophone.State", RunState),
     "the state at each change",
 )
 HEALTH = Topic(

@@ -14,7 +14,7 @@ from tactophone.core.prediction_fields import entries_of, prediction_of
 from tactophone.core.types import HapticCommand, Prediction, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, of_finger
-from tactophone.live.telemetry.layout import FingerState, State
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.records import EventBatch, RunStart, read_records
 from tactophone.live.telemetry.watcher import Watcher
 
@@ -91,7 +91,7 @@ class RunReader:
         self._epoch = time.time() - time.monotonic()
         self._clocks = [StreamClock() for _ in self.names]
         self._partial: tuple[bytes, ...] = ()
-        self._settled = State(fingers=(FingerState(),) * watcher.fingers)
+        self._settled = RunState(fingers=(FingerState(),) * watcher.fingers)
         self._health_at = 0.0
 
     def _now(self) -> float:

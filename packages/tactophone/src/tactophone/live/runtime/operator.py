@@ -28,7 +28,7 @@ from tactophone.live.runtime import wiring
 from tactophone.live.runtime.latency import LocalPeer, operator_stages
 from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
-from tactophone.live.telemetry.layout import MARKS, Fault, State
+from tactophone.live.telemetry.layout import MARKS, Fault, RunState
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.stream import DecodedAudio
@@ -267,8 +267,8 @@ class Operator(Side):
             ),
         )
 
-    def _state(self, now: float) -> State:
-        return State(
+    def _state(self, now: float) -> RunState:
+        return RunState(
             role="operator",
             profiles=self._fingers[0].profiles,
             link=self._link(),

@@ -35,7 +35,7 @@ from tactophone.live.runtime.priority import name_thread, prioritize_thread
 from tactophone.live.runtime.recorder import LONGEST_DEFERRAL
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.runtime.wiring import OpenSource
-from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, State
+from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, RunState
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint
 from tactophone.net.link.events import Event
@@ -198,7 +198,7 @@ class Robot(Side):
             [each.name for each in self._endpoint.detectors],
             fillvalue="",
         )
-        state = State(
+        state = RunState(
             role="robot",
             source=self._settings.capture.source,
             channels=len(MICROPHONES)

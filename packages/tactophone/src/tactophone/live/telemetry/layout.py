@@ -160,7 +160,7 @@ class FingerState:
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class RunState:
     """What the running endpoint shows of itself."""
 
     role: str = ""
@@ -192,7 +192,7 @@ class State:
         """Parse the output of `__bytes__`; raises `ValueError` or
         `msgspec.ValidationError` for anything else.
 
-        >>> State.parse(bytes(State(faults=(Fault("link", "no sound"),)))).faults[0].code
+        >>> RunState.parse(bytes(RunState(faults=(Fault("link", "no sound"),)))).faults[0].code
         'link'
         """
         # Not parsed by msgspec itself, whose JSON has no infinity.

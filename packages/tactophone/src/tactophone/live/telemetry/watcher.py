@@ -21,7 +21,7 @@ from tactophone.live.telemetry.layout import (
     MARKS,
     Action,
     FingerState,
-    State,
+    RunState,
 )
 from tactophone.live.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.live.telemetry.records import RunStart, read_records
@@ -42,7 +42,7 @@ _AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
 class Snapshot:
     """A run at one moment."""
 
-    state: State
+    state: RunState
     finger: FingerState
     """State of the finger whose steps, sound and vibration these are."""
     counters: dict[str, int]
@@ -235,7 +235,7 @@ class Watcher:
         )
         return rows.tobytes(), count
 
-    def state(self) -> State:
+    def state(self) -> RunState:
         """Return the newest state alone."""
         while turn := int(self._memory["state_count"]):
             slot = self._memory["states"][turn % 2]
@@ -246,9 +246,9 @@ class Watcher:
                 with contextlib.suppress(
                     ValueError, msgspec.ValidationError, RecursionError
                 ):
-                    return State.parse(text)
+                    return RunState.parse(text)
                 break
-        return State()
+        return RunState()
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
@@ -294,7 +294,7 @@ class Watcher:
     def ask(
         self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1
     ) -> None:
-        """Put a request for all fingers, or one, into the mailbox; `State` shows the
+        """Put a request for all fingers, or one, into the mailbox; `RunState` shows the
         outcome.
 
         It replaces an older one of the same action for the same finger.

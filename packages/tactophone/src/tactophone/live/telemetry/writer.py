@@ -24,7 +24,7 @@ from tactophone.live.telemetry.layout import (
     GAUGES,
     MARKS,
     Request,
-    State,
+    RunState,
 )
 from tactophone.live.telemetry.memory import Memory
 
@@ -117,7 +117,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._values = [_step_values(_NOTHING, _SILENCE)] * fingers
         self._request_counts = self._memory["requests"]["count"]
         self._seen = self._request_counts.tobytes()
-        self.state = State()
+        self.state = RunState()
 
     def __exit__(self, *_: object) -> None:
         self._memory.unlink()
@@ -216,7 +216,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
             _MARK.pack_into(rows, row * _MARK.size, position, now)
             marked[index] = counts[index] = count + 1
 
-    def update(self, state: State, *, now: float) -> None:
+    def update(self, state: RunState, *, now: float) -> None:
         """Publish a state; the same one again counts as a heartbeat."""
         self._beat[...] = now
         self._memory.sign()
