@@ -86,7 +86,7 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(
     assert counts[f"{base}/prediction"] == counts[f"{base}/vibration"] > 150
     # All two seconds of sound, in however many messages.
     sound = [
-        store.deserialize_cdr(data, connection.msgtype).data
+        store.deserialize_cdr(data, connection.msgtype).audio.data
         for connection, _, data in messages
         if connection.topic == f"{base}/audio"
     ]
