@@ -15,7 +15,7 @@ from tactophone.live.telemetry.writer import Telemetry
 WRITER = """
 import sys, time
 import numpy as np
-from tactophone.live.telemetry.layout import MARKS, State
+from tactophone.live.telemetry.layout import MARKS, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep
 
