@@ -26,7 +26,7 @@ often."""
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunStatus:
     """A run of this machine."""
 
     name: str
@@ -93,10 +93,10 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _run(watcher: Watcher) -> Run:
+def _run(watcher: Watcher) -> RunStatus:
     state = watcher.snapshot().state
     vibration = (state.muted_because or "armed") if state.role == "operator" else ""
-    return Run(watcher.name, state.role, watcher.pid, state.link, vibration)
+    return RunStatus(watcher.name, state.role, watcher.pid, state.link, vibration)
 
 
 def _ask(watcher: Watcher, action: Action) -> int:
