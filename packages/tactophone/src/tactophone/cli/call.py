@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
         role,
         expected=_fingerprint_of(folder, args.code) if secrets else "",
     )
-    with CallProcess(plan) as process, _Side(args, settings, process) as side:
+    with CallProcess(plan) as process, _LiveSide(args, settings, process) as side:
         side.begin(role or "robot")
         steps = process.steps()
         found = _found(process, steps, args, side, folder)
@@ -136,7 +136,7 @@ def _found(
     process: "CallProcess",
     steps: "Iterator[tuple[Step, Any]]",
     args: argparse.Namespace,
-    side: "_Side",
+    side: "_LiveSide",
     folder: Path,
 ) -> "Found":
     """Show the code, ask the person, and return the other end, to which there is a way
@@ -213,7 +213,7 @@ def _watch(
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-class _Side(AbstractContextManager["_Side", None]):
+class _LiveSide(AbstractContextManager["_LiveSide", None]):
     """The live side, which starts while the other end is searched for; a context
     manager."""
 
