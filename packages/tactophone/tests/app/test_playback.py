@@ -39,7 +39,7 @@ def test_it_shows_sound_prediction_vibration_and_label_in_real_time(
 ) -> None:
     source = FileSource(recording)
     pipeline = open_pipeline(sample_rate=source.sample_rate, channels=2)
-    take = playback.Take(
+    take = playback.PlayableRecording(
         recording.name, [recording], [pipeline], (Segment(0.1, 0.2, "rough"),)
     )
     with Telemetry("test-playback") as telemetry:
@@ -61,7 +61,9 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(
 ) -> None:
     pipelines = [open_pipeline(sample_rate=44_100, channels=2) for _ in range(2)]
     names = ["thumb", "index"]
-    take = playback.Take("run.mcap", [recording, recording], pipelines, fingers=names)
+    take = playback.PlayableRecording(
+        "run.mcap", [recording, recording], pipelines, fingers=names
+    )
     with Telemetry("test-playback", fingers=2) as telemetry:
         playback.play(take, telemetry)
         seen = [Watcher("test-playback").snapshot(finger=finger) for finger in (0, 1)]
@@ -74,7 +76,7 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(
 
 def test_a_page_pauses_and_moves_the_position(recording: Path) -> None:
     pipeline = open_pipeline(sample_rate=44_100, channels=2)
-    take = playback.Take(recording.name, [recording], [pipeline])
+    take = playback.PlayableRecording(recording.name, [recording], [pipeline])
     with Telemetry("test-playback") as telemetry:
         watcher = Watcher("test-playback")
         sought: list[float | None] = []

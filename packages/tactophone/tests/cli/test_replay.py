@@ -150,7 +150,7 @@ def test_the_page_plays_with_the_calibration_of_the_log(
     chosen = [f"detector.calibration={calibration}", "detector.contact=level"]
     log = record(tmp_path / "run.mcap", model, *chosen, codec=codec)
     calibration.unlink()
-    shown: list[playback.Take] = []
+    shown: list[playback.PlayableRecording] = []
     monkeypatch.setattr(
         page, "play_on_page", lambda settings, takes, name: shown.extend(takes)
     )

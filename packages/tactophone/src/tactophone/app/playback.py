@@ -21,7 +21,7 @@ BLOCK_DURATION = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Take:
+class PlayableRecording:
     """A recording to play back under a title, a pipeline opened for it, and its labels
     where they are known.
 
@@ -35,7 +35,9 @@ class Take:
     fingers: Sequence[str] = ("",)
 
 
-def play(take: Take, telemetry: Telemetry, position: float = 0.0) -> float | None:
+def play(
+    take: PlayableRecording, telemetry: Telemetry, position: float = 0.0
+) -> float | None:
     """Play a take from a position in s, in real time; of a hand, until its shortest
     recording ends.
 
@@ -95,7 +97,7 @@ def _source(path: Path) -> FileSource:
     )
 
 
-def _state(take: Take, source: FileSource) -> RunState:
+def _state(take: PlayableRecording, source: FileSource) -> RunState:
     fingers = tuple(
         FingerState(
             name=name,

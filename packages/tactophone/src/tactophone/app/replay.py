@@ -24,7 +24,7 @@ from tactophone.app.logged_run import (
     wake_ups,
     write_sound,
 )
-from tactophone.app.playback import Take
+from tactophone.app.playback import PlayableRecording
 from tactophone.app.plot import draw_recording
 from tactophone.app.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.core.errors import DatasetError
@@ -346,7 +346,9 @@ def changed_by(changes: Sequence[str]) -> Change:
     return changed
 
 
-def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
+def takes_of(
+    log: Path, changes: Sequence[str], folder: Path
+) -> list[PlayableRecording]:
     """Write the sound of each session to a folder; return takes with the settings and
     calibration of the replay."""
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
@@ -363,7 +365,9 @@ def takes_of(log: Path, changes: Sequence[str], folder: Path) -> list[Take]:
             for finger, path in enumerate(paths)
         ]
         takes.append(
-            Take(log.name, paths, pipelines, fingers=names_of(endpoint.settings))
+            PlayableRecording(
+                log.name, paths, pipelines, fingers=names_of(endpoint.settings)
+            )
         )
     return takes
 

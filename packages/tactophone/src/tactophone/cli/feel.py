@@ -182,10 +182,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         output.show(results, as_json=True)
     if page.wanted(args, settings) and results:
-        from tactophone.app.playback import Take
+        from tactophone.app.playback import PlayableRecording
 
         takes = [
-            Take(each.path.name, [each.path], [each.pipeline], each.truth)
+            PlayableRecording(each.path.name, [each.path], [each.pipeline], each.truth)
             for each in results
         ]
         page.play_on_page(settings, takes, name="feel")

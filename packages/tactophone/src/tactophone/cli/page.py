@@ -21,7 +21,7 @@ from tactophone.core.settings import Settings
 if (
     TYPE_CHECKING
 ):  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.app.playback import Take
+    from tactophone.app.playback import PlayableRecording
     from tactophone.faces.web.server import Page
 
 
@@ -71,7 +71,9 @@ def shown(
         yield
 
 
-def play_on_page(settings: Settings, takes: "Sequence[Take]", *, name: str) -> None:
+def play_on_page(
+    settings: Settings, takes: "Sequence[PlayableRecording]", *, name: str
+) -> None:
     """Play takes on the page over and over until interrupted."""
     from tactophone.app.playback import play
     from tactophone.live.telemetry.writer import Telemetry
