@@ -25,7 +25,7 @@ with Telemetry(sys.argv[1]) as telemetry:
     n = 0
     while time.monotonic() < ends:
         n += 1
-        block = AudioBlock(np.full((32, 2), n % 65536, np.float32), sample_rate=32, start=32 * (n - 1))
+        block = AudioBlock(np.full((32, 2), n % 65536 / 65536, np.float32), sample_rate=32, start=32 * (n - 1))
         telemetry.publish(PipelineStep(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
         telemetry.update(RunState(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
 """
@@ -63,7 +63,8 @@ def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
         assert (np.diff(steps["time"]) == 1.0).all()
         assert (steps["time"] % 65536 == steps["amplitude"]).all()
         assert (steps["amplitude"] == steps["frequency"]).all()
-        assert np.isin(np.diff(snapshot.sound[:, 0]), [0, 1, -65535]).all()
+        numbers = snapshot.sound[:, 0] * 65536
+        assert np.isin(np.diff(numbers), [0, 1, -65535]).all()
         assert (
             len(snapshot.state.source) == snapshot.state.sample_rate % 1000
             or not snapshot.state.source

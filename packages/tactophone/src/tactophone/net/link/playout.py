@@ -265,7 +265,7 @@ _MAX_EXTRAPOLATED = round(MAX_EXTRAPOLATION * CLOCK_RATE)
 
 
 @dataclass(frozen=True, slots=True)
-class _Waiting:
+class _QueuedPayload:
     payload: Payload
     primary: bool
     """Whether it is its packet's own payload, not a redundant copy in a later
@@ -291,7 +291,7 @@ class Playout:
         self.controller = PlayoutController(block_size=block_size)
         self.block_size, self._channels = block_size, channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_QUEUE_SIZE)
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, _QueuedPayload] = {}
         self._timestamps = TimestampUnwrapper()
         self._packet_size = 0
         self._decoder: Decoder | None = None
@@ -360,7 +360,7 @@ class Playout:
             self.reception.stats.packets_broken += 1
             return 0
         if primary or start not in self._waiting:
-            self._waiting[start] = _Waiting(payload, primary, start + size)
+            self._waiting[start] = _QueuedPayload(payload, primary, start + size)
         return size
 
     def _read(self, size: int) -> FloatArray:
@@ -387,7 +387,7 @@ class Playout:
             )
         return self._decode(self._waiting.pop(following))
 
-    def _decode(self, waiting: "_Waiting") -> FloatArray:
+    def _decode(self, waiting: "_QueuedPayload") -> FloatArray:
         payload = waiting.payload
         try:
             samples = self._decoder_for(payload).decode(payload.content)
