@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 
 from tactophone.cli import _parse, main
-from tactophone.signal.perception.models import model_path, read_model
 from tests.node import needs_node
 from tests.passthroughs import install_plugin
 
@@ -237,22 +236,31 @@ def test_the_readme_begins_with_a_picture_and_two_commands() -> None:
     assert "make test" in first_screen
 
 
-def test_the_readmes_figures_are_those_of_the_scores_and_of_the_models_cards() -> None:
-    readme, scores = (
-        (ROOT / "README.md").read_text(),
-        (ROOT / "docs" / "research" / "scores.md").read_text(),
-    )
-    shown = dict(
-        re.findall(
-            r"^\| .*?\(`(\w+)`\) \| `\w+` \| \*\*([\d.]+)\*\*", readme, re.MULTILINE
+def test_every_marked_figure_of_a_page_is_the_measured_one() -> None:
+    script = runpy.run_path(str(ROOT / "scripts" / "figures.py"))
+    figures = script["values"]()
+    marked: set[str] = set()
+    for page in script["pages"]():
+        text = page.read_text(encoding="utf-8")
+        assert script["with_figures"](text, figures) == text, (
+            f"{page.relative_to(ROOT)}: run python scripts/figures.py"
         )
-    )
-    assert shown.keys() == {"pad", "stylus"}
-    simulated = read_model(model_path("texture")).card.scores["simulated, held out"]
-    assert f"{simulated['balanced_accuracy, as rendered'][0]:.2f}" == shown["pad"]
-    headline = scores.split("\n\n")[1]
-    assert f"renders {shown['pad']} of held-out simulated" in headline
-    assert re.search(rf"`stylus` renders {shown['stylus']} of ten\s+real", headline)
+        marked |= {mark["name"] for mark in script["MARKED"].finditer(text)}
+    assert marked == figures.keys()
+
+
+def test_a_page_with_another_figure_would_be_found() -> None:
+    script = runpy.run_path(str(ROOT / "scripts" / "figures.py"))
+    page = "right in <!--fig:a.b-->0.9<!--/--> of it"
+    assert script["with_figures"](page, {"a.b": "0.8"}) == page.replace("0.9", "0.8")
+    with pytest.raises(KeyError):
+        script["with_figures"](page, {})
+
+
+def test_the_readme_shows_the_default_models_scores() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name in ("texture.right", "texture.strokes.rough", "stylus.real.right"):
+        assert f"<!--fig:{name}-->" in readme
 
 
 def test_the_code_of_the_readme_prints_what_it_says(
