@@ -29,7 +29,9 @@ sender here makes.
 import ctypes
 import math
 import weakref
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -134,12 +136,25 @@ class Codec:
         )
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
-        """Return this codec for another bandwidth in Hz; a default bitrate is adapted
-        to it."""
+        """Return this codec for sound of another bandwidth in Hz.
+
+        Opus has four bands. The result carries the narrowest one that holds
+        ``bandwidth``, or the widest one below whose packets fit a datagram. A default
+        bitrate is adapted to the band. PCM carries every frequency already.
+        """
+        if self.name == "pcm16":
+            return self
         chosen = self.bitrate_bps != _default_bitrate(self)
-        return replace(
-            self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0
-        )
+        bitrate = self.bitrate_bps if chosen else 0
+        wanted = band_of(bandwidth)
+        for band in sorted(BANDS, reverse=True):
+            if band > wanted:
+                continue
+            # The narrowest band always fits: this codec was checked with at least its
+            # bitrate.
+            with suppress(ConfigError):
+                return replace(self, bandwidth=band, bitrate_bps=bitrate)
+        return self
 
 
 def _default_bitrate(codec: Codec) -> int:
@@ -186,6 +201,9 @@ class PcmEncoder:
             out=integers,
         )
         return integers.astype(">i2").tobytes()
+
+    def adapt(self, *, bandwidth: float, bitrate_bps: int) -> None:
+        """PCM has one band and one bitrate: nothing changes."""
 
 
 class PcmDecoder:
@@ -259,13 +277,28 @@ LOOKAHEAD = 120
 """Samples by which the output of restricted low-delay Opus lies behind its input, as
 ``OPUS_GET_LOOKAHEAD``."""
 
+MOST_BITRATE = 510_000
+"""Largest bitrate of one stream of Opus, in bit/s (RFC 6716 section 2.1.1)."""
+
 LARGEST_PACKET = 5_760
 """Samples of the longest packet of Opus, 120 ms (RFC 6716 section 3.2.5): more than any
 sender here makes."""
 
-_BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
-"""Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist
-at low delay (RFC 6716)."""
+BANDS = MappingProxyType({4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105})
+"""Highest frequency in Hz of each band of Opus, and its number in ``opus_defines.h``.
+
+The fifth one, 6 kHz, does not exist at low delay (RFC 6716, table 2)."""
+
+
+def band_of(bandwidth: float) -> int:
+    """Return the highest frequency of the narrowest band that holds ``bandwidth``, in
+    Hz.
+
+    >>> band_of(4_001), band_of(4e9)
+    (8000, 20000)
+    """
+    return next((top for top in BANDS if top >= bandwidth), max(BANDS))
+
 
 _GET_ENCODER_STATE, _GET_DECODER_STATE = 5120, 5122
 """Requests of ``opus_multistream.h`` for the state of one stream."""
@@ -309,6 +342,17 @@ class OpusEncoder:
         self._sound[:, :count] = samples.T
         return b"".join([finger.encode(count) for finger in self._fingers])
 
+    def adapt(self, *, bandwidth: float, bitrate_bps: int) -> None:
+        """Encode with another band and bitrate from the next packet on.
+
+        The encoder goes on. A new one would begin from silence, and a decoder that does
+        not know of it turns that step into a click.
+        """
+        for finger in self._fingers:
+            finger.adapt(
+                bandwidth=bandwidth, bitrate_bps=bitrate_bps // len(self._fingers)
+            )
+
 
 class _FingerEncoder:
     """Encodes the channels of a finger from ``sound``, shape ``(channels,
@@ -328,30 +372,28 @@ class _FingerEncoder:
             opus.APPLICATION_RESTRICTED_LOWDELAY,
         )
         weakref.finalize(self, api.destroy, self._state)
-        for setting, value in (
-            (
-                ctl.set_bitrate,
-                min(bitrate_bps, 510_000 * channels),
-            ),  # more than a frame holds: libopus 1.6 takes two
-            (ctl.set_vbr, 0),
-            (
-                ctl.set_bandwidth,
-                next(
-                    (number for top, number in _BANDWIDTHS.items() if top >= bandwidth),
-                    1105,
-                ),
-            ),
-            (ctl.set_packet_loss_perc, 20),
-        ):
-            api.encoder_ctl(self._state, setting, value)
+        api.encoder_ctl(self._state, ctl.set_vbr, 0)
+        api.encoder_ctl(self._state, ctl.set_packet_loss_perc, 20)
+        self._sound = sound
+        self.adapt(bandwidth=bandwidth, bitrate_bps=bitrate_bps)
         self._error = opus.OpusError
         self._encode_all = _function(opus, "opus_multistream_encode_float", _ENCODING)
         self._encode = _function(opus, "opus_encode_float", _ENCODING)
-        self._sound, self._payload = sound, bytearray(2 * LARGEST_FRAME)
+        self._payload = bytearray(2 * LARGEST_FRAME)
         self._memory = (ctypes.c_char * len(self._payload)).from_buffer(self._payload)
         self._pointer = ctypes.addressof(self._memory)
         control = _function(opus, "opus_multistream_encoder_ctl", (_POINTER, _INT))
         self._streams = _streams_of(control, self._state, _GET_ENCODER_STATE, sound)
+
+    def adapt(self, *, bandwidth: float, bitrate_bps: int) -> None:
+        opus = _libopus()
+        control, ctl = opus.api.multistream_encoder.encoder_ctl, opus.api.ctl
+        # A frame holds no more; from libopus 1.6 on the encoder would make two of it.
+        bitrate = min(bitrate_bps, MOST_BITRATE * len(self._sound))
+        control(self._state, ctl.set_bitrate, bitrate)
+        control(self._state, ctl.set_bandwidth, BANDS[band_of(bandwidth)])
+        # The next packet is the first of its size: the multistream API computes how
+        # its streams share it.
         self._count = self._whole = self._first = 0
 
     def encode(self, count: int) -> bytes:

@@ -1,13 +1,14 @@
 """The robot's end of the link: one encoder, and a session with each of one to four
 operators. No socket, no clock."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from tactophone.core.errors import PacketError
 from tactophone.core.types import AudioBlock, Prediction, ignore
-from tactophone.net.link.codec import NARROW_BAND, Codec
+from tactophone.net.link.codec import NARROW_BAND, Codec, band_of
 from tactophone.net.link.events import (
     Connected,
     Disconnected,
@@ -38,6 +39,10 @@ REPORT_INTERVAL = 0.2
 """Seconds between reports, both ways: a fifth of the time after which a silent operator
 is called again."""
 
+WIDENING_PAUSE = 10.0
+"""Seconds after a widening of the band in which only an operator that has just come in
+may widen it further."""
+
 Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 
 
@@ -47,6 +52,7 @@ class Member:
     - ``stream``: makes the packets of the connection; ``None`` while there is none.
     - ``counters``: in telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``packets_broken``.
     - ``bandwidth``: that the operator has requested, in Hz; 0 before it has.
+    - ``new``: whether no request of this connection has widened the band yet.
     - ``round_trip``: round-trip time in s, by the newest report; ``None`` before the first.
     - ``loss``: share of packets lost, by the newest report.
     """
@@ -57,6 +63,7 @@ class Member:
         self.redundancy = Redundancy(rule)
         self.counters: Counter[str] = Counter()
         self.bandwidth = self.loss = 0.0
+        self.new = True
         self.round_trip: float | None = None
         self.next_report = 0.0
         self.begun: Connected | None = None
@@ -67,10 +74,10 @@ class SendGroup:
 
     The sound is encoded once. Everything else is each operator's own: handshake, keys,
     packet numbers, redundancy, reports, faults. So what one operator sends, loses or
-    leaves out changes nothing for the others, with one exception: the first request for
-    a larger bandwidth than before restarts the encoder. Each session calls another
-    address; ``prompt`` is as of `BlockEncoder`. With ``follow`` the bandwidth follows
-    the operators' requests.
+    leaves out changes nothing for the others, with one exception: with ``follow`` the
+    band follows the operators' requests. It changes without a step in anybody's sound,
+    and while several listen it only widens, which Opus permits three times. Each
+    session calls another address; ``prompt`` is as of `BlockEncoder`.
 
     - ``members``: one for each session, in the order given. Whoever owns the operators' sockets passes what arrives to
       `receive`, calls `poll`, and sends what each session has to send.
@@ -98,6 +105,7 @@ class SendGroup:
         self.tap: Callable[[Event], None] = ignore
         self._sound_faults = 0
         self._lowers = True
+        self._next_widening = -math.inf
         self._logged: Member | None = None
         for member in self.members:
             # An operator that was given under two addresses belongs to one member
@@ -217,7 +225,7 @@ class SendGroup:
                         self._handle_report(member, packet, now)
                     continue
                 case Connected():
-                    member.begun, member.bandwidth = event, 0.0
+                    member.begun, member.bandwidth, member.new = event, 0.0, True
                     member.stream = Packetizer(
                         self.encoder,
                         ssrc=event.local_ssrc,
@@ -239,7 +247,7 @@ class SendGroup:
                     if member.stream:
                         member.stream.ssrc = event.local_ssrc
             self._log(member, event)
-        self._follow_request(member)
+        self._follow_request(member, now)
         return [
             event for event in events if isinstance(event, Connected | Disconnected)
         ]
@@ -257,19 +265,23 @@ class SendGroup:
             member.redundancy.update(report.fraction_lost)
             member.round_trip = round_trip_time(report, now=now)
 
-    def _follow_request(self, member: Member) -> None:
-        """Encode with the bandwidth that an operator requests; only the first request
-        of one alone may lower it."""
-        requested, used = member.bandwidth, self.encoder.codec.bandwidth
-        if not (self._follow and requested and member.stream):
+    def _follow_request(self, member: Member, now: float) -> None:
+        """Encode with the band that an operator requests, as far as others permit."""
+        if not (self._follow and member.bandwidth and member.stream):
             return
-        # To a larger bandwidth at any time, though it restarts the encoder; to a
-        # smaller one, which disturbs the others for nothing, only once and for an
-        # operator that is alone.
-        if requested > used or (self._lowers and self.connected == [member]):
+        codec = self.encoder.codec.for_bandwidth(member.bandwidth)
+        used = band_of(self.encoder.codec.bandwidth)
+        if codec.bandwidth > used and (member.new or now >= self._next_widening):
+            # Whoever has just come in need not wait for an earlier widening.
+            self.encoder.adapt(codec)
+            self._next_widening = now + WIDENING_PAUSE
+            member.new = self._lowers = False
+        elif self._lowers and self.connected == [member]:
+            # To a narrower band only once, and for an operator that is alone: others
+            # may need what it does not.
             self._lowers = False
-            if requested != used:
-                self.encoder.recode(self.encoder.codec.for_bandwidth(requested))
+            if codec.bandwidth < used:
+                self.encoder.adapt(codec)
 
     def _log(self, member: Member, event: Event) -> None:
         """Pass on one connected operator's events, and when it leaves those of the

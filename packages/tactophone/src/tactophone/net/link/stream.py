@@ -67,7 +67,7 @@ class BlockEncoder:
         self.origin = secrets.randbits(32)
         self.position: int | None = None
         self.moving = False
-        self.recode(codec)
+        self.codec, self._encoder = codec, open_encoder(codec)
         self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
         self._filled, self._after_gap = 0, True
 
@@ -102,15 +102,20 @@ class BlockEncoder:
                 self._filled -= size
         return encoded
 
-    def recode(self, codec: Codec) -> None:
-        """Use another codec setting from the next packet on; channels and packet size
-        must stay the same."""
-        self.codec, self._encoder = codec, open_encoder(codec)
+    def adapt(self, codec: Codec) -> None:
+        """Use another band and bitrate from the next packet on; all else must stay the
+        same.
+
+        Nobody hears the change: what a decoder returns differs by no more than the
+        codec's own error.
+        """
+        self.codec = codec
+        self._encoder.adapt(bandwidth=codec.bandwidth, bitrate_bps=codec.bitrate_bps)
 
     def reset(self) -> None:
         """Begin anew: a receiver that has missed all before decodes what follows as it
         was encoded."""
-        self.recode(self.codec)
+        self._encoder = open_encoder(self.codec)
         self.position, self._filled, self._after_gap = None, 0, True
 
     def _cut(self, samples: FloatArray, start: int) -> Iterator[EncodedSound]:
