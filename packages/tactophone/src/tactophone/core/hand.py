@@ -97,10 +97,8 @@ def of_finger(settings: Settings, index: int) -> Settings:
     >>> of_finger(with_fingers(Settings(), "2"), 1).capture.contact
     'system:capture_3'
     """
-    own, settings = (
-        settings.fingers[index].settings,
-        replace(settings, fingers=(FingerSettings(),)),
-    )
+    own = settings.fingers[index].settings
+    settings = replace(settings, fingers=(FingerSettings(),))
     for name, value in own:
         settings = set_value(settings, name, value, where=name)
     return settings

@@ -362,11 +362,9 @@ class ChangedSource:
     it."""
 
     def __init__(self, source: Source) -> None:
-        self._source, self.sample_rate, self.channels = (
-            source,
-            source.sample_rate,
-            source.channels,
-        )
+        self._source = source
+        self.sample_rate = source.sample_rate
+        self.channels = source.channels
 
     def __enter__(self) -> Self:
         self._source.__enter__()
@@ -398,7 +396,8 @@ class ContactThreshold:
     """
 
     def __init__(self, dbfs: float, *, follows_floor: bool = False) -> None:
-        self._dbfs, self.follows_floor = dbfs, follows_floor
+        self._dbfs = dbfs
+        self.follows_floor = follows_floor
 
     @property
     def dbfs(self) -> float:
@@ -407,7 +406,8 @@ class ContactThreshold:
 
     @dbfs.setter
     def dbfs(self, dbfs: float) -> None:
-        self._dbfs, self.follows_floor = dbfs, False
+        self._dbfs = dbfs
+        self.follows_floor = False
 
     def follow(self, dbfs: float) -> None:
         """Move to what the noise floor asks for; without effect once a level was

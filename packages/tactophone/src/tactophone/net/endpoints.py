@@ -54,7 +54,8 @@ class RobotEndpoint:
         *,
         channels: Sequence[int] = (),
     ) -> None:
-        self.group, self._channels = group, channels
+        self.group = group
+        self._channels = channels
         self.detectors = (
             list(detector)
             if isinstance(detector, Sequence)
@@ -122,7 +123,8 @@ class OperatorEndpoint:
     ) -> None:
         self.session = session
         self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
-        self._channels, self._reopen = 2, reopen
+        self._channels = 2
+        self._reopen = reopen
         self._accepted = 0
         self.refusal = ""
 
@@ -220,10 +222,12 @@ class OperatorEndpoint:
         except ModelError as error:
             self.refusal = str(error)
             return False
-        before, self._channels = self.pipeline, channels
+        before = self.pipeline
+        self._channels = channels
         # A ceiling lowered or a profile chosen during the run holds for the next robot
         # too.
-        following.limits, following.profile = before.limits, before.profile
+        following.limits = before.limits
+        following.profile = before.profile
         self.hand = Hand([following])
         self.refusal = ""
         return True

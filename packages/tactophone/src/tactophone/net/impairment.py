@@ -232,14 +232,13 @@ class ImpairmentProxy:
         seed: int = 0,
         prepare: Callable[[], object] = lambda: None,
     ) -> None:
-        self._operator, self._prepare = operator, prepare
+        self._operator = operator
+        self._prepare = prepare
         self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)
         self._to_robot = ImpairedLink(profile, seed=seed + 1)
-        self._robot_side, self._operator_side = (
-            UdpSocket("127.0.0.1", 0),
-            UdpSocket("127.0.0.1"),
-        )
+        self._robot_side = UdpSocket("127.0.0.1", 0)
+        self._operator_side = UdpSocket("127.0.0.1")
         self._stop = threading.Event()
         self._thread = threading.Thread(
             target=self.run, name="impairment-proxy", daemon=True

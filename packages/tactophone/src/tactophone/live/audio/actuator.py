@@ -73,7 +73,9 @@ class ClockedDevice(ThreadedDevice):
         super().__init__(process, thread="actuator")
         self.latency = period / self.sample_rate
         self.fault = ""
-        self._period, self._path, self._outputs = period, path, outputs
+        self._period = period
+        self._path = path
+        self._outputs = outputs
 
     def open(self) -> None:
         """Start; the file, if any, is overwritten."""
@@ -137,10 +139,8 @@ def portaudio_hand_actuator(
     right, as a DualSense expects, but three would be left, right and bass.
     """
     highest = max(channels)
-    process, opened = (
-        _outputs(render, channels),
-        1 if highest == 1 else highest + highest % 2,
-    )
+    process = _outputs(render, channels)
+    opened = 1 if highest == 1 else highest + highest % 2
     return Actuator(PortAudioStream(process, "output", device=device, channels=opened))
 
 

@@ -89,8 +89,11 @@ class ThreadedDevice:
     sample_rate = LIVE_SAMPLE_RATE
 
     def __init__(self, process: Process, *, thread: str) -> None:
-        self.xruns = self.process_faults = self.losses = 0
-        self._process, self._name = process, thread
+        self.xruns = 0
+        self.process_faults = 0
+        self.losses = 0
+        self._process = process
+        self._name = thread
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -134,7 +137,8 @@ class StreamDevice(ThreadedDevice):
 
     def __init__(self, sound: Connection, process: Process, *, absent: str) -> None:
         super().__init__(process, thread="microphone")
-        self._sound, self._absent = sound, absent
+        self._sound = sound
+        self._absent = absent
         self._next = 0
         self._received_at = -SILENT_AFTER
 
@@ -166,5 +170,6 @@ class StreamDevice(ThreadedDevice):
             self.losses += self._received_at > 0
         elif position != self._next:
             self.xruns += 1  # sound was dropped on the way; windows join what is left
-        self._next, self._received_at = (position + len(samples)) % (1 << 32), now
+        self._next = (position + len(samples)) % (1 << 32)
+        self._received_at = now
         self._process([samples], [])

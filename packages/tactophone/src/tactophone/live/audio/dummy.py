@@ -48,7 +48,8 @@ class DummyServer:
         synchronous: bool = True,
     ) -> None:
         self.name = f"tactophone-{os.getpid()}-{id(self):x}"
-        self.period, self.sample_rate = period, sample_rate
+        self.period = period
+        self.sample_rate = sample_rate
         self._outputs = outputs
         self._mode = ["-S"] if synchronous else []
         self._process: subprocess.Popen[bytes] | None = None

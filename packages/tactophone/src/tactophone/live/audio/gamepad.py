@@ -73,8 +73,10 @@ class GamepadDevice(ThreadedDevice):
         find: Callable[[], list[Any]] | None = None,
     ) -> None:
         super().__init__(process, thread="actuator")
-        self._device, self._find = device, find or _pads
-        self._roughness, self._ceiling = roughness, ceiling
+        self._device = device
+        self._find = find or _pads
+        self._roughness = roughness
+        self._ceiling = ceiling
         self._pad: Any = None
         self._effect = -1
 
@@ -120,7 +122,9 @@ class GamepadDevice(ThreadedDevice):
 
     def _run(self) -> None:
         waveform = np.zeros((1, _PERIOD), np.float32)
-        due, peak, refreshed = time.monotonic(), 0.0, 0.0
+        due = time.monotonic()
+        peak = 0.0
+        refreshed = 0.0
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             if now - due > EFFECT:
@@ -134,7 +138,8 @@ class GamepadDevice(ThreadedDevice):
             due += _PERIOD / LIVE_SAMPLE_RATE
             if now - refreshed >= REFRESH:
                 self._play(*motor_levels(peak, self._roughness(), self._ceiling()))
-                peak, refreshed = 0.0, now
+                peak = 0.0
+                refreshed = now
 
     def _play(self, strong: float, weak: float) -> None:
         """Start an effect in place of the last one; a pad that is gone is a fault, not

@@ -123,15 +123,22 @@ class JackClient:
         server: str = "",
     ) -> None:
         self.process_faults = 0
-        self._name, self._process, self._server = name, process, server
+        self._name = name
+        self._process = process
+        self._server = server
         self._targets = {**inputs, **outputs}
-        self._inputs, self._outputs = list(inputs), list(outputs)
+        self._inputs = list(inputs)
+        self._outputs = list(outputs)
         self._client: Any = None
         self._cycle: _Cycle | None = None
-        self._xruns, self._changes, self._shutdowns = _Counter(), _Counter(), _Counter()
+        self._xruns = _Counter()
+        self._changes = _Counter()
+        self._shutdowns = _Counter()
         self._connected_at = 0
-        self._losses = self._rate = 0
-        self._other_rate = self._unconnected = ""
+        self._losses = 0
+        self._rate = 0
+        self._other_rate = ""
+        self._unconnected = ""
 
     @property
     def xruns(self) -> int:
@@ -204,7 +211,8 @@ class JackClient:
                 self._connect_ports()
 
     def close(self) -> None:
-        client, self._client = self._client, None
+        client = self._client
+        self._client = None
         _OPEN.discard(self)
         if client is None:
             return
@@ -253,35 +261,30 @@ class JackClient:
         self._shutdowns.count(
             client, "jack_on_shutdown"
         )  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
-        self._client, self._rate, self._cycle = (
-            client,
-            self._rate or client.samplerate,
-            None,
-        )
+        self._rate = self._rate or client.samplerate
+        self._client = client
+        self._cycle = None
         _OPEN.add(self)
         self._other_rate = ""
         if client.samplerate != self._rate:
             advice = f"start it with that rate (jackd ... -r {self._rate})"
             if is_pipewire():
                 advice = f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
-            found, wanted = (
-                f"{self._named()} runs at {client.samplerate} Hz now",
-                f"{self._rate} Hz is needed",
-            )
+            found = f"{self._named()} runs at {client.samplerate} Hz now"
+            wanted = f"{self._rate} Hz is needed"
             self._other_rate = f"{found}, but {wanted}: {advice}"
             return
         if self._process is not None:
-            inputs, outputs = (
-                _Arrays(jack, client.inports),
-                _Arrays(jack, client.outports),
-            )
+            inputs = _Arrays(jack, client.inports)
+            outputs = _Arrays(jack, client.outports)
             self._cycle = _Cycle(self, self._process, inputs, outputs)
             client.set_process_callback(self._cycle)
         client.activate()
         self._connected_at = -1
 
     def _connect_ports(self) -> None:
-        self._unconnected, self._connected_at = "", self._changes.value
+        self._unconnected = ""
+        self._connected_at = self._changes.value
         for port in (*self._client.inports, *self._client.outports):
             target = self._targets[port.shortname]
             if target and not port.connections:
@@ -316,13 +319,12 @@ class _Cycle:
     ) -> None:
         self.asked = False
         self.called_at = time.monotonic()
-        self._owner, self._process, self._inputs, self._outputs = (
-            owner,
-            process,
-            inputs,
-            outputs,
-        )
-        self._shutdowns, self._thread = owner._shutdowns, 0
+        self._owner = owner
+        self._process = process
+        self._inputs = inputs
+        self._outputs = outputs
+        self._shutdowns = owner._shutdowns
+        self._thread = 0
 
     def __call__(self, size: int) -> None:
         self.called_at = time.monotonic()
@@ -374,7 +376,8 @@ class _Arrays:
     """
 
     def __init__(self, jack: Any, ports: Iterable[Any]) -> None:
-        self._ports, self._ffi = [port._ptr for port in ports], jack._ffi
+        self._ports = [port._ptr for port in ports]
+        self._ffi = jack._ffi
         self._buffer_of = jack._lib.jack_port_get_buffer
         self._arrays: dict[Any, FloatArray] = {}
 

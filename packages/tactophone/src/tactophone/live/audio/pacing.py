@@ -42,7 +42,8 @@ def paced(
     times: right for a simulation, which is slow to compute.
     """
     due = asked = clock()
-    moved = slow = 0
+    moved = 0
+    slow = 0
     skipping_until: float | None = None
     for block in source:
         now = clock()
@@ -54,7 +55,8 @@ def paced(
             if skip and slow < MAX_SLOW_READS and now < skipping_until:
                 asked = now
                 continue
-            moved, due = moved + round(late * block.sample_rate), due + late
+            moved += round(late * block.sample_rate)
+            due += late
         elif late < 0:
             sleep(-late)
         yield replace(block, start=block.start + moved) if moved else block

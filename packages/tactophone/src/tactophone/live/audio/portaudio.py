@@ -41,13 +41,13 @@ class PortAudioStream:
         device: str = "",
         channels: int = 1,
     ) -> None:
-        self.xruns = self.process_faults = self.losses = 0
-        self._process, self._direction, self._device, self._channels = (
-            process,
-            direction,
-            device,
-            channels,
-        )
+        self.xruns = 0
+        self.process_faults = 0
+        self.losses = 0
+        self._process = process
+        self._direction = direction
+        self._device = device
+        self._channels = channels
         self._system = ""
         self._stream: Any = None
 
@@ -77,7 +77,8 @@ class PortAudioStream:
                 f"{chosen.name} does not support {self._channels} channels at {self.sample_rate} Hz ({error.args[0]}): "
                 "choose another with `tactophone devices`"
             ) from None
-        self._stream, self._system = stream, chosen.system
+        self._stream = stream
+        self._system = chosen.system
 
     def revive(self) -> None:
         """Open again if the stream has stopped; PortAudio must be initialised again to
@@ -100,7 +101,8 @@ class PortAudioStream:
             self.open()
 
     def close(self) -> None:
-        stream, self._stream = self._stream, None
+        stream = self._stream
+        self._stream = None
         if stream is not None:
             with contextlib.suppress(_sounddevice().PortAudioError):
                 stream.abort()

@@ -68,14 +68,17 @@ class LiveSource:
         channels: int,
         order: Sequence[int] = (),
     ) -> None:
-        self.overflows = self.period = 0
+        self.overflows = 0
+        self.period = 0
         self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
         # Each is written by one thread alone: samples queued by the device's, samples
         # taken by the reader's.
-        self._queued = self._taken = 0
+        self._queued = 0
+        self._taken = 0
         self._position = 0
         self._held: list[AudioBlock] = []
-        self._idle, self._needed = False, _any
+        self._idle = False
+        self._needed = _any
         self.channels = channels
         self._open = False
         self._order = [
@@ -144,7 +147,8 @@ class LiveSource:
     def _enqueue(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
         # The position advances for dropped sound too, so that ``start`` jumps by what
         # was lost.
-        start, self.period = self._position, len(inputs[0])
+        start = self._position
+        self.period = len(inputs[0])
         self._position = start + self.period
         if self._queued - self._taken > LONGEST_WAIT * self.sample_rate:
             self.overflows += 1
@@ -183,7 +187,8 @@ def jack_source(
     server
         The JACK server's name; empty for the default one.
     """
-    targets, order = dict[str, str](), list[int]()
+    targets = dict[str, str]()
+    order = list[int]()
     for finger, ports in fingers.items() or [("", (contact, air))]:
         for port, kind in zip(ports, MICROPHONES, strict=True):
             order.append(len(targets) if port or kind == "contact" else -1)
@@ -241,11 +246,9 @@ def open_device(settings: Settings) -> Source:
 
     Those of a hand are at one JACK server, or on one PortAudio device.
     """
-    capture, process, hand = (
-        settings.capture,
-        settings.process,
-        dict[str, tuple[str, str]](),
-    )
+    capture = settings.capture
+    process = settings.process
+    hand = dict[str, tuple[str, str]]()
     if settings.is_hand:
         pairs = [
             (own.capture.contact, own.capture.air) for own in each_finger(settings)

@@ -53,7 +53,8 @@ def _jack(server: str) -> SurveyedDevice:
     # A sink or source that is no sound card, as PipeWire offers without one, is better
     # than none.
     ports = [port for port in client.ports() if port.physical] or client.ports()
-    rate, period = client.sample_rate, client.period
+    rate = client.sample_rate
+    period = client.period
     coil = _dualsense_port([port.name for port in client.ports() if not port.is_output])
     client.close()
     system = "JACK by PipeWire" if is_pipewire() else "JACK"

@@ -59,7 +59,8 @@ def robot_stages(robot: Watcher, codec: Codec, *, period: int = 0) -> dict[str, 
     ``period`` is that of the device in samples, where there is one; else blocks are
     taken as they come.
     """
-    captured, sent = robot.marks("captured"), robot.marks("sent")
+    captured = robot.marks("captured")
+    sent = robot.marks("sent")
     size = min(len(captured), len(sent))
     if size < 2:
         return {}
@@ -103,10 +104,8 @@ def operator_stages(
             {"received": operator.marks("received"), "sent": robot.marks("sent")}
         )
         stages["network"] = _median(both, "sent", "received")
-        stages["capture"], stages["encode"] = (
-            robot.gauge("latency_capture"),
-            robot.gauge("latency_encode"),
-        )
+        stages["capture"] = robot.gauge("latency_capture")
+        stages["encode"] = robot.gauge("latency_encode")
         stages["total"] = math.fsum(stages.values())
     return stages
 
@@ -118,15 +117,14 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     another stage when a mark at its end or beyond has. Returns for each stage the times
     (s), one for each block that has reached them all.
     """
-    first, marks = (
-        next(iter(marks)),
-        {name: _newest_session(found) for name, found in marks.items()},
-    )
+    first = next(iter(marks))
+    marks = {name: _newest_session(found) for name, found in marks.items()}
     if any(not len(found) for found in marks.values()):
         return {name: np.empty(0) for name in marks}
     reference = int(marks[first]["position"][-1])
     ends = _unwrapped(marks[first], reference)
-    times, known = {}, np.ones(len(ends), bool)
+    times = {}
+    known = np.ones(len(ends), bool)
     for name, found in marks.items():
         # Packets may overtake each other: a stage has reached a position once it has
         # reached a later one.

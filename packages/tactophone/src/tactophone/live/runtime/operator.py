@@ -149,7 +149,10 @@ class Operator(Side):
             max(finger.pipeline.detector.bandwidth for finger in self._fingers)
         )
         self._local_robot = LocalPeer(robot)
-        self._submitted = self._rendered = self._losses = self._period = 0
+        self._submitted = 0
+        self._rendered = 0
+        self._losses = 0
+        self._period = 0
         self._counted_at = 0.0
         self._muted: tuple[str, ...] = ()
         # Written by the network thread, whole, for the main thread to publish.
@@ -232,7 +235,9 @@ class Operator(Side):
         return lost
 
     def _update_counts(self) -> None:
-        device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
+        device = self._actuator.device
+        faults = Counter[str]()
+        invalid = Counter[str]()
         for finger in self._fingers:
             faults.update(finger.renderer.faults)
             invalid.update(finger.pipeline.detector.faults)
@@ -344,7 +349,8 @@ class Operator(Side):
 
     def _follow_network(self) -> None:
         self._prepare_thread("tactophone-net", other_tip=self._tip_warning)
-        checked_at = polled_at = 0.0
+        checked_at = 0.0
+        polled_at = 0.0
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before
             # the next arrives.
@@ -367,7 +373,8 @@ class Operator(Side):
             # Everything is decoded now. Each step is computed when the loop comes to
             # it, so the time before is the moment at which its sound was decoded and
             # free to be processed.
-            decoded, origin = time.monotonic(), self._session.origin
+            decoded = time.monotonic()
+            origin = self._session.origin
             step: PipelineStep | None = None
             waited = False
             for number, (event, step) in enumerate(steps, 1):
@@ -383,7 +390,8 @@ class Operator(Side):
                         self._recorder.controls(
                             *finger.controls(), step=number, finger=finger.index
                         )
-                self._received_at, decoded = received, time.monotonic()
+                self._received_at = received
+                decoded = time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(
                     f"the operator cannot use this sound: {self._endpoint.refusal}"
@@ -398,18 +406,18 @@ class Operator(Side):
                 self._recorder.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
                 checked_at = received
-                self._counters, self._gauges = (
-                    dict(self._session.counters),
-                    dict(self._session.gauges),
-                )
+                self._counters = dict(self._session.counters)
+                self._gauges = dict(self._session.gauges)
 
     def _mark_arrival(
         self, event: ReceiveEvent, origin: int, *, received: float, decoded: float
     ) -> None:
         if isinstance(event, DecodedAudio):
-            samples, waited = event.block.end, event.waited
+            samples = event.block.end
+            waited = event.waited
         elif isinstance(event, PredictionReceived):
-            samples, waited = round(event.prediction.end * LIVE_SAMPLE_RATE), 0.0
+            samples = round(event.prediction.end * LIVE_SAMPLE_RATE)
+            waited = 0.0
         else:
             return
         position = (origin + samples) % (1 << 32)
@@ -421,10 +429,8 @@ class Operator(Side):
         )
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
-        bounded, end = (
-            self._fingers[step.finger].submit(step),
-            (origin + step.block.end) % (1 << 32),
-        )
+        bounded = self._fingers[step.finger].submit(step)
+        end = (origin + step.block.end) % (1 << 32)
         if bounded.commands:
             self._submitted = end
         now = time.monotonic()
@@ -440,7 +446,9 @@ class Operator(Side):
 
     def _render(self, outs: Sequence[FloatArray]) -> None:
         """Render one period of every finger: the actuators' one callback."""
-        telemetry, submitted, amplitude = self._telemetry, self._submitted, 0.0
+        telemetry = self._telemetry
+        submitted = self._submitted
+        amplitude = 0.0
         for finger, out in zip(self._fingers, outs, strict=True):
             finger.renderer.render(out)
             telemetry.rendered(out, finger=finger.index)

@@ -50,7 +50,8 @@ class OutputGate:
     def __init__(
         self, limits: Limits, *, output_level: float = 1.0, muted_because: str = ""
     ) -> None:
-        self.limits, self.local_ceiling = limits, limits.ceiling
+        self.limits = limits
+        self.local_ceiling = limits.ceiling
         self.output_level = output_level
         self.muted_because = muted_because
         self.stops = 0
@@ -74,7 +75,8 @@ class OutputGate:
         Of a stop and an arming that arrive together, the stop wins, and so it does over
         an arming that waited when `stop` was called, or is granted at that moment.
         """
-        stopped, self._stopped = self._stopped, False
+        stopped = self._stopped
+        self._stopped = False
         # Armings come first, so that whatever mutes in the same moment has the last
         # word.
         ordered = sorted(requests, key=lambda request: request.action != "arm")
@@ -143,7 +145,9 @@ class FingerOutput:
         name: str = "",
         muted_because: str = "",
     ) -> None:
-        self.index, self.name, self.renderer = index, name, renderer
+        self.index = index
+        self.name = name
+        self.renderer = renderer
         self.gate = OutputGate(
             renderer.limits,
             output_level=settings.rendering.output_level,
@@ -155,7 +159,8 @@ class FingerOutput:
         self._floor_dbfs = -math.inf
         # `_changes` grows with each call that may have changed anything; `_changing`
         # counts the calls under way, which may have changed part of it already.
-        self._changes = self._changing = 0
+        self._changes = 0
+        self._changing = 0
         self._seen: tuple[int, Hand | None] = 0, None
         self.pipeline.limits = renderer.limits
         self._enforce()
@@ -189,7 +194,8 @@ class FingerOutput:
         if step.predictions:
             self.roughness = step.predictions[-1].roughness
         for prediction in step.predictions:
-            level, floor = prediction.level_dbfs, self._floor_dbfs
+            level = prediction.level_dbfs
+            floor = self._floor_dbfs
             if prediction.touch is Touch.NONE and math.isfinite(level):
                 # Smoothed over some hundred windows without contact.
                 self._floor_dbfs = (
@@ -264,7 +270,9 @@ class FingerOutput:
         # Asked twice a packet: comparing the controls themselves takes five times as
         # long. With another robot comes another pipeline, in another hand. `_changing`
         # is read first: a change that ends in between is then seen in `_changes`.
-        changing, changes, hand = self._changing, self._changes, self._endpoint.hand
+        changing = self._changing
+        changes = self._changes
+        hand = self._endpoint.hand
         if not changing and changes == self._seen[0] and hand is self._seen[1]:
             return False
         self._seen = changes, hand
@@ -273,7 +281,8 @@ class FingerOutput:
     def controls(self) -> tuple[bool, float, float, str, float | None]:
         """Return what may be changed from outside the network thread, in the order of
         `Controls` in the log."""
-        gate, pipeline = self.gate, self.pipeline
+        gate = self.gate
+        pipeline = self.pipeline
         return (
             gate.armed,
             gate.limits.ceiling,
@@ -285,7 +294,8 @@ class FingerOutput:
         )
 
     def state(self) -> FingerState:
-        pipeline, gate = self.pipeline, self.gate
+        pipeline = self.pipeline
+        gate = self.gate
         return FingerState(
             name=self.name,
             armed=gate.armed,

@@ -33,7 +33,8 @@ def pair_on_one_machine(
 
     The operator's run is named ``name``, the robot's ``name-robot``.
     """
-    robot, operator = Identity.create("robot"), Identity.create("operator")
+    robot = Identity.create("robot")
+    operator = Identity.create("operator")
     robot.save(folder / "robot")
     operator.save(folder / "operator")
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
@@ -95,10 +96,8 @@ def both_sides(
                 robot,
                 link=replace(robot.link, port=stack.enter_context(between(operator))),
             )
-        receive, send = (
-            partial(run_operator, robot=robot.process.name),
-            partial(run_robot, open_source=open_source),
-        )
+        receive = partial(run_operator, robot=robot.process.name)
+        send = partial(run_robot, open_source=open_source)
         receiving = Supervisor(receive, operator, name=name, report=report)
         sending = Supervisor(send, robot, name=robot.process.name, report=report)
         yield Sides(*stack.enter_context(supervised(receiving, sending)))

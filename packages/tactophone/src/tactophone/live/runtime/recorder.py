@@ -118,10 +118,12 @@ class SessionRecorder:
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
         """Write everything in the order in which it came; ``truth_of`` a finger
         replaces the truth of its steps."""
-        self._since, self._predicted = None, False
+        self._since = None
+        self._predicted = False
         # The log comes first: who reads a step finds what it was made of.
         self._log_arrivals()
-        marks, self._marks = self._marks, []
+        marks = self._marks
+        self._marks = []
         self._telemetry.mark(
             *(
                 (index, position, now)
@@ -129,7 +131,8 @@ class SessionRecorder:
                 for index, now in reached
             )
         )
-        steps, self._steps = self._steps, []
+        steps = self._steps
+        self._steps = []
         truths = (
             {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}}
             if truth_of
@@ -142,7 +145,8 @@ class SessionRecorder:
             )
 
     def _log_arrivals(self) -> None:
-        arrivals, self._arrivals = self._arrivals, []
+        arrivals = self._arrivals
+        self._arrivals = []
         self._log(
             each
             if isinstance(each, Controls)

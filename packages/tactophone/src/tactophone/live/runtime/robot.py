@@ -59,7 +59,8 @@ main thread is late."""
 START_OPERATOR = "start `tactophone receive` there; or a router blocks the port: use `tactophone call`"
 """Advice where an operator never answers."""
 
-_CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
+_CAPTURED = MARKS.index("captured")
+_SENT = MARKS.index("sent")
 
 
 class Robot(Side):
@@ -98,7 +99,8 @@ class Robot(Side):
             settings, self._source.channels, way=keeper is not None
         )
         self._operators = wiring.operators_of(settings.link)
-        fingers, found = each_finger(settings), self._source.channels
+        fingers = each_finger(settings)
+        found = self._source.channels
         if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
             raise ConfigError(
                 f"the source has {found} channels, but {len(fingers)} fingers have {wanted}, contact and air "
@@ -167,12 +169,11 @@ class Robot(Side):
                 self._moving = request.value > 0
         with self._lock:
             group = self._group
-            counters, round_trip, loss = (
-                dict(group.counters),
-                group.round_trip,
-                group.loss,
-            )
-            peers, link_faults = group.peers, list(self._link_faults())
+            counters = dict(group.counters)
+            round_trip = group.round_trip
+            loss = group.loss
+            peers = group.peers
+            link_faults = list(self._link_faults())
             hung_up = group.members[0].session.hung_up if self._keeper else ""
         self._count(counters)
         self._telemetry.gauge("loss_ratio", loss)
@@ -306,7 +307,8 @@ class Robot(Side):
         self._unpublished.append(block)
         if block.end - self._unpublished[0].start < LONGEST_DEFERRAL * LIVE_SAMPLE_RATE:
             return []
-        blocks, self._unpublished = self._unpublished, []
+        blocks = self._unpublished
+        self._unpublished = []
         return [step for part in joined(blocks) for step in self._endpoint.steps(part)]
 
     def _log(self, event: Event) -> None:
@@ -317,7 +319,8 @@ class Robot(Side):
     def _follow_network(self, operator: int) -> None:
         name_thread("tactophone-net")
         prioritize_thread(self._settings.process.priority)
-        session, socket = self._group.members[operator].session, self._sockets[operator]
+        session = self._group.members[operator].session
+        socket = self._sockets[operator]
         while not self.ended.is_set():
             datagrams = socket.receive(ROBOT_RECEIVE)
             now = time.monotonic()

@@ -55,7 +55,8 @@ from tactophone.live.telemetry.memory import remove_leftovers, remove_memory
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
-RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 4.0
+RESTART_DELAY = 0.5
+LONGEST_RESTART_DELAY = 4.0
 """Seconds between the end of a process and the next, which double with every process
 that lived less than `SHORT_LIFE`."""
 
@@ -149,7 +150,9 @@ class Supervisor:
         self.restarts = 0
         self.state: SideState = "idle"
         self.progress: Callable[[str], None] = ignore
-        self._main, self._settings, self._report = main, settings, report
+        self._main = main
+        self._settings = settings
+        self._report = report
         self._child: Child | None = None
         self._started = math.inf
         self._restart_delay = RESTART_DELAY
@@ -221,11 +224,14 @@ class Supervisor:
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error
         is raised here."""
-        child, doing, failure = self._child, "loading libraries", "it ended"
+        child = self._child
+        doing = "loading libraries"
+        failure = "it ended"
         if child is None:
             return
         began = progressed = time.monotonic()
-        used, slow = 0, SLOW_START
+        used = 0
+        slow = SLOW_START
         while True:
             now = time.monotonic()
             alive = (
@@ -241,10 +247,12 @@ class Supervisor:
                     return  # its sound was so short that it has ended already
                 break
             if (watcher := self._watcher()) and watcher.pulse().beat > 0:
-                self._started, self.state = now, "running"
+                self._started = now
+                self.state = "running"
                 return
             if (ticks := _processor_time(child.pid)) != used:
-                used, progressed = ticks, now
+                used = ticks
+                progressed = now
             if now - progressed > SIDE_START_TIMEOUT:
                 failure = f"no progress within {SIDE_START_TIMEOUT:g} s"
                 break
@@ -290,7 +298,8 @@ class Supervisor:
     def _watch_process(self) -> str:
         """Watch one process; returns why it ended and another should start, empty when
         none should."""
-        child, watcher = self._child, self._watcher()
+        child = self._child
+        watcher = self._watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a
         # busy machine may be late.
         harmless = self._settings.output.actuator in ("file", "none")
@@ -306,7 +315,8 @@ class Supervisor:
                 return failures[-1] if how and failures else how
             if watcher is None:
                 if watcher := self._watcher():
-                    self._started, self.state = time.monotonic(), "running"
+                    self._started = time.monotonic()
+                    self.state = "running"
             elif self._settings.process.watchdog and not self._tolerates(
                 watchdog, watcher
             ):
@@ -405,7 +415,9 @@ class Side:
     def __init__(self, settings: Settings, info: ProcessInfo, *, role: str) -> None:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
-        self._settings, self._info, self._role = settings, info, role
+        self._settings = settings
+        self._info = info
+        self._role = role
         self._resources = contextlib.ExitStack()
         self._warnings: tuple[Fault, ...] = ()
         self._budgeted_at = 0.0
@@ -440,7 +452,8 @@ class Side:
             self.ended.set()
 
     def _open_telemetry(self) -> None:
-        name, fingers = self._info.name, len(self._settings.fingers)
+        name = self._info.name
+        fingers = len(self._settings.fingers)
         self._telemetry = self._resources.enter_context(
             Telemetry(name, fingers=fingers)
         )

@@ -53,7 +53,8 @@ class Watchdog:
         self._last: float | None = None
         self._callbacks = -1
         self._beat = 0.0
-        self._without_callback = self._without_beat = 0.0
+        self._without_callback = 0.0
+        self._without_beat = 0.0
         self._reported = False
 
     def check(self, pulse: Pulse, *, now: float) -> Verdict:
@@ -70,7 +71,8 @@ class Watchdog:
         self._without_beat = (
             0.0 if pulse.beat != self._beat else self._without_beat + passed
         )
-        self._callbacks, self._beat = pulse.callbacks, pulse.beat
+        self._callbacks = pulse.callbacks
+        self._beat = pulse.beat
         # Whoever goes on after it was silenced may be late again, and is then reported
         # again.
         self._reported &= not moved

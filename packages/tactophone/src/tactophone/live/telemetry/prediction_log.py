@@ -69,7 +69,8 @@ class PredictionLog(RunFollower):
     ) -> None:
         super().__init__(name)
         self._full = False
-        self._path, self._report = path, report
+        self._path = path
+        self._report = report
         self._writer = TimelineWriter(
             path, fingers=list(filter(None, self.watcher.finger_names()))
         )

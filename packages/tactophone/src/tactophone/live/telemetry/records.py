@@ -155,7 +155,8 @@ def _parts(arrival: EventBatch) -> Iterator[EventBatch]:
     for event in arrival.events:
         if part and size + len(event) > ARRIVAL_SIZE:
             yield EventBatch(arrival.time, tuple(part), arrival.polled, more=True)
-            part, size = [], 0
+            part = []
+            size = 0
         part.append(event)
         size += len(event) + _EVENT_OVERHEAD
     yield EventBatch(arrival.time, tuple(part), arrival.polled)

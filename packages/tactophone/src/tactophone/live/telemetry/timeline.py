@@ -57,7 +57,9 @@ class TimelineWriter:
     def __init__(
         self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()
     ) -> None:
-        self._path, self._json_path, self.fingers = path, json_path, fingers
+        self._path = path
+        self._json_path = json_path
+        self.fingers = fingers
         self._resources = ExitStack()
         self._separator = "[\n"
 

@@ -35,7 +35,8 @@ _LARGEST_COUNT = 1 << 62
 
 _CALLBACKS = list(COUNTERS).index("callbacks")
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
-_AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
+_AMPLITUDE = _GAUGE["output_amplitude"]
+_PERIOD = _GAUGE["device_period"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +134,8 @@ class Watcher:
                 self._following = Memory(self.name, create=False)
             if drain or self._following is None:
                 return False
-        self._memory, self._following = self._following, None
+        self._memory = self._following
+        self._following = None
         self._predictions_read = [0] * self.fingers
         self.restarts += 1
         return True
@@ -169,7 +171,8 @@ class Watcher:
         vibration, vibration_end = self._ring(
             "vibration", since.vibration_end if since else 0, finger
         )
-        state, (counters, gauges) = self.state(), self.totals()
+        state = self.state()
+        (counters, gauges) = self.totals()
         return Snapshot(
             state=state,
             finger=state.fingers[finger]
@@ -252,10 +255,8 @@ class Watcher:
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
-        counters, gauges = (
-            self._memory["counters"].tolist(),
-            self._memory["gauges"].tolist(),
-        )
+        counters = self._memory["counters"].tolist()
+        gauges = self._memory["gauges"].tolist()
         return dict(zip(COUNTERS, counters, strict=True)), dict(
             zip(GAUGES, gauges, strict=True)
         )
@@ -263,7 +264,8 @@ class Watcher:
     def pulse(self) -> Pulse:
         """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred
         calls a second."""
-        counters, gauges = self._memory["counters"], self._memory["gauges"]
+        counters = self._memory["counters"]
+        gauges = self._memory["gauges"]
         return Pulse(
             int(counters[_CALLBACKS]),
             float(gauges[_AMPLITUDE]),
@@ -306,11 +308,9 @@ class Watcher:
                 f"{action}: {text!r} is longer than {len(slot['text'])} bytes"
             )
         slot["text"][: len(encoded)] = encoded
-        slot["size"], slot["value"], slot["time"] = (
-            len(encoded),
-            value,
-            time.monotonic(),
-        )
+        slot["size"] = len(encoded)
+        slot["value"] = value
+        slot["time"] = time.monotonic()
         slot["count"] += np.uint64(1)
 
     def _ring(self, name: str, since: int, finger: int) -> tuple[NDArray[Any], int]:

@@ -83,10 +83,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._memory = Memory(name, create=True, fingers=fingers)
         # Single numbers are written through memory views: NumPy takes half as long
         # again.
-        self._counters, self._totals = (
-            _view(self._memory["counters"]),
-            [0] * len(COUNTERS),
-        )
+        self._counters = _view(self._memory["counters"])
+        self._totals = [0] * len(COUNTERS)
         self._counts = {
             name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")
         }
@@ -102,15 +100,11 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
             for name in ("steps", "predictions", "marks")
         }
         self._rows = {name: _view(ring) for name, ring in rings.items()}
-        self._log_ring, self._logged, self._state_count = (
-            _view(self._memory["log"]),
-            0,
-            0,
-        )
-        self._mark_counts, self._marked = (
-            [0] * len(MARKS),
-            _view(self._memory["mark_counts"]),
-        )
+        self._log_ring = _view(self._memory["log"])
+        self._logged = 0
+        self._state_count = 0
+        self._mark_counts = [0] * len(MARKS)
+        self._marked = _view(self._memory["mark_counts"])
         self._gauges = _view(self._memory["gauges"])
         self._beat = self._memory["beat"]
         self._newest = [(_NOTHING, _SILENCE)] * fingers
@@ -150,7 +144,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         - ``truth``: the known `Touch` at this time, where the sound is simulated or labelled.
         - ``vibration_count``: samples of vibration written when the step was computed; by default, until now.
         """
-        finger, block = step.finger, step.block
+        finger = step.finger
+        block = step.block
         self._append(
             "sound", block.samples, finger
         )  # one microphone fills both channels
@@ -199,9 +194,11 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
             raise ValueError(
                 f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it"
             )
-        ring, at = self._log_ring, self._logged % layout.LOG_CAPACITY
+        ring = self._log_ring
+        at = self._logged % layout.LOG_CAPACITY
         head = min(len(record), layout.LOG_CAPACITY - at)
-        ring[at : at + head], ring[: len(record) - head] = record[:head], record[head:]
+        ring[at : at + head] = record[:head]
+        ring[: len(record) - head] = record[head:]
         # Counted once it is whole, so that a reader never sees part of a record.
         self._logged += len(record)
         self._memory["log_count"][...] = self._logged
@@ -209,7 +206,9 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def mark(self, *reached: tuple[int, int, float]) -> None:
         """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp
         of its end, and when (s)."""
-        counts, marked, rows = self._mark_counts, self._marked, self._rows["marks"]
+        counts = self._mark_counts
+        marked = self._marked
+        rows = self._rows["marks"]
         for index, position, now in reached:
             count = counts[index]
             row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY

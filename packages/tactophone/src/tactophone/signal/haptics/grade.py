@@ -64,8 +64,10 @@ class Grade:
     """
 
     def __init__(self) -> None:
-        self._mean = self._heard = 0.0
-        self._touched = self._end = -math.inf
+        self._mean = 0.0
+        self._heard = 0.0
+        self._touched = -math.inf
+        self._end = -math.inf
 
     def push(self, prediction: Prediction) -> float:
         """Take the next prediction; return the grade of its touch, 0 without
@@ -79,7 +81,8 @@ class Grade:
             )  # of no window: asked for what would be drawn
         # Time may begin anew, where a stream is restarted.
         if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
-            self._heard, self._end = 0.0, -math.inf
+            self._heard = 0.0
+            self._end = -math.inf
         self._touched = prediction.end
         # A smooth without any roughness is what the contact gate says before a window
         # is full of touch, or at its end.

@@ -74,7 +74,8 @@ class Renderer:
         Whether :meth:`stop` is in force.
     """
 
-    silent, latency = False, 0.0
+    silent = False
+    latency = 0.0
 
     def __init__(self, limits: Limits | None) -> None:
         self.limits = limits or Limits()
@@ -138,17 +139,21 @@ class Oscillator(Renderer):
         self._settled = math.ceil(SETTLED_TIME_CONSTANTS * RAMP * sample_rate)
         self._counts = np.arange(1.0, MAX_PIECE + 1)
         self._decay, self._decay_sum = _tables(RAMP * sample_rate, self._settled)
-        self._envelope, self._phases = np.empty(MAX_PIECE), np.empty(MAX_PIECE)
+        self._envelope = np.empty(MAX_PIECE)
+        self._phases = np.empty(MAX_PIECE)
         self.reset()
 
     def reset(self) -> None:
         """Return to silence and the initial state; a stop stays in force."""
         super().reset()
         self._seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
-        self._amplitude = self._amplitude_gap = 0.0
-        self._frequency, self._frequency_gap = self.limits.lowest, 0.0
+        self._amplitude = 0.0
+        self._amplitude_gap = 0.0
+        self._frequency = self.limits.lowest
+        self._frequency_gap = 0.0
         self._phase = 0.0
-        self._age, self._since_command = self._settled, 0
+        self._age = self._settled
+        self._since_command = 0
 
     def render(self, out: FloatArray) -> None:
         """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
@@ -173,10 +178,8 @@ class Oscillator(Renderer):
         another thread."""
         # All are read once and compared by identity: no lock, and a change between two
         # reads is seen next time.
-        seen, before = (
-            (self._slot, self.limits, self.limits.ceiling, self.stopped),
-            self._seen,
-        )
+        seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
+        before = self._seen
         if all(map(operator.is_, seen, before)):
             return
         if seen[0] is not self._seen[0]:
@@ -195,7 +198,8 @@ class Oscillator(Renderer):
         if (amplitude, frequency) == (self._amplitude, self._frequency):
             return
         now = min(self._age, self._settled)
-        decay, decay_sum = float(self._decay[now]), float(self._decay_sum[now])
+        decay = float(self._decay[now])
+        decay_sum = float(self._decay_sum[now])
         # The closed form restarts here: the present state becomes the initial state of
         # the new segment, and each gap is the distance from the new target that has yet
         # to decay.
@@ -203,18 +207,19 @@ class Oscillator(Renderer):
         # From silence a vibration begins at phase 0 and at its own frequency: nothing
         # is left to glide from.
         if here < NEGLIGIBLE:
-            here, self._phase, self._frequency_gap = 0.0, 0.0, 0.0
+            here = 0.0
+            self._phase = 0.0
+            self._frequency_gap = 0.0
         else:
             turns = self._frequency * self._age + self._frequency_gap * decay_sum
             self._phase = (self._phase + turns / self.sample_rate) % 1.0
             self._frequency_gap = (
                 self._frequency + self._frequency_gap * decay - frequency
             )
-        self._amplitude, self._amplitude_gap = amplitude, here - amplitude
-        self._frequency, self._age = (
-            frequency,
-            0 if here or amplitude else self._settled,
-        )
+        self._amplitude = amplitude
+        self._amplitude_gap = here - amplitude
+        self._frequency = frequency
+        self._age = 0 if here or amplitude else self._settled
 
     def _write(self, out: FloatArray) -> None:
         self._since_command += len(out)
@@ -222,7 +227,8 @@ class Oscillator(Renderer):
             self._write_piece(out[start : start + MAX_PIECE])
 
     def _write_piece(self, out: FloatArray) -> None:
-        size, first = len(out), min(self._age, self._settled) + 1
+        size = len(out)
+        first = min(self._age, self._settled) + 1
         if first > self._settled and not self._amplitude:
             # At rest: neither age nor phase need go on, since the next segment begins
             # at phase 0.
@@ -230,7 +236,8 @@ class Oscillator(Renderer):
             self._age += size
             return
         self.silent = False
-        envelope, phases = self._envelope[:size], self._phases[:size]
+        envelope = self._envelope[:size]
+        phases = self._phases[:size]
         # Turns since the segment began: the target's, f n, and what the gap in
         # frequency adds, (f0 - f) sum(r^k).
         np.add(self._counts[:size], self._age, out=phases)

@@ -166,7 +166,8 @@ def known(value: float, typical: float) -> float:
     return typical if math.isnan(value) else value
 
 
-MOST_HZ, MOST_DB = 20_000.0, 200.0
+MOST_HZ = 20_000.0
+MOST_DB = 200.0
 """Bounds of a measured response: no actuator is above, and powers of ten stay
 finite."""
 

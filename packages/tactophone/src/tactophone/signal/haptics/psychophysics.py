@@ -24,7 +24,8 @@ LEVEL_JND_DB = 1.5
 """Just-noticeable difference of level: a Weber fraction of 0.2, the finest of the
 published 0.2 to 0.58."""
 
-_BEST, _CORNER = 250.0, 40.0
+_BEST = 250.0
+_CORNER = 40.0
 
 
 def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
