@@ -135,7 +135,7 @@ def journey(
     detectors = (
         [pipeline_of(model).detector for _ in range(fingers)]
         if send_predictions
-        else None
+        else []
     )
     sender = RobotEndpoint(robot, detectors, channels=[2] * fingers)
     link = VirtualLink(
@@ -234,7 +234,7 @@ def test_an_operator_with_another_number_of_fingers_refuses_in_words(
     detectors = (
         [pipeline_of(model).detector for _ in range(robot_has)]
         if send_predictions
-        else None
+        else []
     )
     sender = RobotEndpoint(
         robot, detectors, channels=[2] * robot_has if robot_has > 1 else ()

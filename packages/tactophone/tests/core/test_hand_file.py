@@ -85,7 +85,7 @@ def test_a_wrong_number_of_fingers(text: str, message: str) -> None:
 
 
 def test_a_missing_file_and_a_missing_finger() -> None:
-    with pytest.raises(ConfigError, match="a number of fingers, or a TOML file"):
+    with pytest.raises(ConfigError, match="a number, or a TOML file"):
         with_fingers(Settings(), "no-such.toml")
     with pytest.raises(ConfigError, match="did you mean index"):
         finger_named(with_fingers(Settings(), "5"), "indx")

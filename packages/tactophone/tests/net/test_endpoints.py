@@ -1,4 +1,3 @@
-import ast
 from collections.abc import Callable, Iterator
 from itertools import cycle
 from pathlib import Path
@@ -6,7 +5,6 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-import tactophone
 from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tactophone.core.errors import ModelError
 from tactophone.core.types import HapticCommand, PipelineStep, Touch
@@ -40,9 +38,8 @@ def journey(
     """Strokes from the robot's fingertip to the operator's, in virtual time; each step
     with the time of its arrival."""
     robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
-    sender = RobotEndpoint(
-        robot, pipeline_of(model).detector if send_predictions else None
-    )
+    detectors = [pipeline_of(model).detector] if send_predictions else []
+    sender = RobotEndpoint(robot, detectors)
     link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
     begun = now = link.connect(0.0)
     link.to_operator = ImpairedLink(NetworkProfile(), lost=lost)
@@ -117,9 +114,8 @@ def test_late_sound_is_not_rendered_but_still_detected(
 ) -> None:
     robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
     link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
-    sender = RobotEndpoint(
-        robot, pipeline_of(model).detector if send_predictions else None
-    )
+    detectors = [pipeline_of(model).detector] if send_predictions else []
+    sender = RobotEndpoint(robot, detectors)
     begun = link.connect(0.0)
     stalled: list[PipelineStep] = []
     after: list[PipelineStep] = []
@@ -184,39 +180,6 @@ def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_en
     link.carry(begun + 0.1)
     assert robot.members[0].session.failure
     assert "one-channel model" in robot.members[0].session.failure
-
-
-def calls(tree: ast.AST) -> Iterator[str]:
-    """Methods called, as ``object.method``, such as ``self._endpoint.receive``."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            yield ast.unparse(node.func)
-
-
-def test_the_operator_has_no_loop_of_its_own() -> None:
-    """There is no second path: outside the endpoints, nothing feeds a session's sound
-    to a pipeline."""
-    source = Path(tactophone.__file__).parent
-    operator = set(
-        calls(ast.parse((source / "live" / "runtime" / "operator.py").read_text()))
-    )
-    assert {"self._endpoint.receive", "self._endpoint.poll"} <= operator
-    assert not {
-        call
-        for call in operator
-        if call.rpartition(".")[2] in ("push", "command_for", "flush")
-    }
-    assert {call for call in operator if call.endswith((".receive", ".poll"))} == {
-        "self._socket.receive",
-        "self._endpoint.receive",
-        "self._endpoint.poll",
-    }
-    for path in (source / "live" / "runtime").glob("*.py"):
-        assert not [
-            call
-            for call in calls(ast.parse(path.read_text()))
-            if call.endswith(".command_for")
-        ], path
 
 
 @pytest.mark.slow

@@ -18,6 +18,12 @@ where, and the next step.
 import difflib
 from collections.abc import Iterable
 
+SHORTEST_HINT = 4
+"""Letters from which part of a name is worth a hint: three occur in too many names."""
+
+MOST_HINTS = 3
+"""Choices that a message suggests at most."""
+
 
 class TactophoneError(Exception):
     """Base of all errors raised on purpose; the command line prints it in one line and
@@ -68,7 +74,8 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     >>> did_you_mean("textur", ["paper", "texture"])
     '; did you mean texture?'
     """
-    name = name.lower().lstrip("-")  # the dashes of options are alike in all of them
+    # Every option begins with dashes, which would make all of them look near.
+    name = name.lower().lstrip("-")
     by_lower = {choice.lower().lstrip("-"): choice for choice in choices}
     near = difflib.get_close_matches(name, by_lower, n=1)
     if near:
@@ -77,7 +84,9 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     # "marbel" for "polished marble".
     words = {word for lower in by_lower for word in lower.split()}
     (part,) = difflib.get_close_matches(name, words, n=1, cutoff=0.75) or (name,)
-    found = [
-        choice for lower, choice in by_lower.items() if len(part) > 3 and part in lower
-    ][:3]
-    return f"; did you mean {' or '.join(found)}?" if found else ""
+    if len(part) < SHORTEST_HINT:
+        return ""
+    found = [choice for lower, choice in by_lower.items() if part in lower]
+    if not found:
+        return ""
+    return f"; did you mean {' or '.join(found[:MOST_HINTS])}?"

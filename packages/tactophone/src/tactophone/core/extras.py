@@ -3,7 +3,7 @@ it."""
 
 import importlib.util
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from tactophone.core.errors import ConfigError
 
@@ -31,11 +31,20 @@ _LAB_MODULES = {
 }
 """Extras of the package ``tactophone-lab``."""
 
+
+def _requirements(
+    package: str, table: Mapping[str, tuple[str, ...]]
+) -> dict[str, tuple[str, str]]:
+    return {
+        module: (package, extra)
+        for extra, modules in table.items()
+        for module in modules
+    }
+
+
 REQUIREMENT_OF_MODULE = {
-    module: (package, extra)
-    for package, table in (("tactophone", _MODULES), ("tactophone-lab", _LAB_MODULES))
-    for extra, modules in table.items()
-    for module in modules
+    **_requirements("tactophone", _MODULES),
+    **_requirements("tactophone-lab", _LAB_MODULES),
 }
 """Import name of each optional dependency -> the package and its extra that install
 it."""
@@ -58,9 +67,8 @@ def require_modules(*modules: str) -> None:
 
     Raises `ConfigError` if one is missing; names the command that installs it.
     """
-    if missing := [
-        module for module in modules if importlib.util.find_spec(module) is None
-    ]:
+    missing = [module for module in modules if importlib.util.find_spec(module) is None]
+    if missing:
         raise ConfigError(_advice(missing))
 
 
@@ -80,7 +88,8 @@ def explain(error: ModuleNotFoundError) -> str:
 
 def _advice(modules: list[str]) -> str:
     for module in modules:
-        if sys.version_info >= WITHOUT_WHEEL.get(module, (4,)):
+        without_wheel = module in WITHOUT_WHEEL
+        if without_wheel and sys.version_info >= WITHOUT_WHEEL[module]:
             found = ".".join(map(str, sys.version_info[:2]))
             return f"{module} has no wheel for Python {found}: use Python 3.11 to 3.13"
     verb = "is" if len(modules) == 1 else "are"

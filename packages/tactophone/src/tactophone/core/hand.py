@@ -4,14 +4,15 @@ or ``--fingers 5``.
 ::
 
     [thumb]
-    contact = "system:capture_1"   # what is left out follows the finger's place in the file
+    contact = "system:capture_1"
     profile = "dualsense"
 
     [index]
     threshold_dbfs = -34
 
-The order of the tables is the order of the fingers on the link. Everything else in
-`core.settings` is common to all fingers.
+The order of the tables is the order of the fingers on the link. Ports and channels that
+a table leaves out follow from its place in the file. Everything else in `core.settings`
+is common to all fingers.
 """
 
 import re
@@ -44,7 +45,14 @@ OWN_SETTINGS: Mapping[str, str] = {
 }
 """What a finger's table may hold, and the setting that it replaces for this finger."""
 
+_INPUTS = ("contact", "air")
+"""Keys of a table that name an input: both take from the inputs of one device."""
+
 _UNSHARED = ("contact", "air", "port", "channel")
+"""Ports and channels, each of which serves one finger alone."""
+
+_NO_PORT = ("", "-")
+"""What stands for no port at all, which any number of fingers may share."""
 
 
 def with_fingers(settings: Settings, text: str) -> Settings:
@@ -60,7 +68,8 @@ def with_fingers(settings: Settings, text: str) -> Settings:
         value = getattr(getattr(settings, section), own)
         if value != SETTINGS[name].default:
             raise ConfigError(
-                f"{name} = {value!r} applies to a single finger; with --fingers, set {key} in that finger's table"
+                f"{name} = {value!r} applies to a single finger; "
+                f"with --fingers, set {key} in that finger's table"
             )
     if text.lstrip("+-").isdecimal():
         return replace(
@@ -69,15 +78,15 @@ def with_fingers(settings: Settings, text: str) -> Settings:
     path = Path(text).expanduser()
     tables = read_tables(
         path,
-        missing="give --fingers a number of fingers, or a TOML file with one table each",
+        missing="give --fingers a number, or a TOML file with one table a finger",
         outside="write it under a finger's name, as in [index]",
     )
     return replace(settings, fingers=_checked(tables, where=str(path)))
 
 
 def default_names(count: int) -> dict[str, dict[str, Any]]:
-    """Return so many fingers with names and nothing of their own; beyond five, those of
-    two hands.
+    """Return this many named fingers without settings of their own; more than five are
+    named as on two hands.
 
     >>> list(default_names(3))
     ['thumb', 'index', 'middle']
@@ -116,12 +125,10 @@ def names_of(settings: Settings) -> list[str]:
 
 def channels_of(settings: Settings, *, alone: int) -> list[int]:
     """Return the channels of every finger's sound: 2, or 1 without an air microphone;
-    ``alone`` if there is no hand."""
-    return (
-        [2 if own.capture.air else 1 for own in each_finger(settings)]
-        if settings.is_hand
-        else [alone]
-    )
+    ``alone`` for a run without ``--fingers``."""
+    if not settings.is_hand:
+        return [alone]
+    return [2 if own.capture.air else 1 for own in each_finger(settings)]
 
 
 def finger_named(settings: Settings, name: str | None) -> Settings:
@@ -135,7 +142,8 @@ def finger_named(settings: Settings, name: str | None) -> Settings:
         return of_finger(settings, 0)
     if name is None:
         raise ConfigError(
-            f"--fingers names {', '.join(names)}, but one finger is needed: add --finger {names[0]}"
+            f"--fingers names {', '.join(names)}, but one finger is needed: "
+            f"add --finger {names[0]}"
         )
     if name not in names:
         known = (
@@ -156,7 +164,8 @@ def _checked(
     if not 1 <= len(tables) <= MOST_FINGERS:
         found = f"{len(tables)} fingers" if tables else "no finger"
         raise ConfigError(
-            f"{where}: {found}, but a hand has 1 to {MOST_FINGERS}; write one table for each, as [index]"
+            f"{where}: {found}, but a hand has 1 to {MOST_FINGERS}; "
+            "write one table for each, as [index]"
         )
     fingers = tuple(
         FingerSettings(name, tuple(_own(name, place, table, where=where)))
@@ -171,7 +180,8 @@ def _own(
 ) -> Iterator[tuple[str, Any]]:
     if not re.fullmatch(FINGER_PATTERN, name):
         raise ConfigError(
-            f"{where}: a finger called {name!r}, but a name has up to 16 small letters, digits, hyphens, as in [index]"
+            f"{where}: a finger called {name!r}, "
+            "but a name has up to 16 small letters, digits, hyphens, as in [index]"
         )
     for key in table:
         if key not in OWN_SETTINGS:
@@ -191,31 +201,27 @@ def _own(
         "channel": place + 1,
     }
     for key, written in {**placed, **table}.items():
+        setting = SETTINGS[OWN_SETTINGS[key]]
         # A channel of a PortAudio device may be written as a number.
-        value = (
-            str(written)
-            if key in ("contact", "air") and type(written) is int
-            else written
-        )
-        yield (
-            OWN_SETTINGS[key],
-            SETTINGS[OWN_SETTINGS[key]].check(value, where=f"{where}: [{name}]"),
-        )
+        numbered = key in _INPUTS and type(written) is int
+        value = str(written) if numbered else written
+        yield setting.name, setting.check(value, where=f"{where}: [{name}]")
 
 
 def _check_shared(fingers: Sequence[FingerSettings], *, where: str) -> None:
+    # The finger that uses each input, port or channel, by its kind and value.
     users: dict[tuple[str, Any], str] = {}
     for finger in fingers:
         own = dict(finger.settings)
         for key in _UNSHARED:
             value = own[OWN_SETTINGS[key]]
-            # Contact and air are inputs of one device; an empty port and "-" stand for
-            # none.
-            use = ("input" if key in ("contact", "air") else key, value)
-            if value in ("", "-"):
+            if value in _NO_PORT:
                 continue
-            if use in users:
+            kind = "input" if key in _INPUTS else key
+            other = users.get((kind, value))
+            if other is not None:
                 raise ConfigError(
-                    f"{where}: [{users[use]}] and [{finger.name}] both use {use[0]} {value}; give each its own"
+                    f"{where}: [{other}] and [{finger.name}] both use {kind} {value}; "
+                    "give each its own"
                 )
-            users[use] = finger.name
+            users[kind, value] = finger.name

@@ -23,5 +23,6 @@ def check_channels(channels: int) -> None:
     """Raise `ModelError` unless the sound has the channels of a single finger."""
     if channels not in (1, 2):
         raise ModelError(
-            f"channels = {channels}, but a finger has 1 (contact) or 2 (contact, air); open a pipeline for each finger"
+            f"channels = {channels}, but a finger has 1 (contact) or 2 (contact, air); "
+            "open a pipeline for each finger"
         )

@@ -19,6 +19,9 @@ from typing import Any, Literal, TypeAlias
 
 from tactophone.core.errors import TactophoneError
 
+FULL_DISK = 1 << 16
+"""Bytes left on a disk under which a failed write is put down to a full disk."""
+
 Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
 """What a child tells its parent: what it does next, that it has begun, or the error or
 the bug that ended it."""
@@ -27,8 +30,9 @@ ORPHAN_TIMEOUT = 2.5
 """Seconds after the end of its parent in which a child may end in order; a log is
 complete by then."""
 
-
 _starting = threading.RLock()
+"""Held while a process is started, as that changes this process's environment for a
+moment."""
 
 
 @contextmanager
@@ -39,7 +43,7 @@ def _safe_path() -> Iterator[None]:
     Multiprocessing starts ``python -c``, which would look for modules in the current
     folder first.
     """
-    with _starting:  # what this process starts otherwise keeps its environment
+    with _starting:
         before = os.environ.get("PYTHONSAFEPATH")
         os.environ["PYTHONSAFEPATH"] = "1"
         try:
@@ -77,9 +81,9 @@ class _ChildProcess(_SafeProcess):
     `Child`, and end the process."""
 
     def start(self) -> None:
-        with (
-            _safe_path()
-        ):  # the resource tracker unblocks SIGINT when it begins, so it begins here
+        # The resource tracker, which `_safe_path` starts, unblocks SIGINT when it
+        # begins; so it must have begun before the signal is blocked.
+        with _safe_path():
             before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
                 super().start()
@@ -127,8 +131,8 @@ class Parent:
             self._pipe.send(message)
 
     def wants_end(self, timeout: float = 0.0) -> bool:
-        """Wait up to ``timeout`` s for the end: the parent asks for it, or is gone
-        itself, which wakes up alike."""
+        """Return true when the parent asks this process to end or is gone; both wake
+        the wait of up to ``timeout`` s."""
         return self._pipe.poll(timeout)
 
     def fileno(self) -> int:
@@ -139,10 +143,11 @@ class Parent:
 class Child:
     """A process of this machine, started at once; it ends no later than its parent.
 
-    - ``work``: called in the new process with its `Parent` and the arguments, all picklable. A `TactophoneError` ends
-      it with one message and no traceback.
+    - ``work``: called in the new process with its `Parent` and the arguments, all
+      picklable. A `TactophoneError` ends it with one message and no traceback.
     - ``name``: shown by the system, and in what `how_ended` returns.
-    - ``niceness``: by how much its priority is lowered: on a busy machine it waits, not the sound.
+    - ``niceness``: by how much its priority is lowered, so that on a busy machine it
+      waits and not the sound.
     """
 
     def __init__(
@@ -158,7 +163,8 @@ class Child:
         )
         self._process.start()
         self._process.pipe = self._pipe
-        its.close()  # the child's copy alone is left, so the pipe ends when the child does
+        # Only the child's copy of its end is left, so the pipe ends when the child does.
+        its.close()
 
     @property
     def pid(self) -> int:
@@ -170,10 +176,10 @@ class Child:
         return self._process.is_alive()
 
     def messages(self, timeout: float | None = 0.0) -> Iterator[Message]:
-        """Yield messages while one comes within ``timeout`` s of the last, ``None`` for
-        any time, and it is not ended.
+        """Yield messages until none comes for ``timeout`` s, or the child has ended;
+        ``None`` waits for as long as it takes.
 
-        What it told before its end comes first.
+        What the child told before its end is yielded first.
         """
         with suppress(EOFError, OSError):
             while self._pipe.poll(timeout):
@@ -184,18 +190,16 @@ class Child:
         SIGKILL``; empty for one in order."""
         self._process.join()
         code = self._process.exitcode or 0
-        with suppress(ValueError):
-            return (
-                f"signal {signal.Signals(-code).name}"
-                if code < 0
-                else f"exit code {code}"
-                if code
-                else ""
-            )
+        if code == 0:
+            return ""
+        if code < 0:
+            with suppress(ValueError):  # a signal that Python has no name for
+                return f"signal {signal.Signals(-code).name}"
         return f"exit code {code}"
 
     def ask_to_end(self) -> None:
-        """Ask the process to end in order, where it looks at `Parent.wants_end`."""
+        """Ask the process to end in order; it obeys where it looks at
+        `Parent.wants_end`."""
         with suppress(OSError):  # when it has ended by itself
             self._pipe.send(None)
 
@@ -265,8 +269,8 @@ def open_pool(
 
 
 def _begin_worker(prepare: Callable[[], None] | None) -> None:
-    # The pool alone does not: where its process is killed, its workers finish what they
-    # were at and wait for more.
+    # A pool whose process is killed does not end its workers: they would finish what
+    # they were at and wait for more.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if prepare is not None:
         prepare()
@@ -296,9 +300,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
         flush_to_disk(unfinished)
         os.replace(unfinished, path)
     except (OSError, RuntimeError) as error:
-        # The libraries of sound files and torch do not say why. Asked now: what is
-        # unfinished will be removed.
-        if shutil.disk_usage(path.parent).free < 1 << 16:
+        # The libraries of sound files and torch do not say that the disk is full. The
+        # free space must be read now, before the unfinished file is removed.
+        if shutil.disk_usage(path.parent).free < FULL_DISK:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
         raise
     finally:

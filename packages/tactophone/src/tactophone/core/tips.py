@@ -17,9 +17,9 @@ class Tip:
 
     name: str
     words: str
-    """What it is made of."""
+    """Material and size, as shown to people."""
     model: str
-    """The shipped model for it: whoever states the tip gets the right one and names no
+    """Name of the shipped model for it: whoever states the tip need not name a
     model."""
     hard: bool
     """Whether impulses grow with roughness by geometry, whatever the gain and the room:
@@ -30,8 +30,8 @@ class Tip:
     """Whether impulses are a sign of roughness at all: under soft rubber rough surfaces
     average, and smooth ones stick and slip."""
     air_led_db: float
-    """A knock in the air exceeds the floor in the air microphone by so much more than
-    in the contact microphone. Simulated knocks exceed it by 33 to 36 dB, with a stylus
+    """How much more, in dB, a knock in the air exceeds the floor of the air microphone
+    than that of the contact microphone. Simulated knocks exceed it by 33 to 36 dB, with a stylus
     by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24, of
     a steel stylus, which shakes the air microphone, by up to 35."""
     picture: tuple[str, ...]

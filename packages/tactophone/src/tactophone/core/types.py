@@ -26,7 +26,7 @@ is converted where it enters."""
 
 
 def ignore(*_: object) -> None:
-    """Report nothing: the default of what is called with progress or words."""
+    """Do nothing: the default for callbacks that report progress or warnings."""
 
 
 class Touch(enum.IntEnum):
@@ -43,7 +43,6 @@ class Touch(enum.IntEnum):
 SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
 """Touches that a surface can be labelled as, smoothest first. A further class begins
 here."""
-
 
 PLAUSIBLE_PEAK = 8.0
 """Greatest sample that a microphone can deliver, in times full scale: float files and
@@ -78,7 +77,8 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
 
     Examples
     --------
-    >>> block = AudioBlock(np.zeros((480, 2), np.float32), sample_rate=48_000, start=960)
+    >>> silence = np.zeros((480, 2), np.float32)
+    >>> block = AudioBlock(silence, sample_rate=48_000, start=960)
     >>> block.size, block.channels, block.time, block.duration
     (480, 2, 0.02, 0.01)
     >>> broken = AudioBlock(np.array([[0.5], [np.nan]], np.float32), sample_rate=48_000)
@@ -97,12 +97,14 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
         if self.samples.ndim != 2 or self.samples.dtype != np.float32:
             raise ValueError(
                 f"samples are {self.samples.dtype} of shape {self.samples.shape}, "
-                "but a block holds float32 of shape (samples, channels); reshape or convert them"
+                "but a block holds float32 of shape (samples, channels); "
+                "reshape or convert them"
             )
         if self.invalid is not None and self.invalid.shape != self.samples.shape:
             raise ValueError(
-                f"invalid has shape {self.invalid.shape}, but the samples have {self.samples.shape}; "
-                "cut both alike, as `part` and `select` do"
+                f"invalid has shape {self.invalid.shape}, "
+                f"but the samples have {self.samples.shape}; "
+                "cut both together, as `part` and `select` do"
             )
         # Sound with less energy than a single such sample holds none, so that most
         # blocks need no further look. A comparison with NaN is false.
@@ -165,7 +167,8 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
 
 
 def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
-    """Yield stretches of one kind without a gap, each as one block."""
+    """Join blocks that follow each other without a gap and are of one kind; yields one
+    block for each such stretch."""
     cuts = [
         number
         for number, (one, other) in enumerate(pairwise(blocks), 1)
@@ -276,8 +279,8 @@ class Prediction(msgspec.Struct, frozen=True):
 
     @property
     def unknown(self) -> bool:
-        """Whether it touches, but its roughness is a guess: a word for people, which
-        changes nothing that is felt."""
+        """In contact, but undecided between smooth and rough. Shown to people; never
+        changes the vibration."""
         return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
 
 
@@ -303,8 +306,9 @@ class HapticCommand(msgspec.Struct, frozen=True):
 class PipelineStep(msgspec.Struct, frozen=True, eq=False):
     """What a block of sound led to: its predictions, and the commands made from them.
 
-    There is one command for each prediction, or none at all when they came too late to
-    be rendered. Of a hand, each finger has a step of its own, with its own sound.
+    Each prediction has one command, unless they came too late to be rendered: then the
+    step has no commands. Each finger of a hand has a step of its own, with its own
+    sound.
     """
 
     block: AudioBlock
@@ -314,7 +318,7 @@ class PipelineStep(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def command(self) -> HapticCommand | None:
-        """The newest command of the step; ``None`` if there is none."""
+        """The newest command of the step; ``None`` where no command was made."""
         return self.commands[-1] if self.commands else None
 
 
@@ -332,8 +336,8 @@ class Source(AbstractContextManager[Any, None], Protocol):
 
     @property
     def channels(self) -> int:
-        """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in
-        turn."""
+        """1 or 2, and channel 0 is contact; for a hand, contact and air of each finger
+        in turn."""
 
     def __iter__(self) -> Iterator[AudioBlock]: ...
 

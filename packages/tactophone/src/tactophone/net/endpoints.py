@@ -3,11 +3,12 @@ or device.
 
 ::
 
-    robot     sound ─▶ RobotEndpoint ─▶ datagrams       (with a detector: sound ─▶ predictions ─▶ datagrams)
+    robot     sound ─▶ RobotEndpoint ─▶ datagrams
+              with a detector: sound ─▶ predictions ─▶ datagrams
     operator  datagrams ─▶ OperatorEndpoint: sound in order ─▶ Pipeline ─▶ PipelineStep
 
 The live system, the simulations, the tests and the benchmarks all run these two
-classes; there is no second path (`packages/tactophone/tests/net/test_endpoints.py` checks it).
+classes; sound takes no other path.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,6 +22,7 @@ from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
     Detector,
+    HapticCommand,
     PipelineStep,
     Prediction,
 )
@@ -32,37 +34,32 @@ from tactophone.signal.perception.detector import push_together
 from tactophone.signal.pipeline import Hand, Pipeline, split_fingers
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
-"""What the session received, and a step that it led to, of each finger in turn; none
-for a connection made or lost, and for sound that waits for the next packet, as nothing
-comes of it."""
+"""What the session received, and a step that it led to, one for each finger in turn;
+``None`` where it led to no step, such as a connection made or lost, or sound that waits
+for the next packet."""
 
 
 class RobotEndpoint:
     """The robot's side: takes sound, and sends it or its predictions through a session.
 
-    - ``group``: the sessions with one or more operators. Whoever owns the sockets also passes what arrives to it, polls
-      it and fetches the datagrams of its sessions.
-    - ``detector``: makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None``
-      sends the sound.
-    - ``channels``: of the sound of each finger of a hand (`tactophone.signal.pipeline.Hand`); empty without one.
+    - ``group``: the sessions with one or more operators. Whoever owns the sockets also
+      passes what arrives to it, polls it and fetches the datagrams of its sessions.
+    - ``detectors``: make the predictions here, for links too narrow for sound: one for
+      each finger. Empty: the sound is sent.
+    - ``channels``: how many channels the sound of each finger of a hand has
+      (`tactophone.signal.pipeline.Hand`); empty without a hand.
     """
 
     def __init__(
         self,
         group: SendGroup,
-        detector: Detector | Sequence[Detector] | None = None,
+        detectors: Sequence[Detector] = (),
         *,
         channels: Sequence[int] = (),
     ) -> None:
         self.group = group
         self._channels = channels
-        self.detectors = (
-            list(detector)
-            if isinstance(detector, Sequence)
-            else [detector]
-            if detector
-            else []
-        )
+        self.detectors = list(detectors)
 
     def push(self, block: AudioBlock) -> list[PipelineStep]:
         """Send a block, or the predictions that it completes; returns each finger's
@@ -95,7 +92,9 @@ class RobotEndpoint:
         ]
 
     def _split(self, block: AudioBlock) -> list[AudioBlock]:
-        return split_fingers(block, self._channels) if self._channels else [block]
+        if not self._channels:
+            return [block]
+        return split_fingers(block, self._channels)
 
 
 class OperatorEndpoint:
@@ -106,9 +105,11 @@ class OperatorEndpoint:
     needs it, but its step holds no predictions and no commands.
 
     - ``session``: opens the datagrams and puts the sound in order.
-    - ``pipeline``: for sound of two channels; or the pipelines of a hand, whose robot must have as many fingers.
-    - ``reopen``: returns the pipeline for another number of channels, when a robot with other microphones connects;
-      raises `ModelError` where the model cannot do with so many. Not for a hand.
+    - ``pipeline``: for sound of two channels; or the pipelines of a hand, whose robot
+      must have as many fingers.
+    - ``reopen``: returns the pipeline for another number of channels, when a robot with
+      other microphones connects; raises `ModelError` where the model cannot do with
+      that number. It is not for a hand.
 
     ``refusal``: why the sound of the connected robot cannot be used; empty while it
     can.
@@ -152,35 +153,10 @@ class OperatorEndpoint:
         for event in events:
             steps: Iterable[PipelineStep] = ()
             match event:
-                case DecodedAudio(block=block, stale=stale) if self._accepts(
-                    block.channels
-                ):  # nearly always
-                    # Late sound still goes through the detector, but what it leads to
-                    # is no longer rendered.
-                    found = self.hand.push(block)
-                    steps = (
-                        (
-                            PipelineStep(each.block, (), (), each.finger)
-                            for each in found
-                        )
-                        if stale
-                        else found
-                    )
-                case PredictionReceived(prediction, stale, finger, fingers) if (
-                    self._has_fingers(fingers)
-                ):
-                    commands = (
-                        ()
-                        if stale
-                        else (self.hand.pipelines[finger].command_for(prediction),)
-                    )
-                    # The sound stayed on the robot: an empty block at the end of the
-                    # window stands for it.
-                    end = round(prediction.end * LIVE_SAMPLE_RATE)
-                    block = AudioBlock(
-                        np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end
-                    )
-                    steps = (PipelineStep(block, (prediction,), commands, finger),)
+                case DecodedAudio() if self._accepts(event.block.channels):
+                    steps = self._steps_of_sound(event)
+                case PredictionReceived() if self._has_fingers(event.fingers):
+                    steps = [self._step_of_prediction(event)]
                 case Connected():
                     self.hand.reset()
                     self.refusal = ""
@@ -190,31 +166,52 @@ class OperatorEndpoint:
             if step is None:
                 yield event, None
 
+    def _steps_of_sound(self, event: DecodedAudio) -> Iterator[PipelineStep]:
+        for step in self.hand.push(event.block):
+            # Late sound still goes through the detector, but what it leads to is no
+            # longer rendered.
+            late = PipelineStep(step.block, (), (), step.finger)
+            yield late if event.stale else step
+
+    def _step_of_prediction(self, event: PredictionReceived) -> PipelineStep:
+        prediction = event.prediction
+        commands: tuple[HapticCommand, ...] = ()
+        if not event.stale:
+            pipeline = self.hand.pipelines[event.finger]
+            commands = (pipeline.command_for(prediction),)
+        # The sound stayed on the robot: an empty block at the end of the window stands
+        # for it.
+        end = round(prediction.end * LIVE_SAMPLE_RATE)
+        block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
+        return PipelineStep(block, (prediction,), commands, event.finger)
+
     def _accepts(self, channels: int) -> bool:
-        """Whether there is a pipeline for sound of so many channels; if not, `refusal`
-        says so."""
+        """Return whether there is a pipeline for sound with this number of channels; if
+        not, `refusal` says why."""
+        # Nearly always the sound has as many channels as the last.
         if channels != self._accepted or self.refusal:
-            accepted = self._has_fingers(fingers_of(channels)) and self._match_channels(
-                channels
-            )
+            has_fingers = self._has_fingers(fingers_of(channels))
+            accepted = has_fingers and self._match_channels(channels)
             self._accepted = channels if accepted else 0
         return self._accepted > 0
 
     def _has_fingers(self, fingers: int) -> bool:
-        """Whether this end has as many fingers as the robot; if not, `refusal` says
-        so."""
+        """Return whether this end has as many fingers as the robot; if not, `refusal`
+        says so."""
         if fingers == self.hand.fingers:
             return True
         own = self.hand.fingers
         self.refusal = (
-            f"the robot has {fingers} finger{'s' * (fingers > 1)}, this operator {own}: "
-            "give both ends the same --fingers"
+            f"the robot has {fingers} finger{'s' * (fingers > 1)}, "
+            f"this operator {own}: give both ends the same --fingers"
         )
         return False
 
     def _match_channels(self, channels: int) -> bool:
-        """Change to the pipeline for so many channels; false if there is none."""
-        if self.hand.fingers > 1 or channels == self._channels or self._reopen is None:
+        """Change to the pipeline for this number of channels; false if the model has
+        none for it."""
+        as_it_is = self.hand.fingers > 1 or channels == self._channels
+        if as_it_is or self._reopen is None:
             self.refusal = ""
             return True
         try:

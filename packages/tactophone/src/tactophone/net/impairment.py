@@ -37,9 +37,9 @@ class NetworkProfile:
     burst: float = 1.0
     """Mean number of packets lost in a row."""
     delay: float = 0.0
+    """Seconds of constant delay."""
     jitter: float = 0.0
-    """`delay` and `jitter`: seconds: the constant delay, and the mean of the
-    exponential queueing delay."""
+    """Mean, in s, of the exponential queueing delay."""
     spread: float = 0.0
     """Seconds of further delay, uniform from 0."""
     duplicates: float = 0.0
@@ -48,9 +48,9 @@ class NetworkProfile:
     """Whether packets may overtake one another; if not, a delayed packet also delays
     those behind it."""
     stall: float = 0.0
+    """Seconds of a stall."""
     stall_interval: float = math.inf
-    """`stall` and `stall_interval`: seconds of a stall, and mean seconds between two
-    stalls; no stalls when the interval is infinite."""
+    """Mean seconds between two stalls; infinite: none."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.loss < 1:
@@ -59,20 +59,23 @@ class NetworkProfile:
             )
         if not 0 <= self.duplicates <= 1:
             raise ConfigError(
-                f"a network's duplicates are a share from 0 to 1, not {self.duplicates:g}"
+                "a network's duplicates are a share from 0 to 1, "
+                f"not {self.duplicates:g}"
             )
         if not 1 <= self.burst < math.inf:
             raise ConfigError(
                 f"a network's burst is at least 1 packet, not {self.burst:g}"
             )
         for name in ("delay", "jitter", "spread", "stall"):
-            if not 0 <= (time := getattr(self, name)) < math.inf:
+            seconds = getattr(self, name)
+            if not 0 <= seconds < math.inf:
                 raise ConfigError(
-                    f"a network's {name} is a time in s, at least 0, not {time:g}"
+                    f"a network's {name} is a time in s, at least 0, not {seconds:g}"
                 )
         if not self.stall_interval > 0:
             raise ConfigError(
-                f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}"
+                "a network's stall_interval is a time over 0 s, "
+                f"not {self.stall_interval:g}"
             )
 
 
@@ -105,10 +108,13 @@ def network_profile(text: str) -> NetworkProfile:
     """
     name, *changes = text.split(",")
     if "=" in name:
-        name, changes = "clean", [name, *changes]
+        # Changes alone, without a name, apply to the network that changes nothing.
+        changes.insert(0, name)
+        name = "clean"
     if name not in NETWORK_PROFILES:
         raise ConfigError(
-            f"no network is named {name!r}; there are {', '.join(NETWORK_PROFILES)}, or write loss=0.05,burst=3"
+            f"no network is named {name!r}; there are {', '.join(NETWORK_PROFILES)}, "
+            "or write loss=0.05,burst=3"
         )
     try:
         numbers = {
@@ -118,7 +124,8 @@ def network_profile(text: str) -> NetworkProfile:
         return replace(NETWORK_PROFILES[name], **numbers)  # type: ignore[arg-type]
     except (ValueError, TypeError) as error:
         raise ConfigError(
-            f"{text!r} is not a network ({error}); write for instance wifi,loss=0.05,delay=0.01"
+            f"{text!r} is not a network ({error}); "
+            "write for instance wifi,loss=0.05,delay=0.01"
         ) from error
 
 
@@ -133,18 +140,21 @@ def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[tuple[float, .
     decay = recover * profile.loss / (1 - profile.loss)
     while True:
         turn, double, queue, spread = random.random(4)
-        # A burst of 1 draws each packet independently; otherwise the state persists.
-        bad = (
-            turn < profile.loss
-            if profile.burst == 1
-            else (turn >= recover if bad else turn < decay)
-        )
-        delay = (
-            profile.delay
-            - profile.jitter * math.log1p(-queue)
-            + profile.spread * spread
-        )
-        yield () if bad else (delay, delay) if double < profile.duplicates else (delay,)
+        if profile.burst == 1:
+            # Each packet is drawn independently.
+            bad = turn < profile.loss
+        elif bad:
+            bad = turn >= recover
+        else:
+            bad = turn < decay
+        queueing = -profile.jitter * math.log1p(-queue)
+        delay = profile.delay + queueing + profile.spread * spread
+        if bad:
+            yield ()
+        elif double < profile.duplicates:
+            yield (delay, delay)
+        else:
+            yield (delay,)
 
 
 class ImpairedLink:
@@ -178,12 +188,16 @@ class ImpairedLink:
 
     def push(self, datagram: bytes, *, now: float) -> None:
         delays = next(self._fates)
-        if next(self._lost) if self._lost else not delays:
+        lost = next(self._lost) if self._lost else not delays
+        if lost:
             return
+        # Where ``lost`` spares a packet that the profile would lose, it has the
+        # profile's constant delay.
         for delay in delays or (self._profile.delay,):
             due = self._after_stall(now + delay)
             if not self._profile.overtaking:
-                due = self._last = max(due, self._last)
+                due = max(due, self._last)
+                self._last = due
             heapq.heappush(self._queue, (due, next(self._numbers), datagram))
 
     def pull(self, now: float) -> list[bytes]:
@@ -202,26 +216,26 @@ class ImpairedLink:
             self._stall_begins = due + self._pause()
         while due > self._stall_begins + self._profile.stall:
             self._stall_begins += self._profile.stall + self._pause()
-        return (
-            self._stall_begins + self._profile.stall
-            if due > self._stall_begins
-            else due
-        )
+        if due > self._stall_begins:
+            return self._stall_begins + self._profile.stall
+        return due
 
     def _pause(self) -> float:
         return float(self._stalls.exponential(self._profile.stall_interval))
 
 
 _MAX_WAIT = 0.05
+"""Seconds after which the proxy looks whether it should end."""
 
 
 class ImpairmentProxy:
     """Forwards datagrams in both directions through two impaired links, in its own
     thread; a context manager.
 
-    ``operator`` gets the robot's datagrams. The direction to it has this random seed,
-    the other one the next. ``prepare`` is called first in the thread: to give it the
-    priority of the sound, as a busy machine delays no real network.
+    ``operator`` gets the robot's datagrams. The direction to the operator has the given
+    random seed, the other one the next. ``prepare`` is called first in the thread: it
+    gives the thread the priority of the sound, as a busy machine delays no real
+    network.
     """
 
     def __init__(
@@ -266,12 +280,8 @@ class ImpairmentProxy:
 
     def _forward(self, now: float) -> None:
         due = min(self._to_operator.next_due, self._to_robot.next_due)
-        select.select(
-            [self._robot_side, self._operator_side],
-            [],
-            [],
-            max(0.0, min(due - now, _MAX_WAIT)),
-        )
+        wait = max(0.0, min(due - now, _MAX_WAIT))
+        select.select([self._robot_side, self._operator_side], [], [], wait)
         now = time.monotonic()
         for datagram, source in self._robot_side.receive(0):
             self._robot = source

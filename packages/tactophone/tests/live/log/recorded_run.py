@@ -127,7 +127,7 @@ def record(
             ]
             endpoint = OperatorEndpoint(session, Hand(opened, channels=channels))
         operator = RecordedOperator(endpoint, telemetry, settings)
-        detectors = [reopen(count).detector for count in channels] if remote else None
+        detectors = [reopen(count).detector for count in channels] if remote else []
         sender = RobotEndpoint(robot, detectors, channels=channels if hand else ())
         with McapLog(name, path) as log:
             link = VirtualLink(robot, operator)

@@ -25,17 +25,21 @@ class Span(NamedTuple):
     beyond, so that no two are equal."""
 
     centre: float
+    """Logit in the middle of the span."""
     width: float
+    """Logits from the centre to where the slope has fallen to a third."""
     bottom: float
+    """Lowest grade of the class."""
     top: float
+    """Highest grade of the class."""
     start: float
-    """Grade of a touch of which no window has been classified yet."""
+    """Grade of a touch before its first window has been classified."""
 
     def at(self, logit: float) -> float:
         off = (logit - self.centre) / self.width
-        share = 0.5 + 0.505 * off / math.sqrt(
-            1 + off * off
-        )  # both ends are reached, seven widths from the centre
+        # The factor is a little over a half, so that both ends are reached, seven
+        # widths from the centre.
+        share = 0.5 + 0.505 * off / math.sqrt(1 + off * off)
         return self.bottom + (self.top - self.bottom) * min(max(share, 0.0), 1.0)
 
 
@@ -58,16 +62,20 @@ class Grade:
     Examples
     --------
     >>> grade = Grade()
-    >>> even = Prediction((0.0, 0.5, 0.5), Touch.SMOOTH, roughness=0.49, level_dbfs=-20.0, start=0.0, end=0.032)
+    >>> even = Prediction((0.0, 0.5, 0.5), Touch.SMOOTH, 0.49, -20.0, 0.0, end=0.032)
     >>> round(grade.push(even), 2)
     0.63
     """
 
     def __init__(self) -> None:
         self._mean = 0.0
+        """Mean logit of the touch, over `GRADE_MEMORY` at most."""
         self._heard = 0.0
+        """Seconds of sound that the mean is taken over; 0 before the first window."""
         self._touched = -math.inf
+        """End of the newest window in contact, in s."""
         self._end = -math.inf
+        """End of the newest window that the mean took, in s."""
 
     def push(self, prediction: Prediction) -> float:
         """Take the next prediction; return the grade of its touch, 0 without
@@ -76,16 +84,17 @@ class Grade:
             return 0.0
         span = SPANS[prediction.touch]
         if prediction.start == prediction.end:
-            return span.at(
-                _logit(prediction)
-            )  # of no window: asked for what would be drawn
-        # Time may begin anew, where a stream is restarted.
+            # A prediction without a window asks what would be drawn, and is no part of
+            # any touch.
+            return span.at(_logit(prediction))
+        # Another touch begins after a pause, and where a stream is restarted, so that
+        # time begins anew.
         if not 0 <= prediction.end - self._touched <= SAME_TOUCH:
             self._heard = 0.0
             self._end = -math.inf
         self._touched = prediction.end
-        # A smooth without any roughness is what the contact gate says before a window
-        # is full of touch, or at its end.
+        # The contact gate says smooth, without any roughness, before a window is full
+        # of touch and at the end of a touch: that is no evidence on the surface.
         if prediction.roughness > 0 or prediction.touch is Touch.ROUGH:
             passed = min(prediction.end - self._end, prediction.end - prediction.start)
             self._end = prediction.end
@@ -96,6 +105,7 @@ class Grade:
 
 
 def _logit(prediction: Prediction) -> float:
-    """Logit of rough against smooth, as far as probabilities of float32 hold it."""
+    """Return the logit of rough against smooth, as far as float32 probabilities hold
+    it."""
     _, smooth, rough = prediction.probabilities
     return math.log((rough + 1e-7) / (smooth + 1e-7))

@@ -1,8 +1,9 @@
 """Bounds of the vibration that no sound, model, page or programming error can exceed.
 
-They are applied twice: the pipeline bounds each command, so that what is shown is what
-is rendered, and the oscillator bounds it again in the process that drives the actuator,
-so that nothing between the two needs to be trusted. The ramp of the vibration, and the
+They are applied several times over. The pipeline scales a profile to the ceiling and
+bounds each command, so that what is shown is what is rendered. The renderer, in the
+process that drives the actuator, bounds the command again and clips the waveform, so
+that nothing between the two needs to be trusted. The ramp of the vibration, and the
 time after which a stale command fades, are the oscillator's.
 """
 
@@ -24,8 +25,8 @@ class Limits:
         thread: gate, pipeline and renderer of a finger share one object, so that each
         applies the same ceiling from then on.
     lowest
-        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt
-        Basslet (section IV-B).
+        Begin of the band in Hz; by default the paper's voice coil's, a Lofelt Basslet
+        (section IV-B).
     highest
         End of the band in Hz.
     machine
@@ -48,9 +49,10 @@ class Limits:
 
     def __post_init__(self) -> None:
         self.machine = max(self.machine, self.ceiling)
-        if not (
-            0 <= self.ceiling <= 1 and 0 < self.lowest <= self.highest < math.inf
-        ):  # also where one is NaN
+        # A comparison with NaN is false, so that NaN is refused too.
+        valid_ceiling = 0 <= self.ceiling <= 1
+        valid_band = 0 < self.lowest <= self.highest < math.inf
+        if not (valid_ceiling and valid_band):
             raise ValueError(
                 f"{self}: wanted 0 <= ceiling <= 1 and 0 < lowest <= highest"
             )
@@ -66,28 +68,25 @@ class Limits:
         >>> Limits(ceiling=0.5).scale_for(1.0), Limits(ceiling=0.5).scale_for(0.2)
         (0.5, 1.0)
         """
-        return min(1.0, self.ceiling / peak) if peak > 0 else 1.0
+        if peak <= 0:
+            return 1.0
+        return min(1.0, self.ceiling / peak)
 
     def bound(self, command: HapticCommand) -> HapticCommand:
         """Return the nearest command within the bounds; silence for one that is not
         finite (see :func:`is_finite`)."""
         if not is_finite(command):
             return HapticCommand(0.0, self.lowest, command.time)
-        if (
-            0.0 <= command.amplitude <= self.ceiling
-            and self.lowest <= command.frequency <= self.highest
-        ):
-            return command
+        # The ceiling is read once, as another thread may lower it meanwhile.
         amplitude = min(max(command.amplitude, 0.0), self.ceiling)
-        return HapticCommand(
-            amplitude,
-            min(max(command.frequency, self.lowest), self.highest),
-            command.time,
-        )
+        frequency = min(max(command.frequency, self.lowest), self.highest)
+        if (amplitude, frequency) == (command.amplitude, command.frequency):
+            return command
+        return HapticCommand(amplitude, frequency, command.time)
 
 
 def is_finite(command: HapticCommand) -> bool:
-    """Whether amplitude and frequency are finite; an infinite one is a fault, not a
+    """Return whether amplitude and frequency are finite; infinity is a fault, not a
     strong vibration."""
     return math.isfinite(command.amplitude) and math.isfinite(command.frequency)
 
@@ -96,19 +95,17 @@ def peak_amplitude(profile: Profile) -> float:
     """Return the greatest finite amplitude, 0 to 1, that a profile asks for between
     smooth and rough.
 
-    Found by trying 101 values of roughness for either touch, ends included, so that a
-    profile need not declare it.
+    It is found by trying, so that a profile need not declare it: 101 values of
+    roughness for either touch, ends included.
     """
-    commands = (
-        profile.command(
-            Prediction(
-                (0.0, 1.0 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0
+    peak = 0.0
+    for touch in SURFACE_LABELS:
+        for step in range(101):
+            roughness = step / 100
+            probabilities = (0.0, 1.0 - roughness, roughness)
+            command = profile.command(
+                Prediction(probabilities, touch, roughness, 0.0, 0.0, 0.0)
             )
-        )
-        for touch in SURFACE_LABELS
-        for roughness in (step / 100 for step in range(101))
-    )
-    return max(
-        (min(command.amplitude, 1.0) for command in commands if is_finite(command)),
-        default=0.0,
-    )
+            if is_finite(command):
+                peak = max(peak, min(command.amplitude, 1.0))
+    return peak

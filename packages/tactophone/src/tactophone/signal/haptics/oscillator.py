@@ -5,7 +5,10 @@ Amplitude and frequency follow their targets through a first-order low-pass. Bet
 commands the targets are constant, so everything has a closed form: ``n`` samples after
 a command that found amplitude :math:`a_0`,
 
-.. math:: a_n = a + (a_0 - a) r^n, \quad \varphi_n = \varphi_0 + (f n + (f_0 - f) \sum_{k=1}^n r^k) / f_s
+.. math::
+
+    a_n = a + (a_0 - a) r^n, \quad
+    \varphi_n = \varphi_0 + (f n + (f_0 - f) \sum_{k=1}^n r^k) / f_s
 
 with :math:`r = e^{-1 / (\tau f_s)}`. A sample thus depends on the command and its
 distance from it, never on the device's block size: rendering in any pieces is
@@ -126,8 +129,10 @@ class Oscillator(Renderer):
     >>> oscillator.submit(HapticCommand(amplitude=1.0, frequency=60.0, time=0.0))
     >>> out = np.empty(4800, np.float32)
     >>> oscillator.render(out)
-    >>> round(float(abs(out[:1600]).max()), 2), float(abs(out[-480:]).max()), dict(oscillator.faults)
-    (0.5, 0.0, {'stale': 1})
+    >>> round(float(abs(out[:1600]).max()), 2), float(abs(out[-480:]).max())
+    (0.5, 0.0)
+    >>> dict(oscillator.faults)
+    {'stale': 1}
     """
 
     def __init__(
@@ -147,24 +152,29 @@ class Oscillator(Renderer):
         """Return to silence and the initial state; a stop stays in force."""
         super().reset()
         self._seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
+        # A segment lasts from one change of target to the next. Amplitude and frequency
+        # are its targets, the gaps what was missing to them at its beginning.
         self._amplitude = 0.0
         self._amplitude_gap = 0.0
         self._frequency = self.limits.lowest
         self._frequency_gap = 0.0
         self._phase = 0.0
+        """Turns, 0 to 1, at the beginning of the segment."""
         self._age = self._settled
+        """Samples since the segment began."""
         self._since_command = 0
+        """Samples since the newest command came."""
 
     def render(self, out: FloatArray) -> None:
         """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         self._apply_changes()
         self.silent = True
-        # The newest command holds for so many samples more, counted as rendered: no
-        # clock is read, so that a late callback neither shortens nor lengthens a
-        # vibration. Silence never becomes stale.
-        fresh = (
-            max(0, self._timeout - self._since_command) if self._amplitude else len(out)
-        )
+        # The time for which the newest command still holds is counted in samples
+        # rendered: no clock is read, so that a late callback neither shortens nor
+        # lengthens a vibration. Silence never becomes stale.
+        fresh = len(out)
+        if self._amplitude:
+            fresh = max(0, self._timeout - self._since_command)
         if fresh >= len(out):
             self._write(out)
             return
@@ -176,18 +186,19 @@ class Oscillator(Renderer):
     def _apply_changes(self) -> None:
         """Follow a command, limits or a stop set since the last call, perhaps by
         another thread."""
-        # All are read once and compared by identity: no lock, and a change between two
-        # reads is seen next time.
+        # Each is read once and compared by identity. So no lock is needed, and a change
+        # between two reads is seen next time.
         seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
         before = self._seen
         if all(map(operator.is_, seen, before)):
             return
-        if seen[0] is not self._seen[0]:
+        if seen[0] is not before[0]:
             self._since_command = 0
         self._seen = seen
         (command,), limits, _, stopped = seen
         target = limits.bound(command)
-        if stopped or self._since_command >= self._timeout or not target.amplitude:
+        stale = self._since_command >= self._timeout
+        if stopped or stale or not target.amplitude:
             # A vibration that ends keeps its frequency while it fades.
             self._retarget(0.0, self._frequency)
         else:
@@ -258,11 +269,10 @@ class Oscillator(Renderer):
             self._decay[first : first + size], self._amplitude_gap, out=envelope
         )
         envelope += self._amplitude
-        # Commands are bounded already, and a ceiling that was lowered is followed like
-        # a command: cut, it would click.
-        if max(self._amplitude, self._amplitude + self._amplitude_gap) > (
-            machine := self._seen[1].machine
-        ):
+        # Commands are bounded already. A ceiling that was lowered is followed like a
+        # command, since a cut would click; only the machine's own is enforced at once.
+        machine = self._seen[1].machine
+        if max(self._amplitude, self._amplitude + self._amplitude_gap) > machine:
             np.minimum(envelope, machine, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
         self._age += size
@@ -275,10 +285,9 @@ def _tables(
     sums from n = 1.
 
     The frequency n samples into a segment is f + (f0 - f) r^n. The phase adds up the
-    frequencies of all samples before, so that of the gap is (f0 - f) times the sum of
-    r^k: a table of sums makes each sample's phase one product. From ``settled`` on
-    powers count as zero, and the sum stays what it is: what the gap has added to the
-    phase for good.
+    frequencies of all samples before, so the gap adds (f0 - f) times the sum of r^k: a
+    table of sums makes each sample's phase one product. From ``settled`` on, powers
+    count as zero, and the sum stays at what the gap has added to the phase for good.
     """
     powers = np.exp(-np.arange(1.0, settled + MAX_PIECE + 1) / time_constant)
     powers[settled - 1 :] = 0.0
@@ -307,12 +316,11 @@ class Playback:
         end = max(self._done, round(until * self._oscillator.sample_rate))
         out = np.empty(end - self._done, np.float32)
         first = self._done
-        while (
-            self._waiting
-            and (place := round(self._waiting[0].time * self._oscillator.sample_rate))
-            < end
-        ):
-            place = max(place, self._done)
+        while self._waiting:
+            due = round(self._waiting[0].time * self._oscillator.sample_rate)
+            if due >= end:
+                break
+            place = max(due, self._done)
             self._oscillator.render(out[self._done - first : place - first])
             self._oscillator.submit(self._waiting.popleft())
             self._done = place

@@ -234,8 +234,8 @@ PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = {
 
 
 def passthrough_names() -> tuple[str, ...]:
-    """Return the names of all passthroughs: those built in, then those of other
-    packages."""
+    """Return the names of all passthroughs: first the built-in ones, then what other
+    packages add."""
     added = registered(PASSTHROUGHS)
     return (
         *PASSTHROUGH,

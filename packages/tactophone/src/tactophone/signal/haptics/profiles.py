@@ -36,11 +36,11 @@ ROUGH_STIMULUS = Stimulus(60.0, 0.0)
 """The paper's authors describe it as *bumpy* (Pätzold et al. 2023, section III-D)."""
 
 SMOOTH_STIMULUS = Stimulus(120.0, -25.0)
-"""They describe it as *fizzy*."""
+"""The paper's authors describe it as *fizzy*."""
 
 SMOOTHEST_STIMULUS = Stimulus(217.0, -46.0)
-"""Where `GradedProfile` ends: about 11 dB fainter to a finger than the paper's
-smooth."""
+"""The faintest stimulus of `GradedProfile`: about 11 dB fainter to a finger than the
+paper's smooth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +52,8 @@ class PaperProfile:
     the frequency by ratio, as both are perceived (Weber's law; steps of 18 % in
     frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
 
-    >>> prediction = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
-    >>> command = PaperProfile().command(prediction)
+    >>> undecided = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, 0.5, -20.0, 0.0, 0.256)
+    >>> command = PaperProfile().command(undecided)
     >>> round(command.frequency, 1), round(command.amplitude, 3)
     (84.9, 0.237)
     """
@@ -68,13 +68,10 @@ class PaperProfile:
     def between(self, prediction: Prediction, share: float) -> HapticCommand:
         """Return the vibration at a share of the way from smooth (0) to rough (1);
         under 0 it is smoother yet."""
-        frequency = (
-            self.smooth.frequency
-            * (self.rough.frequency / self.smooth.frequency) ** share
-        )
-        level_dbfs = self.smooth.level_dbfs + share * (
-            self.rough.level_dbfs - self.smooth.level_dbfs
-        )
+        ratio = self.rough.frequency / self.smooth.frequency
+        frequency = self.smooth.frequency * ratio**share
+        contrast_db = self.rough.level_dbfs - self.smooth.level_dbfs
+        level_dbfs = self.smooth.level_dbfs + share * contrast_db
         return _vibration(prediction, 10 ** (level_dbfs / 20), frequency)
 
 
@@ -91,10 +88,8 @@ class GradedProfile(PaperProfile):
     grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        return self.between(
-            prediction,
-            (self.grade.push(prediction) - SMOOTH_GRADE) / (1 - SMOOTH_GRADE),
-        )
+        grade = self.grade.push(prediction)
+        return self.between(prediction, (grade - SMOOTH_GRADE) / (1 - SMOOTH_GRADE))
 
 
 def _vibration(
@@ -116,8 +111,8 @@ class ActuatorResponse:
     where unknown.
 
     >>> response = ActuatorResponse(lowest=80.0, levels=((80.0, -10.0), (160.0, 0.0)))
-    >>> response.level_db(80.0), response.level_db(113.137).__round__(1), response.level_db(400.0)
-    (-10.0, -5.0, 0.0)
+    >>> [round(response.level_db(hertz), 1) for hertz in (80.0, 113.137, 400.0)]
+    [-10.0, -5.0, 0.0]
     >>> response.within(60.0), response.within(100.0)
     (80.0, 100.0)
     """
@@ -125,13 +120,14 @@ class ActuatorResponse:
     resonance: float = math.nan
     """In Hz."""
     lowest: float = math.nan
+    """Begin of the band in Hz, in which the level is at most 10 dB under the level at
+    the resonance."""
     highest: float = math.nan
-    """`lowest` and `highest`: the band in Hz: where the level is at most 10 dB under
-    that of the resonance."""
+    """End of the band in Hz."""
     slowest: float = math.nan
+    """Lowest speed, in Hz, at which a rotating motor turns."""
     fastest: float = math.nan
-    """`slowest` and `fastest`: speeds of a rotating motor in Hz: the lowest at which it
-    turns, and that at full drive."""
+    """Speed of a rotating motor at full drive, in Hz."""
     levels: tuple[tuple[float, float], ...] = ()
     """``(frequency in Hz, level in dB relative to the resonance)``, frequencies
     rising."""
@@ -140,7 +136,8 @@ class ActuatorResponse:
         for low, high in ((self.lowest, self.highest), (self.slowest, self.fastest)):
             if low >= high:  # false for NaN
                 raise ConfigError(
-                    f"actuator: {low:g} to {high:g} Hz is no range; wanted the lower figure first"
+                    f"actuator: {low:g} to {high:g} Hz is no range; "
+                    "wanted the lower figure first"
                 )
 
     def level_db(self, frequency: float) -> float:
@@ -152,9 +149,10 @@ class ActuatorResponse:
         return float(np.interp(math.log(frequency), np.log(frequencies), levels))
 
     def within(self, frequency: float) -> float:
-        return min(
-            max(frequency, known(self.lowest, -math.inf)), known(self.highest, math.inf)
-        )
+        """Return the frequency of the band that is nearest to one wanted."""
+        lowest = known(self.lowest, -math.inf)
+        highest = known(self.highest, math.inf)
+        return min(max(frequency, lowest), highest)
 
 
 UNKNOWN = ActuatorResponse()
@@ -167,9 +165,10 @@ def known(value: float, typical: float) -> float:
 
 
 MOST_HZ = 20_000.0
+"""Highest frequency of a measured response: no actuator plays above it."""
+
 MOST_DB = 200.0
-"""Bounds of a measured response: no actuator is above, and powers of ten stay
-finite."""
+"""Greatest level of a measured response, up or down: powers of ten stay finite."""
 
 
 def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
@@ -186,9 +185,11 @@ def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}") from None
     frequencies = [frequency for frequency, _ in levels]
     rising = all(low < high for low, high in itertools.pairwise([0.0, *frequencies]))
-    if not rising or not all(
-        high <= MOST_HZ and abs(level) <= MOST_DB for high, level in levels
-    ):  # also where NaN
+    # A comparison with NaN is false, so that NaN is refused too.
+    bounded = all(
+        frequency <= MOST_HZ and abs(level) <= MOST_DB for frequency, level in levels
+    )
+    if not (rising and bounded):
         raise ConfigError(f"actuator.response = {text!r}: {_FORM}")
     return levels
 
@@ -229,13 +230,14 @@ class PerceptualProfile:
     """
 
     lowest: float = 40.0
+    """Begin of the actuator's measured band, in Hz, as far as a finger discriminates
+    frequency in it."""
     highest: float = 250.0
-    """`lowest` and `highest`: the actuator's measured band, in Hz, as far as a finger
-    discriminates frequency in it."""
+    """End of that band, in Hz."""
     faint_db: float = 15.0
+    """Level of smooth over the detection threshold."""
     strong_db: float = 33.0
-    """`faint_db` and `strong_db`: levels over threshold; 33 dB is what full drive
-    reaches at 40 Hz."""
+    """Level of rough over the detection threshold: what full drive reaches at 40 Hz."""
     name: str = "perceptual"
     response: ActuatorResponse = UNKNOWN
     """The actuator's response, for which the level is corrected as far as full drive
@@ -265,14 +267,14 @@ class ErmProfile:
     together.
 
     Its force grows with the square of its speed; under a starting voltage it does not
-    turn. The figures are those of a coin motor such as Precision Microdrives 310-103:
-    about 80 to 220 Hz.
+    turn. The figures describe a coin motor such as Precision Microdrives 310-103: about
+    80 to 220 Hz.
     """
 
     slowest: float = 80.0
+    """Lowest speed at which it turns, in Hz."""
     fastest: float = 220.0
-    """`slowest` and `fastest`: speeds in Hz: the lowest at which it turns, and that at
-    full drive."""
+    """Speed at full drive, in Hz."""
     name: str = "erm"
     grade: Grade = field(default_factory=Grade, repr=False, compare=False)
 
@@ -309,11 +311,8 @@ class LraProfile:
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        return _vibration(
-            prediction,
-            10 ** (self.faint_db * (1 - self.grade.push(prediction)) / 20),
-            self.resonance,
-        )
+        level_dbfs = self.faint_db * (1 - self.grade.push(prediction))
+        return _vibration(prediction, 10 ** (level_dbfs / 20), self.resonance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,11 +338,8 @@ class PiezoProfile:
 
     def command(self, prediction: Prediction) -> HapticCommand:
         share = self.grade.push(prediction)
-        return _vibration(
-            prediction,
-            10 ** (self.faint_db * (1 - share) / 20),
-            self.resonance * 2**-share,
-        )
+        amplitude = 10 ** (self.faint_db * (1 - share) / 20)
+        return _vibration(prediction, amplitude, self.resonance * 2**-share)
 
 
 CLICK_DURATION = 0.03
@@ -376,10 +372,8 @@ class EventsProfile:
         if any(event.kind in CLICKS for event in prediction.events):
             self._clicked = prediction.end
         # Time may begin anew, where a stream is restarted.
-        if (
-            0 <= prediction.end - self._clicked < CLICK_DURATION
-            and not prediction.faulty
-        ):
+        clicks = 0 <= prediction.end - self._clicked < CLICK_DURATION
+        if clicks and not prediction.faulty:
             return HapticCommand(1.0, CLICK_FREQUENCY, prediction.end)
         return self._base.command(prediction)
 
@@ -416,6 +410,7 @@ def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
 
 
 _PATH = 200
+"""Steps of roughness from smooth to rough, dense enough to add up a profile's curve."""
 
 
 def discriminable_steps(profile: Profile) -> tuple[float, float]:

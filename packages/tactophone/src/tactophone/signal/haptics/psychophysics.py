@@ -25,59 +25,58 @@ LEVEL_JND_DB = 1.5
 published 0.2 to 0.58."""
 
 _BEST = 250.0
+"""Hz at which the skin is most sensitive (Verrillo 1963)."""
+
 _CORNER = 40.0
+"""Hz up to which the threshold is flat (Verrillo 1962)."""
 
 
 def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Detection threshold in dB over that at 250 Hz, for the same drive of the
-    actuator.
+    """Return the detection threshold, in dB over the one at 250 Hz, for the same drive
+    of the actuator.
 
     >>> [round(float(threshold_db(f)), 1) for f in (20, 40, 60, 120, 250)]
     [31.7, 31.7, 24.7, 12.7, 0.0]
     """
-    octaves = np.log2(
-        np.maximum(np.asarray(frequency, dtype=np.float64), _CORNER) / _BEST
-    )
+    above_corner = np.maximum(np.asarray(frequency, dtype=np.float64), _CORNER)
+    octaves = np.log2(above_corner / _BEST)
     return np.asarray(12.0 * np.abs(octaves))
 
 
 def sensation_db(amplitude: float, frequency: float) -> float:
-    """Level over threshold of a sine in dB; 0 below the threshold.
+    """Return the level of a sine over threshold in dB; 0 below the threshold.
 
-    >>> round(sensation_db(1.0, 60.0), 1), round(sensation_db(0.056, 120.0), 1), sensation_db(0.0, 60.0)
-    (40.3, 27.3, 0.0)
+    >>> round(sensation_db(1.0, 60.0), 1), round(sensation_db(0.056, 120.0), 1)
+    (40.3, 27.3)
+    >>> sensation_db(0.0, 60.0)
+    0.0
     """
     if amplitude <= 0:
         return 0.0
-    return max(
-        0.0, FULL_DRIVE_DB + 20 * math.log10(amplitude) - float(threshold_db(frequency))
-    )
+    drive_db = 20 * math.log10(amplitude)
+    return max(0.0, FULL_DRIVE_DB + drive_db - float(threshold_db(frequency)))
 
 
 def amplitude_for(level_db: float, frequency: float) -> float:
-    """Amplitude of a sine at a level over threshold; at most full drive.
+    """Return the amplitude of a sine at a level over threshold; at most full drive.
 
     >>> round(amplitude_for(sensation_db(0.3, 90.0), 90.0), 3)
     0.3
     """
-    return float(
-        min(
-            1.0,
-            10 ** ((level_db - FULL_DRIVE_DB + float(threshold_db(frequency))) / 20),
-        )
-    )
+    drive_db = level_db - FULL_DRIVE_DB + float(threshold_db(frequency))
+    return float(min(1.0, 10 ** (drive_db / 20)))
 
 
 def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Count the just-noticeable steps along a path of vibrations: of frequency alone,
     and of frequency and level.
 
-    ``stimuli`` are amplitude and frequency, from one end of the path to the other,
-    densely.
+    ``stimuli`` are amplitude and frequency, close to each other, from one end of the
+    path to the other. Steps of frequency and of level add up as independent sensations
+    do (root of the sum of squares).
 
-    Both together add up as independent sensations do (root of the sum of squares).
-
-    >>> frequency, both = count_steps([(0.05, 120.0 * 2 ** (-k / 100)) for k in range(101)])
+    >>> octave = [(0.05, 120.0 * 2 ** (-k / 100)) for k in range(101)]
+    >>> frequency, both = count_steps(octave)
     >>> round(frequency, 1)
     4.2
     """
