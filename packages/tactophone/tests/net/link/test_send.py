@@ -319,6 +319,29 @@ def test_a_ladder_of_requests_makes_no_step_in_the_sound_of_others() -> None:
     assert greatest_difference(decoded_beside(jumps), UNDISTURBED) < INAUDIBLE
 
 
+def test_a_ladder_of_requests_vibrates_no_other_fingertip() -> None:
+    call, commands = GroupCall(2, Codec("opus", packet_size=240)), []
+    pipeline = open_pipeline(sample_rate=48_000, channels=2)
+    link = call.links[0]
+    link.operator.bandwidth = round(pipeline.detector.bandwidth)
+    link.operator = OperatorEndpoint(link.operator, Hand([pipeline]))
+    call.connect(2)
+    noise = np.random.default_rng(1).normal(0, 10 ** (-65 / 20), (48_000, 2))
+    sound = (np.tile(MOTOR + noise, (3, 1))).astype(np.float32)
+    for number, start in enumerate(range(0, len(sound), 240)):
+        call.group.push(AudioBlock(sound[start : start + 240], 48_000, start))
+        call.now += 0.005
+        # The first two seconds: the detector learns that the motor is no touch.
+        if start > 96_000:
+            call.send_as(1, bytes(ReceiverRequest(1, 8_001 + number)))
+        for _, step in link.carry(call.now):
+            if step is not None and start > 96_000:
+                commands += step.commands
+        call.links[1].carry(call.now)
+    assert len(commands) > 50
+    assert max(command.amplitude for command in commands) == 0.0
+
+
 def test_the_band_widens_once_in_ten_seconds_but_at_once_for_who_just_came_in() -> None:
     call = GroupCall(3)
     call.connect(2)
@@ -342,6 +365,96 @@ def test_the_band_widens_once_in_ten_seconds_but_at_once_for_who_just_came_in() 
     call.send_as(0, bytes(ReceiverRequest(1, 8_001)))
     call.carry()
     assert call.group.encoder.codec.bandwidth == 12_000
+
+
+@pytest.mark.parametrize(
+    ("name", "fingers", "size", "band"),
+    [
+        ("opus", 3, 960, 4_000),
+        ("opus", 6, 480, 4_000),
+        ("opus", 5, 480, 8_000),
+        ("opus", 10, 240, 8_000),
+        ("pcm16", 10, 30, 0),
+    ],
+)
+def test_a_hand_runs_with_the_widest_band_that_fits_a_datagram_and_says_which(
+    name: str, fingers: int, size: int, band: int
+) -> None:
+    codec = Codec(name, channels=2 * fingers, packet_size=size)
+    call = GroupCall(1, codec)
+    call.connect(1)
+    for hertz in (8_000, 2**32 - 1):
+        call.send_as(0, bytes(ReceiverRequest(1, hertz)))
+        call.carry()
+        if hertz == 8_000:
+            narrowed = call.group.narrowed
+    silence = np.zeros((960, codec.channels), np.float32)
+    call.group.push(AudioBlock(silence, 48_000, 0))
+    call.carry()
+    assert any(isinstance(event, DecodedAudio) for event in call.events[0])
+    assert not call.group.members[0].session.faults["contained"]
+    if band:
+        assert call.group.encoder.codec.bandwidth == band
+    if band == 4_000:
+        assert narrowed == (
+            "sound up to 4 kHz is sent, but an operator's model hears up to 8 kHz, "
+            f"which packets of {size / 48:g} ms cannot hold with {2 * fingers} channels; "
+            "choose a shorter --packet-duration"
+        )
+    else:
+        assert narrowed == ""
+
+
+@pytest.mark.parametrize("end", ["robot", "operator"])
+def test_an_error_of_our_own_ends_the_session_with_its_cause_and_no_other(
+    end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(packet: bytes) -> None:
+        raise ZeroDivisionError
+
+    call = GroupCall(2)
+    call.connect(2)
+    if end == "robot":
+        call.send_as(1, bytes(ReceiverRequest(1, 8_000)))
+        monkeypatch.setattr("tactophone.net.link.send.parse_report", fail)
+        call.links[1].carry(call.now)
+        monkeypatch.undo()
+        failed = call.group.members[1].session
+        assert call.group.counters["link_losses"] == 1
+    else:
+        call.now += 0.3
+        for number in (0, 1):
+            call.group.poll(call.now, operator=number)
+        monkeypatch.setattr("tactophone.net.link.receive.parse_report", fail)
+        call.events[1] += call.links[1].carry(call.now)
+        monkeypatch.undo()
+        failed = call.links[1].operator.session
+        assert any(isinstance(event, Disconnected) for event in call.events[1])
+    assert failed.faults["contained"] == 1
+    assert failed.peer is None
+    assert call.group.members[0].session.peer == "operator 0"
+    for _ in range(120):
+        call.now += 0.05
+        call.carry()
+    assert call.group.peers == ["operator 0", "operator 1"]
+
+
+def test_a_handshake_that_raises_as_time_passes_ends_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(self: object, now: float) -> None:
+        raise ZeroDivisionError
+
+    call = GroupCall(1)
+    call.group.poll(call.now)
+    monkeypatch.setattr("tactophone.net.link.handshake.Handshake.poll", fail)
+    call.group.poll(call.now + 0.05)
+    monkeypatch.undo()
+    assert call.group.members[0].session.faults["contained"] == 1
+    for _ in range(120):
+        call.now += 0.05
+        call.carry()
+    assert call.group.peers == ["operator 0"]
 
 
 @pytest.mark.parametrize(

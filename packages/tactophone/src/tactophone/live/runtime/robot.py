@@ -222,8 +222,10 @@ class Robot(Side):
             self._end_soon(now)
 
     def _link_faults(self) -> Iterator[Fault]:
-        """Yield which operators are not connected, and why, and which run another
-        version."""
+        """Yield which operators are not connected, and why, which run another version,
+        and what is not sent as they would have it."""
+        if narrowed := self._group.narrowed:
+            yield Fault("bandwidth", narrowed)
         for number, (member, (host, port)) in enumerate(
             zip(self._group.members, self._operators, strict=True), 1
         ):

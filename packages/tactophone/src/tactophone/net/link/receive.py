@@ -147,7 +147,7 @@ class ReceiveSession:
             events += opened
         if events:
             self.tap(now, events, False)
-        return self._handle(events, now)
+        return self._handle_safely(events, now)
 
     def pull(self, size: int, *, now: float) -> FloatArray:
         """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that
@@ -175,7 +175,7 @@ class ReceiveSession:
         events = self.session.poll(now)
         if events or self._depacketizer.waiting:
             self.tap(now, events, True)
-        return [*self._handle(events, now), *self._depacketizer.poll(now)]
+        return self._handle_safely(events, now, polled=True)
 
     def _begin(self, past: Counter[str], *, start: int = 0) -> None:
         # One assignment, so that a thread that reads `counters` meanwhile counts the
@@ -186,6 +186,19 @@ class ReceiveSession:
         self._predictions = _PredictionStream(start)
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0
+
+    def _handle_safely(
+        self, events: list[Event], now: float, *, polled: bool = False
+    ) -> list[ReceiveEvent]:
+        try:
+            received = self._handle(events, now)
+            return [*received, *self._depacketizer.poll(now)] if polled else received
+        except Exception as error:
+            # Whatever an authentic packet made our code raise ends the robot's session,
+            # not the operator's side: without a session the fingertip is quiet.
+            ended = self.session.contain(error, now=now)
+            self.tap(now, ended, polled)
+            return self._handle(ended, now)
 
     def _handle(self, events: list[Event], now: float) -> list[ReceiveEvent]:
         received: list[ReceiveEvent] = []

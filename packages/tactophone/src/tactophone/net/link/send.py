@@ -154,6 +154,24 @@ class SendGroup:
         return max((member.loss for member in self.connected), default=0.0)
 
     @property
+    def narrowed(self) -> str:
+        """Which band is sent where an operator's model hears a wider one that fits no
+        datagram; one line for the user, empty if none does."""
+        if not self._follow:
+            return ""
+        codec = self.encoder.codec
+        wanted = max((band_of(each.bandwidth) for each in self.connected), default=0)
+        fitting = codec.for_bandwidth(wanted).bandwidth
+        if codec.name == "pcm16" or fitting >= wanted:
+            return ""
+        duration = 1000 * codec.packet_size / CLOCK_RATE
+        return (
+            f"sound up to {fitting / 1000:g} kHz is sent, but an operator's model hears "
+            f"up to {wanted / 1000:g} kHz, which packets of {duration:g} ms cannot hold "
+            f"with {codec.channels} channels; choose a shorter --packet-duration"
+        )
+
+    @property
     def origin(self) -> int | None:
         """The RTP timestamp of the source's first sample, at every operator; ``None``
         while nobody is connected."""
@@ -191,7 +209,7 @@ class SendGroup:
             member.session.receive(data, source=source, now=now)
             for data, source in datagrams
         ]
-        return self._handle(
+        return self._handle_safely(
             member, [event for events in received for event in events], now
         )
 
@@ -202,7 +220,7 @@ class SendGroup:
         if member.stream and now >= member.next_report:
             member.next_report = now + REPORT_INTERVAL
             member.session.send(bytes(member.stream.report(now)))
-        return self._handle(member, member.session.poll(now), now)
+        return self._handle_safely(member, member.session.poll(now), now)
 
     def hang_up(self) -> None:
         for member in self.members:
@@ -214,6 +232,16 @@ class SendGroup:
             if member is self._logged:
                 self.tap(PacketReceived(packet, report=False))
             member.session.send(packet)
+
+    def _handle_safely(
+        self, member: Member, events: list[Event], now: float
+    ) -> list[Connected | Disconnected]:
+        try:
+            return self._handle(member, events, now)
+        except Exception as error:
+            # Nothing that one operator sends ends the robot of the others: whatever an
+            # authentic packet made our code raise ends the session of its sender.
+            return self._handle(member, member.session.contain(error, now=now), now)
 
     def _handle(
         self, member: Member, events: list[Event], now: float

@@ -363,7 +363,12 @@ class Session:
         """Let time pass: retransmit, call again, renew keys, time out. Call it about
         twenty times a second."""
         for key, handshake in list(self._pending.items()) if self._pending else ():
-            handshake.poll(now)
+            try:
+                handshake.poll(now)
+            except Exception as error:
+                # As in `receive`: a handshake that makes a library raise ends alone.
+                self._contain(error, key[0])
+                continue
             self._collect(handshake, key[0])
             if handshake.failure:
                 self._drop(key, handshake.failure)
@@ -400,6 +405,17 @@ class Session:
             bytes(Goodbye(self._keys.current.agreement.secrets.local_ssrc, reason))
         )
         return self._end("closed on this side")
+
+    def contain(self, error: Exception, *, now: float) -> list[Event]:
+        """End the session with a peer whose authentic packets made something raise.
+
+        Whoever owns the session calls this where it handles what a peer sent: a fault
+        that one peer can cause ends that peer's session alone, and is counted and
+        logged. A caller calls again after a pause.
+        """
+        self._note_contained(error, self.peer or "the peer")
+        self._call_after = now + BUSY_PAUSE
+        return self.hang_up(f"an error on the other side ({type(error).__name__})")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         ready, self._outgoing = self._outgoing, []
@@ -575,13 +591,16 @@ class Session:
         self._keys.use(None)
         return [Disconnected(reason)]
 
-    def _contain(self, error: Exception, source: Address) -> None:
+    def _note_contained(self, error: Exception, source: object) -> None:
         self.faults["contained"] += 1
         # At a flood, the log gets the first, second, fourth, eighth... of them.
         if self.faults["contained"].bit_count() == 1:
             _log.warning(
-                "a datagram from %s led to %r; its handshake was ended", source, error
+                "a datagram from %s led to %r; its connection was ended", source, error
             )
+
+    def _contain(self, error: Exception, source: Address) -> None:
+        self._note_contained(error, source)
         for key in [key for key in self._pending if key[0] == source]:
             self._drop(key, f"the handshake failed ({type(error).__name__})")
 
