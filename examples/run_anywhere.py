@@ -9,11 +9,16 @@ decided by a fixed threshold, the model's own unless one is given.
 
 import json
 import math
+import os
 import sys
 from collections.abc import Iterator
 from fractions import Fraction
 
 import numpy as np
+
+# ONNX Runtime reports its use to its maker unless this is set before the import.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
 import onnxruntime
 import soundfile
 from numpy.lib.stride_tricks import sliding_window_view

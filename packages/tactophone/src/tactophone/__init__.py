@@ -19,6 +19,7 @@ Values and errors are imported at once, everything else when it is first used.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from tactophone.core import usage_statistics
 from tactophone.core.errors import (
     ConfigError,
     DatasetError,
@@ -41,6 +42,9 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.core.version import __version__
+
+# Before any of the modules below can import ONNX Runtime.
+usage_statistics.switch_off()
 
 if TYPE_CHECKING:
     from tactophone.app.live import Live, open_live

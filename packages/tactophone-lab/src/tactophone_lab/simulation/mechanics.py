@@ -14,11 +14,15 @@ tip's mass rings, and it is the area in which friction adheres.
 
 `compiled` compiles the sample loops with numba, once, and caches the machine code
 beside the source, or in the user's cache folder where the installation is read-only.
+Where neither can be written, as in a container under a foreign user, every start
+compiles again.
 Beware: numba detects changes only in the file that defines a kernel. So all that a
 kernel calls is defined in its file; after changing a tuple or a constant that it
 imports, save that too.
 """
 
+import functools
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
@@ -40,7 +44,23 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 def compiled(kernel: Kernel) -> Kernel:
     """Compile a sample loop at its first call, without the interpreter lock; strictly
     IEEE, so that bits repeat."""
-    return cast(Kernel, numba.njit(cache=True, nogil=True)(kernel))
+    try:
+        return cast(Kernel, numba.njit(cache=True, nogil=True)(kernel))
+    except RuntimeError as error:
+        # numba raises this, and nothing more specific, where no cache can be written.
+        if "cannot cache" not in str(error):
+            raise
+    _warn_of_no_cache()
+    return cast(Kernel, numba.njit(nogil=True)(kernel))
+
+
+@functools.cache
+def _warn_of_no_cache() -> None:
+    """Say once in each process that compiled code cannot be kept."""
+    logging.getLogger(__name__).warning(
+        "the simulated finger is compiled anew at every start, which takes half a "
+        "minute: no folder for machine code can be written; set NUMBA_CACHE_DIR to one"
+    )
 
 
 SKIN = 3.3e9
