@@ -4,6 +4,7 @@ Run ``python benchmarks/help_time.py``, or ``python benchmarks/help_time.py VERB
 the slowest imports of one verb.
 """
 
+import argparse
 import statistics
 import subprocess
 import sys
@@ -12,13 +13,22 @@ import time
 from tactophone.cli.verbs import all_verbs
 
 REPEATS = 5
+"""How often each verb is run; its median is printed."""
 
 
 def main() -> None:
-    """Print the median of five runs of each verb, slowest first, or the imports of one
-    verb."""
-    if len(sys.argv) > 1:
-        print_imports(sys.argv[1])
+    """Print the median time of each verb, slowest first, or one verb's imports."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "verb",
+        nargs="?",
+        choices=sorted(all_verbs()),
+        metavar="VERB",
+        help="print the slowest imports of this verb instead",
+    )
+    args = parser.parse_args()
+    if args.verb:
+        print_imports(args.verb)
         return
     times = {verb: seconds(verb) for verb in all_verbs()}
     for verb, median in sorted(times.items(), key=lambda item: -item[1]):

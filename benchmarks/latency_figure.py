@@ -4,6 +4,7 @@ of each row, by period.
 Run ``python benchmarks/latency_figure.py`` after the table has changed.
 """
 
+import argparse
 import re
 from pathlib import Path
 
@@ -47,6 +48,7 @@ COLOURS = {
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     table = (DOCS / "research" / "latency.md").read_text()
     figure, axes = plt.subplots(figsize=(8, 5.2))
     labels, place, before = [], 0.0, 0

@@ -17,6 +17,7 @@ Needs Debian's chromium and chromium-driver. A motor is replaced by a function t
 notes the time.
 """
 
+import argparse
 import asyncio
 import contextlib
 import functools
@@ -465,8 +466,21 @@ PARTS = {
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "parts",
+        nargs="*",
+        metavar="PART",
+        help=f"what to measure, of {', '.join(PARTS)} (default: all of them)",
+    )
+    args = parser.parse_args()
+    unknown = sorted(set(args.parts) - set(PARTS))
+    if unknown:
+        parser.error(f"no part {unknown[0]!r}; the parts are {', '.join(PARTS)}")
     print("| from, to | count | p50 ms | p95 ms |\n|---|---:|---:|---:|")
-    for name in sys.argv[1:] or PARTS:
+    for name in args.parts or PARTS:
         PARTS[name]()
 
 

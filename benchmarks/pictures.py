@@ -1,12 +1,12 @@
 """Pictures of the pages: those in `docs/images`, or every screen in every size and
 theme, to be looked at.
 
-``python benchmarks/pictures.py FOLDER [all [PART...]]`` writes ``dashboard.png`` and
-``stone-box.png``; with ``all``, each screen of each page at 390, 768 and 1280 px, light
-and dark, or of the parts ``dashboard``, ``stone_box``, ``recordings`` and ``set_up``.
+``python benchmarks/pictures.py FOLDER`` writes ``dashboard.png`` and ``stone-box.png``;
+``--all`` writes each screen of each page at 390, 768 and 1280 px, light and dark.
 Needs Debian's chromium and chromium-driver.
 """
 
+import argparse
 import base64
 import contextlib
 import subprocess
@@ -224,18 +224,38 @@ def wait(done: Callable[[], Any], seconds: float = 60) -> Any:
     return found
 
 
+PARTS = {
+    "dashboard": dashboard,
+    "stone_box": stone_box,
+    "recordings": recordings,
+    "set_up": set_up,
+}
+"""The pages, by name; the docs show the first two."""
+
+
 def main() -> None:
-    folder, looks = Path(sys.argv[1]).absolute(), ALL if "all" in sys.argv[2:] else DOCS
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="where the pictures are written")
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="every screen in every size and theme, not only those of the docs",
+    )
+    parser.add_argument(
+        "--part",
+        action="append",
+        choices=list(PARTS),
+        help="only this page; repeatable",
+    )
+    args = parser.parse_args()
+    folder = args.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
+    looks = ALL if args.all else DOCS
+    names = args.part or (list(PARTS) if args.all else ["dashboard", "stone_box"])
     with chromium("hide-scrollbars") as browser:
         browser.set_window_size(1280, 900)
-        for part in (
-            (dashboard, stone_box, recordings, set_up)
-            if looks is ALL
-            else (dashboard, stone_box)
-        ):
-            if not sys.argv[3:] or part.__name__ in sys.argv[3:]:
-                part(browser, folder, looks)
+        for name in names:
+            PARTS[name](browser, folder, looks)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 python benchmarks/simulation.py
 """
 
+import argparse
 import os
 import subprocess
 import sys
@@ -65,6 +66,7 @@ def start(cache: str) -> float:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("| quantity | measured |\n|---|--:|")
     for name in ("lava stone", "screen", "smooth competition stone"):
         print(f"| offline, one core: {name} | {offline(name):.0f} x real time |")

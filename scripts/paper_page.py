@@ -1,6 +1,7 @@
 """Writes the tables of docs/reference/paper.md from the points in paper.toml: ``python
 scripts/paper_page.py``."""
 
+import argparse
 import re
 import sys
 import tomllib
@@ -47,6 +48,11 @@ def written(page: str) -> str:
     return re.sub(r"Of \d+ points [^.]*\.", words, page)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     sys.stdout.write(f"{PAGE}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,7 @@
 """Writes docs/reference/tuning.md, what may be tuned in perception, from the constants:
 python scripts/tuning.py"""
 
+import argparse
 import ast
 import re
 from pathlib import Path
@@ -111,5 +112,10 @@ def page() -> str:
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
-if __name__ == "__main__":
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     PAGE.write_text(page())
+
+
+if __name__ == "__main__":
+    main()
