@@ -153,9 +153,8 @@ class _ConsoleView:
             f"fault {fault.code}": f"! {fault.text}" for fault in state.faults
         } | {"link": state.link}
         if state.role == "operator":
-            messages["muted"] = (
-                f"muted: {state.muted_because}" if state.muted_because else "armed"
-            )
+            cause = state.muted_because.removeprefix("muted: ")
+            messages["muted"] = f"muted: {cause}" if cause else "armed"
         for subject, text in messages.items():
             if text and self._printed.get(subject) != text:
                 output.log().print(text[:MOST_WORDS], soft_wrap=True)

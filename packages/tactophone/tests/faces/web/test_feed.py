@@ -62,9 +62,11 @@ def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
         publish(telemetry, np.zeros((700, 2), np.float32), 0)
         feed.message()
         for k in range(40):  # more than the ring holds
-            publish(telemetry, np.full((10_000, 2), k, np.float32), 700 + 10_000 * k)
+            publish(
+                telemetry, np.full((10_000, 2), k / 100, np.float32), 700 + 10_000 * k
+            )
         _, tables = parse(feed.message())
-    assert tables["sound"][-1, 1] == 39
+    assert tables["sound"][-1, 1] == np.float32(0.39)
     assert len(tables["steps"]) == 40
 
 
@@ -105,3 +107,14 @@ def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
         assert len(tables["sound"]) == 1
         run.ask(Request("mute", finger=1))
         assert [request.finger for request in telemetry.requests()] == [1]
+
+
+def test_a_second_pass_brings_no_steps_of_the_first() -> None:
+    sound = np.zeros((4800, 2), np.float32)
+    with Telemetry("test-feed") as telemetry:
+        telemetry.update(RunState(), now=1e9)
+        for start in (0, 4800, 9600, 0):  # the recording begins again
+            publish(telemetry, sound, start)
+        header, tables = parse(Feed(WatchedRun("test-feed")).message())
+    assert header["origin"] == pytest.approx(4800 / RATE)
+    assert tables["steps"][:, 0].max() <= 1e-6

@@ -77,6 +77,13 @@ def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
     )
 
 
+def newest_pass(steps: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the steps since time last went back, as it does where a recording begins
+    again: those before lie in the future of the new pass."""
+    back = np.flatnonzero(np.diff(steps["time"]) < 0)
+    return steps[back[-1] + 1 :] if len(back) else steps
+
+
 def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     """Return rows of time and `STEP_COLUMNS`, at most one every `STEP_INTERVAL`; the
     newest step is always included."""
@@ -173,10 +180,11 @@ class Feed:
                 "gauges": snapshot.gauges,
             }
         header["origin"] = origin = self._origin(snapshot)
+        steps = newest_pass(snapshot.steps)
         first = snapshot.vibration_end - len(snapshot.vibration)
         tables: Tables = {
-            "steps": step_table(snapshot.steps, origin),
-            "events": event_table(snapshot.steps, origin),
+            "steps": step_table(steps, origin),
+            "events": event_table(steps, origin),
             "sound": self._envelope(snapshot),
             "scope": snapshot.vibration[-first % SCOPE_STEP :: SCOPE_STEP],
         }

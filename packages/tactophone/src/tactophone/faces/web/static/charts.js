@@ -94,6 +94,34 @@ export class Chart {
     ctx.globalAlpha = 1;
   }
 
+  /** Hatch a time in which nothing was measured, and say so where there is room. */
+  hatch([from, to], words) {
+    const { ctx, bbox } = this.#plot;
+    const left = Math.max(this.#plot.valToPos(from, "x", true), bbox.left);
+    const right = Math.min(this.#plot.valToPos(to, "x", true), bbox.left + bbox.width);
+    if (right <= left) return;
+    const step = 9 * devicePixelRatio;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, bbox.top, right - left, bbox.height);
+    ctx.clip();
+    ctx.strokeStyle = palette.rule;
+    ctx.lineWidth = 1.5 * devicePixelRatio;
+    ctx.beginPath();
+    for (let x = left - bbox.height; x < right; x += step) {
+      ctx.moveTo(x, bbox.top + bbox.height);
+      ctx.lineTo(x + bbox.height, bbox.top);
+    }
+    ctx.stroke();
+    ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    const wide = ctx.measureText(words).width;
+    if (right - left > wide + step) {
+      ctx.fillStyle = palette.soft;
+      ctx.fillText(words, (left + right - wide) / 2, bbox.top + bbox.height / 2);
+    }
+    ctx.restore();
+  }
+
   /** Fill below values, each placed by `place(value)`, down to `base`; steps, as each holds until the next. */
   area(times, values, place, base, name, opacity) {
     if (!times.length) return;

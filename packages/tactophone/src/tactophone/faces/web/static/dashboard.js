@@ -9,12 +9,11 @@ import { Record } from "./record.js";
 import { StateBar } from "./statebar.js";
 import { formatNumber, list, milliseconds, percent, put, showFaults } from "./text.js";
 import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES } from "./timeline.js";
-import { Track } from "./track.js";
+import { broken, Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
 const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; feed.py sends 4 kHz
-const REWOUND = 0.5; // s; a jump back by more means another recording or run
 const CALM = 250; // ms between frames when the system asks for reduced motion
 const IMMEDIATE = 0.025; // s: a hand does not notice less
 const VIEW = "tactophone-view";
@@ -55,7 +54,7 @@ function wave(id, name, low) {
     },
   });
   return () => {
-    const columns = sound.after(now - SOUND_SPAN);
+    const columns = broken(sound.after(now - SOUND_SPAN));
     const shown = [columns[0], columns[low], columns[low + 1]];
     top = Math.max(reach(shown), 0.97 * top);
     chart.draw(shown, now);
@@ -70,7 +69,7 @@ function probability() {
     over: (plot) => plot.rule(0.5, "soft"),
   });
   return () => {
-    const rows = steps.after(now - PREDICTION_SPAN);
+    const rows = broken(steps.after(now - PREDICTION_SPAN));
     const share = (touch, k) => (touch > 0 ? rows[ROUGH][k] / (rows[SMOOTH][k] + rows[ROUGH][k]) : null);
     chart.draw([rows[0], Array.from(rows[TOUCH], share)], now);
   };
@@ -96,7 +95,6 @@ function onMessage({ header, tables }) {
   alive = header.alive;
   bar.take({ ...header, ...header.state }, tables.steps?.rows || tables.sound?.rows);
   if (header.waiting_for) return;
-  if (header.origin < newest - REWOUND) [steps, sound, scope, events].forEach((track) => track.clear());
   newest = header.origin;
   steps.append(tables.steps, newest);
   sound.append(tables.sound, newest);
@@ -134,11 +132,11 @@ function showHand(fingers, hand) {
   });
 }
 
+/** The scope has no times of its own: its samples follow those before. */
 function appendScope({ rows, numbers }) {
   const times = new Float32Array(2 * rows);
-  const begin = scope.newest(0) || 0;
-  numbers.forEach((value, k) => times.set([(k + 1) * SCOPE.step, value], 2 * k));
-  scope.append({ rows, columns: 2, numbers: times }, begin);
+  numbers.forEach((value, k) => times.set([(k + 1 - rows) * SCOPE.step, value], 2 * k));
+  scope.append({ rows, columns: 2, numbers: times }, (scope.newest(0) || 0) + rows * SCOPE.step);
 }
 
 function showState({ state: newest, counters, gauges }) {
@@ -152,6 +150,7 @@ function showState({ state: newest, counters, gauges }) {
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
   timeline.threshold = state.threshold_dbfs;
   document.body.classList.toggle("mono", state.channels === 1);
+  document.body.dataset.role = state.role; // style.css leaves out what a role does not have
 }
 
 /** Statistics of the link. */
@@ -178,7 +177,7 @@ function showLink(node, counters, gauges) {
 }
 
 /** Link, latency and device as sentences. */
-function showHealth(node, { link, output }, counters, gauges) {
+function showHealth(node, { link, output, role }, counters, gauges) {
   const total = counters.packets_received + counters.packets_lost;
   const loss = gauges.loss_ratio ?? ratio(counters.packets_lost, total);
   const word = loss > 0.05 ? "bad" : loss > 0.01 ? "fair" : "good";
@@ -187,7 +186,7 @@ function showHealth(node, { link, output }, counters, gauges) {
   const sentences = [
     [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link === "replay" ? "none, this is a recording" : link || "none, this run is local"}.`, total ? word : "unknown"],
     [gauges.latency_total === null ? `Latency: not measured ${link === "replay" ? "in a replay" : "yet"}.` : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration; felt as immediate under ${milliseconds(IMMEDIATE, 0)}.`, gauges.latency_total === null ? "unknown" : late ? "fair" : "good"],
-    [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
+    ...(role === "robot" ? [] : [[`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"]]),
     ...(!output || output === "none" ? [] : [[counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"]]),
   ];
   if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
@@ -230,6 +229,7 @@ function showNow() {
 
 /** What a person can do next, said where there is little to see. */
 function nextAction(touch) {
+  if (state?.role === "robot") return "";
   if (Number.isNaN(touch)) return "Waiting for sound: start the robot's side, then stroke something.";
   if (bar.state === "muted") return "Detected, but not felt: press Resume to vibrate.";
   return touch === 0 && state?.role !== "replay" ? "Nothing is touched: stroke something." : "";
@@ -250,7 +250,8 @@ function frame(time) {
   requestAnimationFrame(frame);
   if (calm.matches && time - drawn < CALM) return;
   drawn = time;
-  now = newest + (bar.silence < 3600 ? bar.silence : 0);
+  const still = state?.paused || bar.silence > 3600; // nothing is missing from a replay that was paused
+  now = newest + (still ? 0 : bar.silence);
   charts.forEach((draw) => draw());
   timeline.draw((since) => [steps.after(since), events.after(since)], now);
   showNow();

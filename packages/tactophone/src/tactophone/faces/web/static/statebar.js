@@ -1,6 +1,6 @@
 // The state bar of every page that can vibrate: starting, live, muted, stopped, no data, replay or ended; why; and the buttons Mute and Stop.
 
-import { capital, formatNumber, put, putCommand } from "./text.js";
+import { capital, formatNumber, put, putCommand, putWords } from "./text.js";
 import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
@@ -103,7 +103,7 @@ export class StateBar {
     }
     if (role === "replay") return ["waiting", "replay", paused ? "Paused." : "A recording plays: nothing here drives an actuator."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
-    return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence(why || "muted")];
+    return armed ? ["live", this.ready, "Vibration is on."] : ["muted", "muted", sentence((why ?? "").replace(/^muted(: |$)/, ""))];
   }
 
   #show() {
@@ -112,7 +112,7 @@ export class StateBar {
     this.#node.dataset.state = state;
     document.body.dataset.stale = this.silence * 1000 > STALE || state === "ended";
     put(this.#life, word);
-    put(this.#cause, this.#refused || cause);
+    putWords(this.#cause, this.#refused || cause);
     const passive = ["replay", "robot"].includes(this.#run.role);
     this.#mute.hidden = passive || state === "stopped";
     this.#stop.hidden = passive;

@@ -40,12 +40,22 @@ export function put(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+/** Set a text whose commands stand between backticks, and show these as code. */
+export function putWords(node, text) {
+  if (node.textContent === text.replaceAll("`", "")) return;
+  node.replaceChildren(...text.split("`").map((part, k) => (k % 2 ? Object.assign(document.createElement("code"), { textContent: part }) : part)));
+}
+
 /** Faults as texts with the next step; empty without faults. */
 export function showFaults(node, faults) {
   const texts = faults.map((fault) => fault.text);
   if (node.dataset.texts === texts.join("\n")) return;
   node.dataset.texts = texts.join("\n");
-  node.replaceChildren(...texts.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+  node.replaceChildren(...texts.map((text) => {
+    const line = document.createElement("p");
+    putWords(line, text);
+    return line;
+  }));
 }
 
 /** Write a command line that breaks between its words alone. */

@@ -2,6 +2,7 @@
 
 import { Chart, line } from "./charts.js";
 import { dbfs, formatNumber, percent, put } from "./text.js";
+import { GAP, gaps, pieces } from "./track.js";
 
 /** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
 export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
@@ -157,20 +158,25 @@ export class Timeline {
   }
 
   #over(chart) {
-    const rows = this.#rows;
-    if (!rows.length) return;
+    if (!this.#rows.length) return;
+    for (const [from, to] of pieces(this.#rows[TIME])) this.#piece(chart, this.#rows.map((column) => column.subarray(from, to)));
+    for (const gap of gaps(this.#rows[TIME], this.#end)) chart.hatch(gap, "no data");
+    if (Number.isFinite(this.threshold)) chart.rule(place(this.threshold), "ink", [5, 3]);
+    const [times, kinds] = this.#events;
+    times.forEach((at, k) => chart.mark(at, EVENTS[kinds[k]], k ? at - times[k - 1] : Infinity));
+    if (this.#pointed !== null) chart.mark(this.#end - (1 - this.#pointed) * this.#span, "", 0);
+  }
+
+  /** Rows that follow each other without a gap. */
+  #piece(chart, rows) {
     const time = rows[TIME];
     runs(rows[TOUCH], (from, to, touch) => touch > 0 && chart.block([time[from], time[to]], [0, 2.05], "contact", 0.1));
     const quiet = Number.isFinite(this.threshold) ? Math.max(LOWEST, this.threshold) : LOWEST;
     chart.area(time, rows[LEVEL], (level) => place(Math.max(quiet, level)), place(quiet), "contact", 0.6);
-    if (Number.isFinite(this.threshold)) chart.rule(place(this.threshold), "ink", [5, 3]);
     runs(rows[TOUCH], (from, to, touch) => {
       if (touch > 0) chart.area(time.subarray(from, to + 1), rows[ROUGHNESS].subarray(from, to + 1), (value) => 0.9 * Math.max(0.04, value), 0, CLASSES[touch], 0.9);
     });
     runs(rows[TRUTH], (from, to, touch) => touch >= 0 && chart.block([time[from], time[to]], [1.0, 1.05], CLASSES[touch], touch ? 1 : 0.35));
-    const [times, kinds] = this.#events;
-    times.forEach((at, k) => chart.mark(at, EVENTS[kinds[k]], k ? at - times[k - 1] : Infinity));
-    if (this.#pointed !== null) chart.mark(this.#end - (1 - this.#pointed) * this.#span, "", 0);
   }
 
   /** What is said below: of the time that is pointed at. */
@@ -179,7 +185,7 @@ export class Timeline {
     const ago = (1 - this.#pointed) * this.#span;
     const time = this.#rows[TIME] ?? [];
     const at = time.findIndex((each) => each >= this.#end - ago);
-    if (at < 0) return `${formatNumber(ago, 2, "s")} ago: no data`;
+    if (at < 0 || time[at] - (this.#end - ago) > GAP) return `${formatNumber(ago, 2, "s")} ago: no data`;
     const [touch, truth, amplitude] = [TOUCH, TRUTH, AMPLITUDE].map((column) => this.#rows[column][at]);
     return [
       `${formatNumber(ago, 2, "s")} ago: ${TOUCHES[touch] ?? "not decided"}`,

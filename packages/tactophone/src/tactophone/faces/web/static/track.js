@@ -1,4 +1,10 @@
-// The last seconds of a signal, as columns that a chart can draw without copying.
+// The last seconds of a signal, as columns that a chart can draw. One rule holds for every picture: what is drawn was.
+// Time only grows, a jump back begins the picture anew, and where no rows came there is a gap.
+
+/** Seconds without a row from which a picture shows a gap. */
+export const GAP = 0.1;
+/** Seconds back from which rows are of another pass, or of another run. */
+const REWOUND = 0.05;
 
 export class Track {
   #columns;
@@ -11,12 +17,16 @@ export class Track {
     this.capacity = capacity;
   }
 
-  /** Add rows of a table whose times count from `origin`. */
+  /** Add rows of a table whose times count from `origin`, the stream time of the message that brought them. */
   append({ rows, columns, numbers }, origin) {
+    if (origin < this.newest(0) - REWOUND) this.clear();
     for (let row = 0; row < rows; row++) {
-      this.#makeRoom();
       const at = row * columns;
-      this.#columns[0][this.#end] = origin + numbers[at];
+      const time = origin + numbers[at];
+      // A row from the future, or from the past, belongs to the pass before a jump.
+      if (numbers[at] > GAP || time < this.newest(0)) continue;
+      this.#makeRoom();
+      this.#columns[0][this.#end] = time;
       for (let k = 1; k < this.#columns.length; k++) this.#columns[k][this.#end] = numbers[at + k];
       this.#end++;
     }
@@ -50,4 +60,36 @@ export class Track {
     this.#start = 0;
     this.#end = this.capacity;
   }
+}
+
+/** Where rows follow each other without a gap: [from, to) of each piece, by their times. */
+export function pieces(times) {
+  const found = [];
+  for (let k = 0, from = 0; k < times.length; k++) {
+    if (k + 1 < times.length && times[k + 1] - times[k] <= GAP) continue;
+    found.push([from, k + 1]);
+    from = k + 1;
+  }
+  return found;
+}
+
+/** Intervals without data, from the first row on, up to `end`. */
+export function gaps(times, end) {
+  const found = [];
+  for (const [from, to] of pieces(times)) {
+    const next = to < times.length ? times[to] : end;
+    if (next - times[to - 1] > GAP) found.push([times[to - 1], next]);
+  }
+  return found;
+}
+
+/** Columns of which a line breaks at each gap: a row of nulls stands there. */
+export function broken(columns) {
+  const cuts = pieces(columns[0]);
+  if (cuts.length < 2) return columns;
+  return columns.map((column, k) => cuts.flatMap(([from, to], piece) => {
+    const rows = Array.from(column.subarray(from, to));
+    if (piece) rows.unshift(k ? null : columns[0][from] - GAP / 2);
+    return rows;
+  }));
 }

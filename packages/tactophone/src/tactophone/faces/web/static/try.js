@@ -86,7 +86,6 @@ function show({ header, tables }) {
     put($("floor"), state.noise_floor_dbfs === null ? "" : `Noise floor ${dbfs(state.noise_floor_dbfs)}. The threshold follows it until you set one.`);
   }
   if (tables.sound.rows) meter.show(last(tables.sound, LEVEL), last(tables.sound, LOW), last(tables.sound, HIGH), state?.threshold_dbfs);
-  if (header.origin < newest - 0.5) [steps, events].forEach((track) => track.clear()); // another run
   newest = header.origin;
   steps.append(tables.steps, newest);
   events.append(tables.events, newest);
