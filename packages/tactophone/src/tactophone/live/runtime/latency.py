@@ -21,9 +21,10 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.net.link.codec import Codec
 
 _WRAP = 1 << 32
+"""RTP timestamps count samples modulo this (RFC 3550, section 5.1)."""
 
 _NEW_SESSION = 10 * LIVE_SAMPLE_RATE
-"""Samples between two marks of a stage from which a new session began between them: it
+"""Jump in samples from one mark of a stage to the next that means a new session: each
 starts at a random timestamp."""
 
 Marks = dict[str, NDArray[np.void]]
@@ -45,28 +46,26 @@ class LocalPeer:
             self.watcher.follow(drain=False)
 
     def truth(self, finger: int = 0) -> int:
-        """The true `Touch` of a finger now; -1 where it is not known."""
-        known = self.watcher is not None and finger < self.watcher.fingers
-        step = (
-            self.watcher.newest_step(finger=finger) if self.watcher and known else None
-        )
+        """Return the true `Touch` of a finger now; -1 where it is not known."""
+        if self.watcher is None or finger >= self.watcher.fingers:
+            return -1
+        step = self.watcher.newest_step(finger=finger)
         return int(step["truth"][0]) if step is not None else -1
 
 
 def robot_stages(robot: Watcher, codec: Codec, *, period: int = 0) -> dict[str, float]:
-    """Seconds in *capture* and *encode*; empty before there are two marks.
+    """Return the seconds in *capture* and *encode*; empty before there are two marks.
 
-    ``period`` is that of the device in samples, where there is one; else blocks are
-    taken as they come.
+    ``period``: the device's, in samples; 0 without a device, where blocks are taken as
+    they come.
     """
     captured = robot.marks("captured")
     sent = robot.marks("sent")
     size = min(len(captured), len(sent))
     if size < 2:
         return {}
-    block = (
-        period or float(np.median(np.diff(captured["position"]) % _WRAP))
-    ) / LIVE_SAMPLE_RATE
+    samples = period or float(np.median(np.diff(captured["position"]) % _WRAP))
+    block = samples / LIVE_SAMPLE_RATE
     computing = float(np.median(sent["time"][-size:] - captured["time"][-size:]))
     waiting = (codec.packet_size / 2 + codec.lookahead) / LIVE_SAMPLE_RATE
     return {"capture": block / 2, "encode": waiting + computing}
@@ -79,12 +78,13 @@ def operator_stages(
     *,
     sound_delay: float = 0.0,
 ) -> dict[str, float]:
-    """Seconds in all stages from *network* on, and ``total`` where the robot's stages
-    are known too.
+    """Return the seconds in all stages from *network* on, and ``total`` where the
+    robot's stages are known too.
 
-    ``robot`` is known where it runs on this machine. ``device_latency`` is of the
-    actuator's device; ``sound_delay`` is the delay in the clocked buffer and in the
-    renderer, for profiles that render the sound itself.
+    - ``robot``: known if it runs on this machine.
+    - ``device_latency``: latency of the actuator's device.
+    - ``sound_delay``: delay in the clocked buffer and in the renderer, for profiles
+      that render the sound itself.
     """
     # Only blocks that led to a command are followed: the others have no effect on the
     # vibration.
@@ -113,9 +113,9 @@ def operator_stages(
 def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     """Match the marks of each block of sound through the stages.
 
-    ``marks``: by stage. The blocks of the first stage are followed; a block has reached
-    another stage when a mark at its end or beyond has. Returns for each stage the times
-    (s), one for each block that has reached them all.
+    ``marks`` holds them by stage. The blocks of the first stage are followed; a block
+    has reached another stage when a mark at its end or beyond has. Returns for each
+    stage the times in s, one for each block that has reached all stages.
     """
     first = next(iter(marks))
     marks = {name: _newest_session(found) for name, found in marks.items()}
@@ -136,20 +136,21 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
 
 
 def _newest_session(found: NDArray[np.void]) -> NDArray[np.void]:
-    """Marks of one stage since its newest session began; those of an earlier one would
-    match any later sound."""
+    """Return the marks of one stage since its newest session began; marks of an earlier
+    session would match any later sound."""
     jumps = np.flatnonzero(abs(_wrapped(np.diff(found["position"]))) > _NEW_SESSION)
     return found[jumps[-1] + 1 :] if len(jumps) else found
 
 
 def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:
-    """Positions relative to one of them, across the wrap of the RTP timestamp."""
+    """Return positions relative to a reference, across the wrap of the RTP
+    timestamp."""
     return _wrapped(marks["position"] - reference)
 
 
 def _wrapped(differences: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Differences of RTP timestamps as the nearest that they can be: from half a wrap
-    back to half a wrap ahead."""
+    """Return the nearest that two RTP timestamps can be: from half a wrap back to half
+    a wrap ahead."""
     return (differences + _WRAP // 2) % _WRAP - _WRAP // 2
 
 

@@ -73,18 +73,26 @@ START_ROBOT = (
 )
 """Advice where no robot ever calls."""
 
-SAME_MACHINE = "the robot's process, which this command started, is still starting; a busy machine takes longer"
+SAME_MACHINE = (
+    "the robot's process, which this command started, is still starting; "
+    "a busy machine takes longer"
+)
 """Advice where both sides began together: there is nothing to start."""
 
-_RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
+_RECEIVED = MARKS.index("received")
+_RELEASED = MARKS.index("released")
+_DECODED = MARKS.index("decoded")
+_DETECTED = MARKS.index("detected")
+_RENDERED = MARKS.index("rendered")
 
 
 class Operator(Side):
     """The operator's side while it runs; a context manager.
 
-    - ``robot``: name of the robot's run, where that is on this machine: source of the true touch and of the robot's
-      part of the latency budget.
-    - ``keeper``: to the process that finds the way to the robot of a call, instead of the port of the settings.
+    - ``robot``: name of the robot's run, if it is on this machine: source of the true
+      touch and of the robot's part of the latency budget.
+    - ``keeper``: leads to the process that finds the way to the robot of a call; it
+      replaces the port of the settings.
     """
 
     interval = OPERATOR_HOUSEKEEPING
@@ -117,13 +125,11 @@ class Operator(Side):
         self._endpoint = wiring.open_endpoint(settings, self._session)
         # A process that replaces a failed one never vibrates by itself: its predecessor
         # may have ended because of it.
-        muted_because = (
-            RESTARTED
-            if info.restarts
-            else STARTED_MUTED
-            if settings.rendering.muted
-            else ""
-        )
+        muted_because = ""
+        if info.restarts:
+            muted_because = RESTARTED
+        elif settings.rendering.muted:
+            muted_because = STARTED_MUTED
         self._fingers = [
             FingerOutput(
                 own,
@@ -138,8 +144,10 @@ class Operator(Side):
             )
         ]
         warnings = [wiring.tip_warning(own) for own in fingers]
+        # The fingers of a hand mostly wear one kind of tip: each warning stands once.
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
+        # The first period takes longer than any other, so it is rendered for nobody.
         for finger in self._fingers:
             finger.renderer.render(np.zeros(settings.output.period, np.float32))
             finger.renderer.reset()
@@ -150,9 +158,15 @@ class Operator(Side):
         )
         self._local_robot = LocalPeer(robot)
         self._submitted = 0
+        """RTP timestamp of the sound behind the newest command; written by the network
+        thread."""
         self._rendered = 0
+        """The same of the newest command that was rendered; written by the actuator's
+        thread."""
         self._losses = 0
+        """How often the device was lost when it was last looked at."""
         self._period = 0
+        """Samples of the newest period."""
         self._counted_at = 0.0
         self._muted: tuple[str, ...] = ()
         # Written by the network thread, whole, for the main thread to publish.
@@ -163,13 +177,14 @@ class Operator(Side):
     def __enter__(self) -> Self:
         with self._resources:
             link = self._settings.link
-            self._socket = self._resources.enter_context(
+            socket = (
                 wiring.open_way(
                     self._keeper, self._session.session, restarts=self._info.restarts
                 )
                 if self._keeper
                 else UdpSocket(link.host, link.port)
             )
+            self._socket = self._resources.enter_context(socket)
             self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
@@ -203,6 +218,7 @@ class Operator(Side):
         }
         self._telemetry.count("requests_refused", len(refused))
         muted = tuple(finger.gate.muted_because for finger in self._fingers)
+        # A change is shown at once, counters and gauges only now and then.
         changed = self._revive() or requests or muted != self._muted
         self._muted = muted
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
@@ -217,7 +233,7 @@ class Operator(Side):
 
     @property
     def _hung_up(self) -> str:
-        """Name of the robot that has ended the call; empty otherwise."""
+        """Name of the robot that has ended the call; empty while nobody has."""
         return self._session.session.hung_up if self._keeper else ""
 
     def _revive(self) -> bool:
@@ -259,17 +275,15 @@ class Operator(Side):
     def _stages(self) -> Mapping[str, float]:
         self._local_robot.refresh()
         playout = self._session.playout
+        sound_delay = 0.0
+        if playout:
+            buffered = playout.controller.margin + playout.latency
+            sound_delay = buffered + self._fingers[0].renderer.latency
         return operator_stages(
             self._watcher,
             self._local_robot.watcher,
             self._actuator.device.latency,
-            sound_delay=(
-                playout.controller.margin
-                + playout.latency
-                + self._fingers[0].renderer.latency
-                if playout
-                else 0.0
-            ),
+            sound_delay=sound_delay,
         )
 
     def _state(self, now: float) -> RunState:
@@ -287,11 +301,9 @@ class Operator(Side):
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
             return f"connected to {peer}{MOVING * self._session.moving}"
-        return (
-            "waiting for the robot"
-            if self._keeper
-            else f"listening at port {self._socket.address[1]}"
-        )
+        if self._keeper:
+            return "waiting for the robot"
+        return f"listening at port {self._socket.address[1]}"
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
@@ -306,42 +318,42 @@ class Operator(Side):
             yield Fault(
                 "refused", f"the robot's sound cannot be used: {self._endpoint.refusal}"
             )
-        if self._session.peer is None and silent > LONGEST_CALL and not self._hung_up:
-            failure = self._session.session.failure
-            advice = (
-                NO_ANSWER
-                if self._keeper
-                else SAME_MACHINE
-                if self._local_robot.name
-                else START_ROBOT
-            )
-            yield Fault("link", f"no robot is connected: {failure or advice}")
-        elif (
-            self._session.peer
-            and silent > SILENT_LINK
-            and (reason := self._why_silent())
-        ):
-            yield Fault("silence", reason)
+        if self._session.peer:
+            reason = self._why_silent() if silent > SILENT_LINK else ""
+            if reason:
+                yield Fault("silence", reason)
+        elif silent > LONGEST_CALL and not self._hung_up:
+            reason = self._session.session.failure or self._why_absent()
+            yield Fault("link", f"no robot is connected: {reason}")
         if conflict := self._session.session.version_conflict:
             yield Fault("version", conflict)
         sent_away = self._session.session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
             yield Fault(
                 "second_robot",
-                f"{sent_away[0]!r} called too and was sent away: stop one of the two robots",
+                f"{sent_away[0]!r} called too and was sent away: "
+                "stop one of the two robots",
             )
+
+    def _why_absent(self) -> str:
+        """Return why probably no robot has connected, and what to do."""
+        if self._keeper:
+            return NO_ANSWER
+        if self._local_robot.name:
+            return SAME_MACHINE
+        return START_ROBOT
 
     def _why_silent(self) -> str:
         """Return why no sound comes; empty until a page is the microphone for the first
         time."""
         if self._settings.capture.source != "browser":
-            return "connected, but the robot sends no sound: check its microphones and the network"
-        began = self._telemetry.counter("packets_received")
-        return (
-            "no page sends sound: press Use this microphone on the one that listens"
-            if began
-            else ""
-        )
+            return (
+                "connected, but the robot sends no sound: "
+                "check its microphones and the network"
+            )
+        if self._telemetry.counter("packets_received") == 0:
+            return ""
+        return "no page sends sound: press Use this microphone on the one that listens"
 
     def _silence(self) -> None:
         for finger in self._fingers:
@@ -371,8 +383,7 @@ class Operator(Side):
                 polled_at = received
                 steps = itertools.chain(steps, self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to
-            # it, so the time before is the moment at which its sound was decoded and
-            # free to be processed.
+            # it, so ``decoded`` is the moment from which its sound could be processed.
             decoded = time.monotonic()
             origin = self._session.origin
             step: PipelineStep | None = None
@@ -400,8 +411,8 @@ class Operator(Side):
             # the next poll.
             if polled or (step is None and not waited):
                 wiring.send_outgoing(self._session.session, self._socket)
-            # All that the commands did not need: here the thread would wait for the
-            # next packet.
+            # What the commands did not need is written now, when the thread would only
+            # wait for the next packet.
             if self._recorder.due(received):
                 self._recorder.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
@@ -453,12 +464,10 @@ class Operator(Side):
             finger.renderer.render(out)
             telemetry.rendered(out, finger=finger.index)
             if not finger.renderer.silent:
-                # The methods of an array are functions in Python around these.
-                amplitude = max(
-                    amplitude,
-                    float(np.maximum.reduce(out)),
-                    -float(np.minimum.reduce(out)),
-                )
+                # `out.max()` is a function in Python around this, and slower.
+                highest = float(np.maximum.reduce(out))
+                lowest = float(np.minimum.reduce(out))
+                amplitude = max(amplitude, highest, -lowest)
         telemetry.gauge("output_amplitude", amplitude)
         telemetry.count("callbacks")
         if len(outs[0]) != self._period:
@@ -476,11 +485,13 @@ def run_operator(
     robot: str = "",
     keeper: Keeper | None = None,
 ) -> None:
-    """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency
+    """Run the operator's side in this process until SIGTERM. SIGUSR1 is the emergency
     stop."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
-    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+    # A process that waits for the way of a call has nothing to end in order: SIGTERM
+    # ends it at once until then.
+    if keeper is None:
         note()
     with Operator(settings, info, robot=robot, keeper=keeper) as operator:
         note()

@@ -25,9 +25,20 @@ from tactophone.signal.haptics.profiles import PROFILES, open_profile
 from tactophone.signal.pipeline import Hand, Pipeline
 
 EMERGENCY_STOP = "emergency stop: find the cause, then resume"
+"""Why an end is muted after an emergency stop."""
+
 MUTED = "muted: press Resume, or run `tactophone arm`"
+"""Why an end is muted that a person has muted."""
+
 STARTED_MUTED = "started muted: press Resume, or run `tactophone arm`"
+"""Why an end is muted whose settings say so."""
+
 RESTARTED = "restarted after a fault: find the cause, then resume"
+"""Why a process is muted that replaces another one."""
+
+FLOOR_SHARE = 0.01
+"""Share of each window without contact in the noise floor that is shown: smoothed over
+some hundred windows."""
 
 LOWEST_THRESHOLD_DBFS = -120.0
 """Lowest contact threshold that is accepted: below the rounding of 24-bit samples."""
@@ -36,9 +47,10 @@ LOWEST_THRESHOLD_DBFS = -120.0
 class OutputGate:
     """What the local machine allows.
 
-    ``limits`` hold the machine's own ceiling, 0-1 of full drive, and the one in force
-    from then on. ``output_level`` is a volume below it, 0-1. ``muted_because`` is why
-    it starts muted; empty to start armed.
+    - ``limits``: hold the machine's own ceiling, 0 to 1 of full drive, and the one in
+      force from then on.
+    - ``output_level``: a volume below it, 0 to 1.
+    - ``muted_because``: why it starts muted; empty to start armed.
 
     >>> gate = OutputGate(Limits(ceiling=0.5))
     >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
@@ -64,27 +76,27 @@ class OutputGate:
     def stop(self) -> None:
         """Stop at once and stay stopped until armed; also the answer to SIGUSR1."""
         self._stop()
-        # Set last: `apply`, which this may have interrupted, looks at it when it has
-        # granted everything.
+        # This is set last: a signal may have interrupted `apply`, which looks at it
+        # once it has granted everything.
         self._stopped = True
 
     def apply(self, requests: Iterable[Request]) -> list[str]:
         """Grant what may be granted; returns the actions refused. Call it regularly,
         also without requests.
 
-        Of a stop and an arming that arrive together, the stop wins, and so it does over
-        an arming that waited when `stop` was called, or is granted at that moment.
+        A stop wins over an arming that arrives with it, that waited when `stop` was
+        called, or that is granted at that moment.
         """
         stopped = self._stopped
         self._stopped = False
         # Armings come first, so that whatever mutes in the same moment has the last
         # word.
         ordered = sorted(requests, key=lambda request: request.action != "arm")
-        refused: list[str] = [
-            request.action
-            for request in ordered
-            if (stopped and request.action == "arm") or not self._grant(request)
-        ]
+        refused: list[str] = []
+        for request in ordered:
+            overruled = stopped and request.action == "arm"
+            if overruled or not self._grant(request):
+                refused.append(request.action)
         # A signal may have stopped while an arming was granted, which then undid the
         # stop.
         if self._stopped:
@@ -126,13 +138,15 @@ class FingerOutput:
     The network thread calls `submit`, `changed` and `controls`, the main thread `apply`
     and `state`; a signal may call `stop` at any time.
 
-    - ``settings``: of this finger (`tactophone.core.hand.of_finger`).
-    - ``renderer``: drives the actuator, from another thread; its limits become the pipeline's too.
-    - ``endpoint``: has the finger's pipeline: another one once a robot with other microphones has connected.
+    - ``settings``: this finger's settings (`tactophone.core.hand.of_finger`).
+    - ``renderer``: drives the actuator, from another thread; its limits become the
+      pipeline's too.
+    - ``endpoint``: has the finger's pipeline: another one once a robot with other
+      microphones has connected.
     - ``name``: empty for a single finger.
     - ``muted_because``: why it starts muted; empty to start armed.
 
-    ``roughness``: of the newest prediction.
+    ``roughness``: roughness of the newest prediction.
     """
 
     def __init__(
@@ -173,11 +187,9 @@ class FingerOutput:
     def profiles(self) -> tuple[str, ...]:
         """Names of the profiles that may be requested; one that needs another renderer
         needs a restart."""
-        return (
-            tuple(PROFILES)
-            if isinstance(self.renderer, Oscillator)
-            else (self.pipeline.profile.name,)
-        )
+        if isinstance(self.renderer, Oscillator):
+            return tuple(PROFILES)
+        return (self.pipeline.profile.name,)
 
     def submit(self, step: PipelineStep) -> PipelineStep:
         """Pass the step's newest command to the renderer; returns the step with its
@@ -194,14 +206,18 @@ class FingerOutput:
         if step.predictions:
             self.roughness = step.predictions[-1].roughness
         for prediction in step.predictions:
-            level = prediction.level_dbfs
-            floor = self._floor_dbfs
-            if prediction.touch is Touch.NONE and math.isfinite(level):
-                # Smoothed over some hundred windows without contact.
-                self._floor_dbfs = (
-                    level if math.isinf(floor) else floor + 0.01 * (level - floor)
-                )
+            if prediction.touch is Touch.NONE:
+                self._follow_floor(prediction.level_dbfs)
         return PipelineStep(step.block, step.predictions, commands, step.finger)
+
+    def _follow_floor(self, level_dbfs: float) -> None:
+        """Average the level of windows without contact, for people to see."""
+        if not math.isfinite(level_dbfs):
+            return
+        if math.isinf(self._floor_dbfs):
+            self._floor_dbfs = level_dbfs
+        else:
+            self._floor_dbfs += FLOOR_SHARE * (level_dbfs - self._floor_dbfs)
 
     def stop(self) -> None:
         """Stop vibrating at once, and stay stopped until armed; may be called from a
@@ -231,7 +247,8 @@ class FingerOutput:
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
-        # Counted last, and whatever was refused: who sees the count sees the change.
+        # Counted last, and also where all was refused: whoever sees the count sees the
+        # change too.
         self._changes += bool(requests)
         self._changing -= bool(requests)
         return refused
@@ -241,9 +258,8 @@ class FingerOutput:
         or is out of range."""
         try:
             if request.action == "profile" and request.text in self.profiles:
-                if (
-                    request.text != self.pipeline.profile.name
-                ):  # opened anew it would forget the touch
+                # The same profile, opened anew, would forget the touch.
+                if request.text != self.pipeline.profile.name:
                     self.pipeline.profile = open_profile(request.text, self._response)
             elif (
                 request.action == "threshold_dbfs"
@@ -265,11 +281,12 @@ class FingerOutput:
             self.renderer.stop()
 
     def changed(self) -> bool:
-        """Whether `controls` may differ from those at the last call; true at the first,
-        and while they change."""
-        # Asked twice a packet: comparing the controls themselves takes five times as
-        # long. With another robot comes another pipeline, in another hand. `_changing`
-        # is read first: a change that ends in between is then seen in `_changes`.
+        """Return whether `controls` may differ from the last call's; true at the first
+        call, and while they change."""
+        # This is asked twice a packet, and comparing the controls themselves takes five
+        # times as long. With another robot comes another pipeline, in another hand.
+        # `_changing` is read first: a change that ends in between is then seen in
+        # `_changes`.
         changing = self._changing
         changes = self._changes
         hand = self._endpoint.hand
@@ -283,14 +300,13 @@ class FingerOutput:
         `Controls` in the log."""
         gate = self.gate
         pipeline = self.pipeline
+        threshold = pipeline.detector.threshold
         return (
             gate.armed,
             gate.limits.ceiling,
             gate.output_level,
             pipeline.profile.name,
-            None
-            if pipeline.detector.threshold.follows_floor
-            else pipeline.detector.threshold.dbfs,
+            None if threshold.follows_floor else threshold.dbfs,
         )
 
     def state(self) -> FingerState:

@@ -23,6 +23,7 @@ from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.udp import UdpSocket
 
 _KEYS = "tactophone-keys-"
+"""Begin of the name of a folder for keys; the number of its process follows."""
 
 
 def pair_on_one_machine(
@@ -40,29 +41,25 @@ def pair_on_one_machine(
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
     with UdpSocket("127.0.0.1") as probe:
-        common = replace(
-            settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.address[1]
-        )
+        port = probe.address[1]
+    link = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=port)
+    robot_link = replace(link, identity=str(folder / "robot"))
+    operator_link = replace(link, identity=str(folder / "operator"))
     return (
-        _side(
-            settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"
-        ),
-        _side(settings, replace(common, identity=str(folder / "operator")), name),
+        _side(settings, robot_link, f"{name}-robot"),
+        _side(settings, operator_link, name),
     )
 
 
 @contextmanager
 def temporary_keys() -> Iterator[Path]:
-    """Yield a private folder for the keys of one run; it removes those that killed runs
-    of this user left."""
+    """Yield a private folder for the keys of one run. Folders that killed runs of this
+    user left behind are removed first."""
     for left in Path(tempfile.gettempdir()).glob(f"{_KEYS}*"):
         pid = left.name.removeprefix(_KEYS).partition("-")[0]
         with suppress(OSError):
-            if (
-                pid.isdecimal()
-                and left.lstat().st_uid == os.getuid()
-                and not is_alive(int(pid))
-            ):
+            own = left.lstat().st_uid == os.getuid()
+            if own and pid.isdecimal() and not is_alive(int(pid)):
                 shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
         yield Path(folder)
@@ -86,16 +83,15 @@ def both_sides(
 ) -> Iterator[Sides]:
     """Run operator and robot, each in its process.
 
-    ``between`` opens what stands between the two, by the operator's settings, and
-    yields the port that the robot calls; ``report`` as of `Supervisor`.
+    - ``between``: opens what stands between the two, by the operator's settings, and
+      yields the port that the robot calls.
+    - ``report``: see `Supervisor`.
     """
     with temporary_keys() as folder, ExitStack() as stack:
         robot, operator = pair_on_one_machine(settings, folder, name=name)
         if between:
-            robot = replace(
-                robot,
-                link=replace(robot.link, port=stack.enter_context(between(operator))),
-            )
+            port = stack.enter_context(between(operator))
+            robot = replace(robot, link=replace(robot.link, port=port))
         receive = partial(run_operator, robot=robot.process.name)
         send = partial(run_robot, open_source=open_source)
         receiving = Supervisor(receive, operator, name=name, report=report)

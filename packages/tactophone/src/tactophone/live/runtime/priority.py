@@ -18,7 +18,7 @@ SWITCH_INTERVAL = 100e-6
 default is 5 ms, seven periods of 32 samples and more."""
 
 MAIN_PRIORITY = 1
-"""Priority of the main thread, the lowest there is. It has little to do, but holds the
+"""Priority of the main thread, the lowest of SCHED_FIFO. It has little to do, but holds the
 interpreter while it works: without a priority it then waits for the machine, and the
 threads of the sound wait for it. At a load of 21 on two cores, packets then waited up
 to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
@@ -31,8 +31,8 @@ with `sys._debugmallocstats`)."""
 
 
 def settle() -> None:
-    """Prepare a process that is set up: its garbage collections leave out all so far,
-    and its threads wait less."""
+    """Prepare a process that is set up: its garbage collections leave out what exists
+    by now, and its threads wait less."""
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)
@@ -64,7 +64,9 @@ def prioritize_thread(priority: int) -> str:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except PermissionError:
         return (
-            f"no right to real-time priority {priority}: expect late sound when the machine is busy "
-            "(put this user into the group audio with rtprio 95 in /etc/security/limits.d, or set process.priority=0)"
+            f"no right to real-time priority {priority}: "
+            "expect late sound when the machine is busy "
+            "(put this user into the group audio with rtprio 95 "
+            "in /etc/security/limits.d, or set process.priority=0)"
         )
     return ""

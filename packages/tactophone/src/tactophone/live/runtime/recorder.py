@@ -33,14 +33,15 @@ from tactophone.net.link.events import Event, write_event
 from tactophone.signal.perception.models import default_model, model_path
 
 LONGEST_DEFERRAL = 0.02
-"""Seconds for which the oldest step may wait without a prediction: as often as the main
-thread looks at telemetry."""
+"""Seconds for which the oldest step may wait without a prediction: the main thread
+looks at telemetry as often."""
 
 _MOST_WAITING = 32
 """Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it,
 as without any sound."""
 
 _PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
+"""Packages whose versions a log names, as they may change a bit of the result."""
 
 
 class SessionRecorder:
@@ -54,11 +55,19 @@ class SessionRecorder:
     def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
         self._telemetry = telemetry
         self._controls: dict[int, tuple[object, ...]] = {}
+        """Controls that were logged last, by finger."""
         self._arrivals: list[Controls | tuple[float, list[Event], bool]] = []
+        """Controls, and what arrived: when, the events, and whether they were
+        polled."""
         self._marks: list[tuple[int, tuple[tuple[int, float], ...]]] = []
+        """RTP timestamps, and which stages their sound has reached when."""
         self._steps: list[tuple[PipelineStep, float, int, int]] = []
+        """Steps, when they were computed, the true touch, and the finger's count of
+        vibration."""
         self._since: float | None = None
+        """When somebody first asked whether a write is due, in s."""
         self._predicted = False
+        """Whether a step that waits has a prediction."""
         self._log([describe_run(settings, role=role)])
 
     def mark(self, position: int, *reached: tuple[int, float]) -> None:
@@ -95,18 +104,18 @@ class SessionRecorder:
         step: int = 0,
         finger: int = 0,
     ) -> None:
-        """Log a finger's controls (see `Controls`) if they have changed, and the step
-        of the last arrival meanwhile."""
-        # Called at each packet, so compared as they come: making a `Controls` takes
-        # longer than all else here.
+        """Log a finger's controls (see `Controls`) if they have changed, with the step
+        of the last arrival after which they did."""
+        # This is called at each packet. The values are compared as they come, since
+        # making a `Controls` takes longer than all else here.
         controls = armed, ceiling, output_level, profile, threshold_dbfs
         if controls != self._controls.get(finger):
             self._controls[finger] = controls
             self._arrivals.append(Controls(*controls, step, finger))
 
     def due(self, now: float) -> bool:
-        """Whether enough has been collected, or has waited for long enough; ask at
-        least every few milliseconds."""
+        """Return whether enough has been collected, or has waited for long enough; ask
+        at least every few milliseconds."""
         if not self._steps and not self._arrivals:
             return False
         # The wait begins when somebody first asks, so that the clock need not be read
@@ -116,12 +125,26 @@ class SessionRecorder:
         return self._predicted or now - self._since >= LONGEST_DEFERRAL
 
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
-        """Write everything in the order in which it came; ``truth_of`` a finger
-        replaces the truth of its steps."""
+        """Write everything in the order in which it came. ``truth_of`` returns the true
+        touch of a finger, which replaces the one given with its steps."""
         self._since = None
         self._predicted = False
-        # The log comes first: who reads a step finds what it was made of.
+        # The log comes first: whoever reads a step finds what it was made of.
         self._log_arrivals()
+        self._write_marks()
+        steps = self._steps
+        self._steps = []
+        truths: dict[int, int] = {}
+        if truth_of:
+            fingers = {step.finger for step, *_ in steps}
+            truths = {finger: truth_of(finger) for finger in fingers}
+        for step, computed, touch, vibrated in steps:
+            truth = truths.get(step.finger, touch)
+            self._telemetry.publish(
+                step, now=computed, truth=truth, vibration_count=vibrated
+            )
+
+    def _write_marks(self) -> None:
         marks = self._marks
         self._marks = []
         self._telemetry.mark(
@@ -131,33 +154,23 @@ class SessionRecorder:
                 for index, now in reached
             )
         )
-        steps = self._steps
-        self._steps = []
-        truths = (
-            {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}}
-            if truth_of
-            else {}
-        )
-        for step, computed, touch, vibrated in steps:
-            truth = truths.get(step.finger, touch)
-            self._telemetry.publish(
-                step, now=computed, truth=truth, vibration_count=vibrated
-            )
 
     def _log_arrivals(self) -> None:
         arrivals = self._arrivals
         self._arrivals = []
-        self._log(
-            each
-            if isinstance(each, Controls)
-            else EventBatch(each[0], tuple(map(write_event, each[1])), each[2])
-            for each in arrivals
-        )
+        records: list[Record] = []
+        for arrival in arrivals:
+            if isinstance(arrival, Controls):
+                records.append(arrival)
+                continue
+            now, events, polled = arrival
+            records.append(EventBatch(now, tuple(map(write_event, events)), polled))
+        self._log(records)
 
     def _log(self, records: Iterable[Record]) -> None:
         joined = b""
         for part in itertools.chain.from_iterable(map(write_record, records)):
-            # Many in one call: each call takes as long as ten records.
+            # Records are joined, as a call takes as long as ten of them.
             if len(joined) + len(part) > LARGEST_RECORD:
                 self._telemetry.log(joined)
                 joined = b""
@@ -169,9 +182,9 @@ class SessionRecorder:
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     fingers = each_finger(settings)
-    models = {
-        own.detector.model or default_model(own.capture.tip) for own in fingers
-    } - set(registered(DETECTORS))
+    models = {own.detector.model or default_model(own.capture.tip) for own in fingers}
+    # What another package registers is no file whose hash could be noted.
+    models -= set(registered(DETECTORS))
     tables = asdict(settings)
     del tables["fingers"]
     return RunStart(
@@ -191,13 +204,17 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             {
                 "name": finger.name,
                 "settings": dict(finger.settings),
-                "calibration": Path(path).expanduser().read_text("utf-8")
-                if (path := own.detector.calibration)
-                else "",
+                "calibration": _calibration(own),
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)
         ],
     )
+
+
+def _calibration(settings: Settings) -> str:
+    """Return the text of the calibration file; empty without one."""
+    path = settings.detector.calibration
+    return Path(path).expanduser().read_text("utf-8") if path else ""
 
 
 def _version(package: str) -> str:

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Self
 
@@ -53,10 +53,13 @@ MOST_AT_ONCE = 8
 a millisecond."""
 
 MOST_UNCHECKED = 1 << 14
-"""Blocks that may wait for the check of the microphones: seconds of them, where the
+"""Blocks that may wait for the check of the microphones: seconds of sound, where the
 main thread is late."""
 
-START_OPERATOR = "start `tactophone receive` there; or a router blocks the port: use `tactophone call`"
+START_OPERATOR = (
+    "start `tactophone receive` there; "
+    "or a router blocks the port: use `tactophone call`"
+)
 """Advice where an operator never answers."""
 
 _CAPTURED = MARKS.index("captured")
@@ -67,7 +70,8 @@ class Robot(Side):
     """The robot's side while it runs; a context manager.
 
     - ``open_source``: opens the microphones, or what replaces them.
-    - ``keeper``: to the process that finds the way to the operator of a call, instead of the addresses of the settings.
+    - ``keeper``: leads to the process that finds the way to the operator of a call; it
+      replaces the addresses of the settings.
     """
 
     interval = ROBOT_HOUSEKEEPING
@@ -84,14 +88,13 @@ class Robot(Side):
         self._keeper = keeper
         info.progress("opening the source")
         self._source = open_source(settings)
-        # Asked once: whether an object fits a protocol takes 25 us.
+        # Asked once, as the check whether an object fits a protocol takes 25 us.
         labelled = self._source if isinstance(self._source, LabelledSource) else None
         self._truth_of: Callable[[int], int] = (
             labelled.truth_of if labelled else lambda _: -1
         )
-        if rehearse := getattr(
-            self._source, "rehearse", None
-        ):  # a simulation, which compiles itself at first use
+        # A simulation compiles itself at first use.
+        if rehearse := getattr(self._source, "rehearse", None):
             info.progress("compiling the simulation")
             rehearse()
         info.progress("rehearsing")
@@ -101,45 +104,46 @@ class Robot(Side):
         self._operators = wiring.operators_of(settings.link)
         fingers = each_finger(settings)
         found = self._source.channels
-        if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
+        wanted = len(MICROPHONES) * len(fingers)
+        if settings.is_hand and found != wanted:
             raise ConfigError(
-                f"the source has {found} channels, but {len(fingers)} fingers have {wanted}, contact and air "
+                f"the source has {found} channels, "
+                f"but {len(fingers)} fingers have {wanted}, contact and air "
                 "of each in turn: give --fingers as many, or another source"
             )
-        channels = channels_of(settings, alone=self._source.channels)
+        channels = channels_of(settings, alone=found)
         self._microphones = MicrophoneCheck(settings, channels=channels)
-        predicting = (
-            zip(fingers, channels, strict=True)
-            if settings.link.send_predictions
-            else ()
-        )
-        detectors = [
-            wiring.open_rehearsed_pipeline(own, channels=count).detector
-            for own, count in predicting
-        ]
+        detectors = []
+        if settings.link.send_predictions:
+            detectors = [
+                wiring.open_rehearsed_pipeline(own, channels=count).detector
+                for own, count in zip(fingers, channels, strict=True)
+            ]
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
         wiring.rehearse_encoder(self._group.encoder.codec)
         wiring.rehearse_statistics()
-        # Guards the sessions, which the thread of the sound and those of the network
-        # share, and the log of both. No other lock is taken under it, and no thread
+        # Guards the sessions, which the threads of the sound and of the network share,
+        # and the log of all of them. No other lock is taken under it, and no thread
         # waits for the network or a device while it holds it.
         self._lock = threading.Lock()
-        self._moving = False  # as the newest request says
+        self._moving = False
+        """Whether the robot moves, as the newest request says."""
         self._unpublished: list[AudioBlock] = []
+        """Blocks that were sent and not published yet, without a gap."""
 
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
-            self._sockets = [
-                self._resources.enter_context(
+            self._sockets = []
+            for member in self._group.members:
+                socket = (
                     wiring.open_way(
                         self._keeper, member.session, restarts=self._info.restarts
                     )
                     if self._keeper
                     else UdpSocket()
                 )
-                for member in self._group.members
-            ]
+                self._sockets.append(self._resources.enter_context(socket))
             self._open_telemetry()
             self._group.tap = self._log
             self._resources = self._resources.pop_all()
@@ -180,65 +184,60 @@ class Robot(Side):
         self._telemetry.gauge("operators", len(peers))
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
-        period = self._source.period if isinstance(self._source, LiveSource) else 0
-        self._update_budget(
-            now,
-            lambda: robot_stages(
-                self._watcher, self._group.encoder.codec, period=period
-            ),
-        )
-        of_all = (
-            f" ({len(peers)} of {len(self._operators)} operators)"
-            if len(self._operators) > 1
-            else ""
-        )
-        link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
-        link += MOVING * self._moving
-        names = itertools.zip_longest(
-            names_of(self._settings),
-            [each.name for each in self._endpoint.detectors],
-            fillvalue="",
-        )
+        self._update_budget(now, self._stages)
+        is_hand = self._settings.is_hand
         state = RunState(
             role="robot",
             source=self._settings.capture.source,
-            channels=len(MICROPHONES)
-            if self._settings.is_hand
-            else self._source.channels,
-            link=f"{hung_up} hung up" if hung_up else link,
+            channels=len(MICROPHONES) if is_hand else self._source.channels,
+            link=f"{hung_up} hung up" if hung_up else self._link(peers),
             faults=(
                 *self._warnings,
                 *self._device_faults(),
                 *link_faults,
                 *self._microphones.faults(),
             ),
-            fingers=tuple(
-                FingerState(name, muted_because="", detector=detector)
-                for name, detector in names
-            ),
+            fingers=tuple(self._finger_states()),
         )
         self._telemetry.update(state, now=now)
         if hung_up:
             self._end_soon(now)
+
+    def _stages(self) -> Mapping[str, float]:
+        period = self._source.period if isinstance(self._source, LiveSource) else 0
+        codec = self._group.encoder.codec
+        return robot_stages(self._watcher, codec, period=period)
+
+    def _link(self, peers: Sequence[str]) -> str:
+        link = "calling"
+        if peers:
+            link = f"connected to {', '.join(peers)}"
+            if len(self._operators) > 1:
+                link += f" ({len(peers)} of {len(self._operators)} operators)"
+        return link + MOVING * self._moving
+
+    def _finger_states(self) -> Iterator[FingerState]:
+        detectors = [detector.name for detector in self._endpoint.detectors]
+        named = itertools.zip_longest(names_of(self._settings), detectors, fillvalue="")
+        for name, detector in named:
+            yield FingerState(name, muted_because="", detector=detector)
 
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why, which run another version,
         and what is not sent as they would have it."""
         if narrowed := self._group.narrowed:
             yield Fault("bandwidth", narrowed)
-        for number, (member, (host, port)) in enumerate(
-            zip(self._group.members, self._operators, strict=True), 1
-        ):
+        called = zip(self._group.members, self._operators, strict=True)
+        for number, (member, (host, port)) in enumerate(called, 1):
+            session = member.session
             which = "" if len(self._operators) == 1 else f"-{number}"
-            if member.session.peer is None and not (
-                self._keeper and member.session.hung_up
-            ):
-                reason = member.session.failure or (
-                    NO_ANSWER if self._keeper else START_OPERATOR
-                )
+            hung_up = self._keeper and session.hung_up
+            if session.peer is None and not hung_up:
+                advice = NO_ANSWER if self._keeper else START_OPERATOR
+                reason = session.failure or advice
                 where = "" if self._keeper else f" at {host}:{port}"
                 yield Fault(f"link{which}", f"no operator{where} yet: {reason}")
-            elif conflict := member.session.version_conflict:
+            elif conflict := session.version_conflict:
                 yield Fault(f"version{which}", conflict)
 
     def _device_faults(self) -> Iterator[Fault]:
@@ -286,26 +285,35 @@ class Robot(Side):
             self._send_outgoing()
             origin = self._group.origin
         now = time.monotonic()
-        # A prediction is marked with the end of its window, the only time of it that
-        # the operator knows.
-        ends = [
-            round(step.predictions[-1].end * LIVE_SAMPLE_RATE)
-            for step in steps
-            if step.predictions
-        ]
-        if origin is not None and (ends or not self._endpoint.detectors):
-            position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
+        sent = self._sent_up_to(block, steps)
+        if origin is not None and sent is not None:
+            position = (origin + sent) % (1 << 32)
             self._recorder.mark(position, (_CAPTURED, captured), (_SENT, now))
         for step in steps if self._endpoint.detectors else self._steps_of(block):
             self._recorder.publish(step, now=now, truth=self._truth_of(step.finger))
             self._microphones.collect(step)
         if self._recorder.due(now):
-            # The lock is that of the session, whose packets of both threads are logged.
+            # The threads of sound and network both log the packets of the session, so
+            # its lock guards the recorder too.
             with self._lock:
                 self._recorder.write()
 
+    def _sent_up_to(
+        self, block: AudioBlock, steps: Sequence[PipelineStep]
+    ) -> int | None:
+        """Return up to which sample something was sent; ``None`` if nothing was."""
+        if not self._endpoint.detectors:
+            return block.end
+        # A prediction is marked with the end of its window, the only time of it that
+        # the operator knows.
+        for step in steps:
+            if step.predictions:
+                return round(step.predictions[-1].end * LIVE_SAMPLE_RATE)
+        return None
+
     def _steps_of(self, block: AudioBlock) -> list[PipelineStep]:
-        """Return the steps of the sound of many packets at once; of the others none."""
+        """Return the steps of many blocks at once, now and then; in between, return
+        none."""
         self._unpublished.append(block)
         if block.end - self._unpublished[0].start < LONGEST_DEFERRAL * LIVE_SAMPLE_RATE:
             return []
@@ -326,8 +334,8 @@ class Robot(Side):
         while not self.ended.is_set():
             datagrams = socket.receive(ROBOT_RECEIVE)
             now = time.monotonic()
-            # A few at a time: whatever an operator sends, the sound for the others
-            # waits for no more than these.
+            # The lock is given back after a few: whatever an operator sends, the sound
+            # for the others waits for no more than these.
             for start in range(0, len(datagrams), MOST_AT_ONCE):
                 with self._lock:
                     self._group.receive(
@@ -351,15 +359,16 @@ def run_robot(
     open_source: OpenSource = open_device,
     keeper: Keeper | None = None,
 ) -> None:
-    """Run the robot's side in this process until SIGTERM or the end of the sound, or
-    over a way of either side."""
+    """Run the robot's side in this process until SIGTERM or the end of the sound; in a
+    call, until either end hangs up."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
-    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+    # A process that waits for the way of a call has nothing to end in order: SIGTERM
+    # ends it at once until then.
+    if keeper is None:
         note()
-    signal.signal(
-        signal.SIGUSR1, signal.SIG_IGN
-    )  # the emergency stop is the operator's; here nothing vibrates
+    # The emergency stop is the operator's; on the robot nothing vibrates.
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
     with Robot(settings, info, open_source=open_source, keeper=keeper) as robot:
         note()
         robot.run(terminated)
@@ -369,7 +378,7 @@ class MicrophoneCheck:
     """Checks the microphones on the robot, where no codec has changed the sound yet.
 
     The thread of the sound only collects blocks: to measure them takes as long as
-    several packets, eight times a second. ``channels`` are those of each finger.
+    several packets, eight times a second. ``channels``: how many each finger has.
     """
 
     def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
@@ -392,5 +401,7 @@ class MicrophoneCheck:
             if check := self._checks[step.finger]:
                 check.push(step.block)
         for name, check in zip(self._names, self._checks, strict=True):
-            for fault in check.faults if check else ():
+            if check is None:
+                continue
+            for fault in check.faults:
                 yield wiring.finger_fault(name, fault.code, str(fault))

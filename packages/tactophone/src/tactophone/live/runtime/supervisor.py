@@ -56,9 +56,11 @@ from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
 RESTART_DELAY = 0.5
+"""Seconds between the end of a process and the next; doubled with every process that
+lived less than `SHORT_LIFE`."""
+
 LONGEST_RESTART_DELAY = 4.0
-"""Seconds between the end of a process and the next, which double with every process
-that lived less than `SHORT_LIFE`."""
+"""Seconds up to which `RESTART_DELAY` is doubled."""
 
 SHORT_LIFE = 2.0
 """Seconds after its start within which a process most likely ends for a reason that
@@ -86,7 +88,10 @@ updates of a console."""
 MOVING = ", moving"
 """Added to the link of a robot that says that it moves."""
 
-NO_ANSWER = "the other end may still be starting; if it stays silent once it is ready, hang up and call again"
+NO_ANSWER = (
+    "the other end may still be starting; "
+    "if it stays silent once it is ready, hang up and call again"
+)
 """Advice where a call's other end does not answer."""
 
 SIDE_END_TIMEOUT = 3.0
@@ -120,22 +125,19 @@ SIDE_TRANSITIONS: Mapping[SideState, frozenset[SideState]] = MappingProxyType(
         "ended": frozenset(),
     }
 )
-"""The table above, as `packages/tactophone/tests/live/runtime/test_supervisor.py` walks it."""
+"""The table above: `Supervisor` makes no other move."""
 
 
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
-    ``report`` is called with a line for people: why a process is restarted, or what a
-    slow start is at, which ends in ``"\\r"`` since the next such line replaces it; from
-    another thread.
-
-    ``progress``, which may be replaced, is called with what the process does next,
-    while it is awaited at its start.
-
-    ``restarts``: number of new processes that had to be started.
-
-    ``state``: where the side stands in the table at the head of this file.
+    - ``report``: called, from another thread, with a line for people: why a process is
+      restarted, or what a slow start is doing. The latter ends in ``"\\r"``, as the
+      next such line replaces it.
+    - ``progress``: called with what the process does next, while its start is awaited;
+      it may be replaced.
+    - ``restarts``: number of new processes that had to be started.
+    - ``state``: where the side stands in the table at the head of this file.
     """
 
     def __init__(
@@ -186,7 +188,7 @@ class Supervisor:
             _run, self._main, self._settings, self.name, self.restarts, name=self.name
         )
         self._started = math.inf
-        self.state = "starting"
+        self._enter("starting")
 
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
@@ -221,22 +223,30 @@ class Supervisor:
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGUSR1)
 
+    def _enter(self, state: SideState) -> None:
+        """Move to a state; a move that `SIDE_TRANSITIONS` does not allow is our
+        mistake."""
+        if state != self.state and state not in SIDE_TRANSITIONS[self.state]:
+            raise RuntimeError(f"{self.name}: {self.state} cannot become {state}")
+        self.state = state
+
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error
         is raised here."""
         child = self._child
-        doing = "loading libraries"
-        failure = "it ended"
         if child is None:
             return
-        began = progressed = time.monotonic()
+        doing = "loading libraries"
+        failure = "it ended"
+        began = time.monotonic()
+        progressed = began
         used = 0
         slow = SLOW_START
         while True:
             now = time.monotonic()
-            alive = (
-                child.alive
-            )  # asked first: what it told before its end is then read below
+            # Asked before the messages are read: whatever the process told before its
+            # end is among them then.
+            alive = child.alive
             for kind, doing in child.messages():
                 if kind in ("error", "bug"):
                     raise TactophoneError(doing)
@@ -246,11 +256,13 @@ class Supervisor:
                 if not child.how_ended():
                     return  # its sound was so short that it has ended already
                 break
-            if (watcher := self._watcher()) and watcher.pulse().beat > 0:
+            watcher = self._watcher()
+            if watcher and watcher.pulse().beat > 0:
                 self._started = now
-                self.state = "running"
+                self._enter("running")
                 return
-            if (ticks := _processor_time(child.pid)) != used:
+            ticks = _processor_time(child.pid)
+            if ticks != used:
                 used = ticks
                 progressed = now
             if now - progressed > SIDE_START_TIMEOUT:
@@ -273,21 +285,20 @@ class Supervisor:
         while not self._ended.is_set():
             reason = self._watch_process()
             if not reason:
-                self.state = "ended"
+                self._enter("ended")
                 self._ended.set()
             if self._ended.is_set():
                 return
-            self.state = "restarting"
+            self._enter("restarting")
             # What ends soon after each start will most likely do so again: it is tried
             # less and less often.
             short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
-            self._restart_delay = (
-                min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
-                if short
-                else RESTART_DELAY
-            )
+            delay = RESTART_DELAY
+            if short:
+                delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
+            self._restart_delay = delay
             self._report(
-                f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s"
+                f"! {self.name} ended ({reason}) and starts again in {delay:g} s"
             )
             if self._ended.wait(self._restart_delay):
                 return
@@ -314,12 +325,14 @@ class Supervisor:
                 how = child.how_ended()
                 return failures[-1] if how and failures else how
             if watcher is None:
-                if watcher := self._watcher():
+                watcher = self._watcher()
+                if watcher:
                     self._started = time.monotonic()
-                    self.state = "running"
-            elif self._settings.process.watchdog and not self._tolerates(
-                watchdog, watcher
-            ):
+                    self._enter("running")
+                continue
+            if not self._settings.process.watchdog:
+                continue
+            if not self._tolerates(watchdog, watcher):
                 # It may be stopped in the middle of a period, where it could take no
                 # note of any gentler word.
                 child.kill()
@@ -331,9 +344,9 @@ class Supervisor:
         outside, if it can be."""
         match watchdog.check(watcher.pulse(), now=time.monotonic()):
             case Verdict.LATE:
-                if self._settings.output.actuator != "jack" or not disconnect_from_jack(
-                    self.pid
-                ):
+                on_jack = self._settings.output.actuator == "jack"
+                silenced = on_jack and disconnect_from_jack(self.pid)
+                if not silenced:
                     return False
                 # It stays, and goes on by itself once it can: it joins the JACK server
                 # again and waits for fresh sound.
@@ -348,10 +361,11 @@ class Supervisor:
         return watcher if watcher and watcher.pid == self.pid else None
 
     def _end(self) -> None:
-        self.state = "ended"
         if self._child:
+            self._enter("ended")
             if math.isinf(self._started) and not self._watcher():
-                self._child.kill()  # a starting process cannot answer yet, and killing it loses no data
+                # A starting process cannot answer yet, and killing it loses no data.
+                self._child.kill()
             self._child.terminate()
             self._child.end(SIDE_END_TIMEOUT)
             remove_memory(self.name)
@@ -362,13 +376,12 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
     """Start several sides at once, which takes as long as one does, and wait for all;
     ends them, the last first.
 
-    In the main thread, SIGTERM meanwhile leaves the block, as Ctrl-C does.
+    In the main thread, SIGTERM leaves the block while it lasts, as Ctrl-C does.
     """
     with contextlib.ExitStack() as stack:
         if threading.current_thread() is threading.main_thread():
-            stack.callback(
-                signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _leave)
-            )
+            before = signal.signal(signal.SIGTERM, _leave)
+            stack.callback(signal.signal, signal.SIGTERM, before)
         for side in sides:
             stack.push(side)
             side.begin()
@@ -378,8 +391,8 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
 
 
 def _leave(*_: object) -> None:
-    # Once: what is left to do takes a few seconds, and a second signal would cut it
-    # short.
+    # Only the first signal counts: what is left to do takes a few seconds, and a second
+    # one would cut it short.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(0)
 
@@ -387,18 +400,18 @@ def _leave(*_: object) -> None:
 def _run(
     parent: Parent, main: Main, settings: Settings, name: str, restarts: int
 ) -> None:
-    main(
-        settings,
-        ProcessInfo(
-            name, restarts, progress=lambda text: parent.tell(("progress", text))
-        ),
-    )
+    def tell(text: str) -> None:
+        parent.tell(("progress", text))
+
+    main(settings, ProcessInfo(name, restarts, progress=tell))
 
 
 def _processor_time(pid: int) -> int:
     """Return the clock ticks that a process has used (Linux; elsewhere 0: only its
     messages count as progress)."""
     try:
+        # The fields after the command in brackets, which may hold spaces: utime and
+        # stime are the 14th and 15th of the line, so the 12th and 13th of these.
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return int(fields[11]) + int(fields[12])
     except (OSError, IndexError, ValueError):
@@ -446,7 +459,7 @@ class Side:
             raise self.failure
 
     def _end_soon(self, now: float) -> None:
-        """End the side once everybody who watches has seen why."""
+        """End the side once whoever watches has had time to see why."""
         self._ends_at = min(self._ends_at, now + LAST_WORDS)
         if now >= self._ends_at:
             self.ended.set()

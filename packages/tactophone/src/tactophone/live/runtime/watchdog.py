@@ -5,9 +5,10 @@ without end. Nothing inside a stalled process can help; a process that is *disco
 from the server or *killed* is silent within some periods.
 
 While the last period was silent, a stall does no harm and the timeout is long. While it
-vibrated, the process is late after a short one, and to be silenced; stalled it is after
-the long one. Only checks that were themselves on time count: if the whole machine stood
-still, so did the watchdog, and the client may be late for the same reason.
+vibrated, the process counts as late after a short timeout, and is to be silenced; after
+the long one it counts as stalled. Only checks that were themselves on time count: if
+the whole machine stood still, so did the watchdog, and the client may be late for the
+same reason.
 """
 
 from enum import Enum
@@ -30,10 +31,14 @@ that the server takes to remove a client, silence comes within ten."""
 
 
 class Verdict(Enum):
-    """What a check found: nothing, a process that is late while it vibrates, or one
-    that has stalled."""
+    """What a check found."""
 
-    ALIVE, LATE, STALLED = range(3)
+    ALIVE = 0
+    """Nothing is wrong, or it is known already."""
+    LATE = 1
+    """It shows no sign of life while it vibrates."""
+    STALLED = 2
+    """It has shown no sign of life for `SILENT_TIMEOUT`."""
 
 
 class Watchdog:
@@ -43,7 +48,8 @@ class Watchdog:
     ``late_after``: seconds that a process may show no sign of life while it vibrates.
 
     >>> watchdog = Watchdog(late_after=0.035)
-    >>> found = [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(500)]
+    >>> pulse = Pulse(7, amplitude=0.5, beat=0.0)
+    >>> found = [watchdog.check(pulse, now=0.005 * n) for n in range(500)]
     >>> found.index(Verdict.LATE), found.index(Verdict.STALLED)
     (8, 401)
     """
@@ -58,23 +64,23 @@ class Watchdog:
         self._reported = False
 
     def check(self, pulse: Pulse, *, now: float) -> Verdict:
-        """Compare a pulse with the one before. `Verdict.LATE` comes once, until the
-        process goes on."""
+        """Compare a pulse with the one before; reports `Verdict.LATE` once, and not
+        again until the process resumes."""
         # A late check counts as two intervals at most: the time beyond was lost to the
         # machine, not to the process.
-        passed = (
-            0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
-        )
+        passed = 0.0
+        if self._last is not None:
+            passed = min(now - self._last, 2 * CHECK_INTERVAL)
         self._last = now
+        # Before its first callback a process has nothing to be late with.
         moved = pulse.callbacks != self._callbacks or pulse.callbacks == 0
+        beats = pulse.beat != self._beat
         self._without_callback = 0.0 if moved else self._without_callback + passed
-        self._without_beat = (
-            0.0 if pulse.beat != self._beat else self._without_beat + passed
-        )
+        self._without_beat = 0.0 if beats else self._without_beat + passed
         self._callbacks = pulse.callbacks
         self._beat = pulse.beat
-        # Whoever goes on after it was silenced may be late again, and is then reported
-        # again.
+        # A process that resumes after it was silenced may be late again, and is then
+        # reported again.
         self._reported &= not moved
         if self._without_beat > SILENT_TIMEOUT:
             return Verdict.STALLED
@@ -82,9 +88,8 @@ class Watchdog:
             late = max(self._late_after, LATE_PERIODS * max(0.0, pulse.period))
             self._reported = self._without_callback > late
             return Verdict.LATE if self._reported else Verdict.ALIVE
-        # Reported, and it still vibrates: either nothing silenced it, or it is stopped
-        # for good.
-        silenced_in_vain = (
-            pulse.amplitude > 0.0 and self._without_callback > SILENT_TIMEOUT
-        )
+        # It was reported, and still vibrates: either nothing silenced it, or it is
+        # stopped for good.
+        vibrates = pulse.amplitude > 0.0
+        silenced_in_vain = vibrates and self._without_callback > SILENT_TIMEOUT
         return Verdict.STALLED if silenced_in_vain else Verdict.ALIVE
