@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
+from tactophone.core.recordings.sound_file import Length, length_of
 from tactophone.core.recordings.values import (
     CHECKED_SILENT_DBFS,
     READ_SIZE,
@@ -76,13 +77,12 @@ LAG_FLOOR = 1e-8
 
 @dataclass(frozen=True, slots=True)
 class _Measurements:
-    """What one pass over a file measures; ``promised`` is the length in its header, in
-    samples."""
+    """What one pass over a file measures."""
 
     sample_rate: int
     channels: int
     size: int
-    promised: int
+    length: Length
     peaks: tuple[float, ...]
     clipped: tuple[int, ...]
     finite: bool
@@ -194,7 +194,13 @@ def _measure(recording: Recording) -> _Measurements:
             size += len(samples)
         peak, counts = tuple(peaks.tolist()), tuple(railed.tolist())
         return _Measurements(
-            file.samplerate, file.channels, size, len(file), peak, counts, finite
+            file.samplerate,
+            file.channels,
+            size,
+            length_of(recording.path),
+            peak,
+            counts,
+            finite,
         )
 
 
@@ -203,12 +209,9 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
     if measured.size == 0:
         yield "empty", "a header without sound; record it again or drop its line", True
         return
-    if measured.size < measured.promised:
-        yield (
-            "broken",
-            f"ends after {measured.size} of {measured.promised} samples; restore the whole file",
-            True,
-        )
+    if measured.length.cut:
+        found = measured.length.words(duration)
+        yield "broken", f"{found}; restore the whole file", True
     if not measured.finite:
         yield "broken", "holds NaN or infinite samples; export it again", True
         return  # its levels say nothing

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.metadata import FILE_NAME, refuse_link, write_metadata
+from tactophone.core.recordings.sound_file import open_file, sound_info
 from tactophone.core.recordings.values import READ_SIZE, Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, ignore
 
@@ -90,7 +91,7 @@ def copy_as_flac(source: Path, target: Path) -> None:
     Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the
     disk is full.
     """
-    with soundfile.SoundFile(source) as file:
+    with open_file(source) as file:
         subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
         # As integers, PCM is copied bit by bit.
         blocks = file.blocks(
@@ -104,7 +105,7 @@ def copy_as_flac(source: Path, target: Path) -> None:
 def join_as_flac(contact: Path, air: Path, target: Path) -> None:
     """Write two mono files as one FLAC file, contact and air, as long as the shorter;
     errors as `copy_as_flac`."""
-    with soundfile.SoundFile(contact) as one, soundfile.SoundFile(air) as two:
+    with open_file(contact) as one, open_file(air) as two:
         size = min(len(one), len(two))
         # As integers, so that PCM stays bit by bit.
         pairs = zip(
@@ -140,7 +141,7 @@ def _write_flac(
         ) as flac:
             for samples in blocks:
                 flac.write(samples)
-        if soundfile.info(unfinished).frames != size:
+        if sound_info(unfinished).size != size:
             raise OSError("the copy is shorter than the original")
 
 
@@ -179,11 +180,11 @@ def _card(dataset: Dataset) -> Iterator[str]:
     )
     paths = (recording.path for recording in recordings)
     infos = [
-        soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size
+        sound_info(path) for path in paths if path.is_file() and path.stat().st_size
     ]
     minutes, rates = (
         sum(info.duration for info in infos) / 60,
-        sorted({int(info.samplerate) for info in infos}),
+        sorted({info.sample_rate for info in infos}),
     )
     channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (

@@ -23,6 +23,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.processes import atomic_write
+from tactophone.core.recordings.sound_file import sound_info
 from tactophone.core.recordings.values import (
     Recording,
     Segment,
@@ -281,7 +282,7 @@ def _touches(
             continue
         touches = touches_of(recording)
         for start, end in (
-            ((0.0, soundfile.info(recording.path).duration),)
+            ((0.0, sound_info(recording.path).duration),)
             if touches is None
             else touches
         ):

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import onnx
-import soundfile
 from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.sound_file import sound_info
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import TIPS
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
@@ -209,7 +209,7 @@ def build_training_set(
         [
             each
             for each in recordings
-            if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE
+            if sound_info(each.path).sample_rate == LIVE_SAMPLE_RATE
         ]
         if codecs
         else []

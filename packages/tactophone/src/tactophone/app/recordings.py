@@ -7,7 +7,7 @@ from there as in a live run.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -109,6 +109,7 @@ def open_recording(
     threshold_dbfs: float = math.nan,
     margin_db: float = math.nan,
     block_size: int = 4096,
+    channels: Sequence[int] = (),
 ) -> OpenRecording:
     """Open a recording and a pipeline for it, as ``tactophone feel`` does.
 
@@ -127,6 +128,9 @@ def open_recording(
         How far over its noise a band is heard; by default 5 dB.
     block_size
         Samples in each block of the sound.
+    channels
+        Which of the file's channels are contact and air, counted from 0; a file of more
+        than two needs them.
 
     Raises
     ------
@@ -147,10 +151,12 @@ def open_recording(
                 print(prediction.end, prediction.touch.name)
         print(recording.notes)
     """
-    file = FileSource(path, block_size=block_size)
+    file = FileSource(path, block_size=block_size, channels=channels)
     known = find_recording(path)
     source = (
-        _Exchanged(file) if known and known.channels == ("air", "contact") else file
+        _Exchanged(file)
+        if known and known.channels == ("air", "contact") and not channels
+        else file
     )
     preparation = Preparation.of(source)
     pipeline = open_pipeline(
@@ -186,6 +192,7 @@ def open_recording(
     notes = preparation.notes(
         file.channels, used=card.channels if card else file.channels
     )
+    notes = [*file.notes, *notes]
     known_misfits = {}
     if card and file.sample_rate < card.sample_rate:
         known_misfits["narrow-band"] = (

@@ -59,7 +59,7 @@ def test_what_cannot_be_read_is_said_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_bytes(b"no sound")
     with pytest.raises(
         DatasetError,
-        match=r"a\.wav: cannot be read as sound \(Format not recognised\); restore it",
+        match=r"a\.wav: cannot be read as sound \(Format not recognised\); give a WAV",
     ):
         Recording(tmp_path / "a.wav", "slate").read()
     soundfile.write(tmp_path / "b.wav", np.zeros(80, np.float32), 8000)

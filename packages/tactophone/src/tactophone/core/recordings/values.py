@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.sound_file import open_file
 from tactophone.core.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
@@ -225,12 +226,13 @@ def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
     block.
     """
     try:
-        with soundfile.SoundFile(path) as file:
+        with open_file(path) as file:
             yield file
     except (soundfile.SoundFileError, OSError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
         raise DatasetError(
-            f"{path}: cannot be read as sound ({reason}); restore it, or drop its line from the manifest"
+            f"{path}: cannot be read as sound ({reason or 'damaged'}); "
+            "restore it, or drop its line from the manifest"
         ) from error
 
 
@@ -319,7 +321,9 @@ def fingerprint(recordings: Iterable[Recording]) -> str:
         recordings, key=lambda recording: (recording.path.name, recording.surface)
     ):
         total.update(
-            f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode()
+            f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode(
+                errors="surrogateescape"  # a name that is no UTF-8
+            )
         )
         if recording.path.is_file():
             stat = recording.path.stat()

@@ -11,6 +11,7 @@ import soundfile
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.sound_file import length_of, open_file
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
@@ -36,6 +37,14 @@ class FileSource:
         Samples a block; the last one may be shorter.
     loop
         Start again at the end, for ever; ``start`` keeps counting.
+    channels
+        Which of the file's channels are contact and air, counted from 0, for a file of
+        more than two; by default the file has only these.
+
+    Attributes
+    ----------
+    notes
+        Sentences on what the file lacks of what its header claims.
 
     Raises
     ------
@@ -45,16 +54,25 @@ class FileSource:
     """
 
     def __init__(
-        self, path: Path | str, *, block_size: int = 4096, loop: bool = False
+        self,
+        path: Path | str,
+        *,
+        block_size: int = 4096,
+        loop: bool = False,
+        channels: Sequence[int] = (),
     ) -> None:
         self.path = Path(path)
         self._block_size, self._loop = block_size, loop
+        self._picked = list(channels)
         self._file: soundfile.SoundFile | None = None
-        with self._opened() as file:
+        with open_file(self.path) as file:
             self.sample_rate: int = file.samplerate
-            self.channels: int = file.channels
+            self.channels: int = len(self._picked) or file.channels
             self.size: int = file.frames
+            self._check_channels(file.channels)
         self._check_format()
+        length = length_of(self.path)
+        self.notes = [length.words(self.duration)] if length.cut else []
 
     @property
     def duration(self) -> float:
@@ -62,7 +80,7 @@ class FileSource:
         return self.size / self.sample_rate
 
     def __enter__(self) -> Self:
-        self._file = self._opened()
+        self._file = open_file(self.path)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -87,28 +105,26 @@ class FileSource:
             samples: FloatArray = file.read(
                 self._block_size, dtype="float32", always_2d=True
             )
-            return samples
+            # A copy, contiguous as all others are.
+            return samples[:, self._picked].copy() if self._picked else samples
         except soundfile.LibsndfileError as error:
             raise DatasetError(
                 f"{self.path}: damaged {start / self.sample_rate:.1f} s in ({error})"
             ) from error
 
-    def _opened(self) -> soundfile.SoundFile:
-        if not self.path.is_file():
-            found = "a folder" if self.path.is_dir() else "no such file"
-            raise DatasetError(f"{self.path}: {found}; give a WAV or FLAC recording")
-        try:
-            return soundfile.SoundFile(self.path)
-        except soundfile.LibsndfileError as error:
-            raise DatasetError(
-                f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file"
-            ) from error
-
-    def _check_format(self) -> None:
+    def _check_channels(self, count: int) -> None:
         if self.channels > len(MICROPHONES):
             raise DatasetError(
-                f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
+                f"{self.path}: {count} channels, but contact, or contact and air, are "
+                f"needed; name these with --channels, such as --channels {count - 1},{count}"
             )
+        if self._picked and max(self._picked) >= count:
+            raise DatasetError(
+                f"{self.path}: no channel {max(self._picked) + 1}, as it has {count}; "
+                "name others with --channels"
+            )
+
+    def _check_format(self) -> None:
         if self.sample_rate < FILE_LOWEST_RATE:
             raise DatasetError(
                 f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or more is needed; "

@@ -1,0 +1,509 @@
+"""Sound files as recorders, phones and copies leave them: what a header claims is
+compared with what the file holds.
+
+A header is written first and corrected last. A recorder that lost its power, a pipe
+that could not seek and a copy that stopped half-way leave a header that claims too
+little, nothing, or too much. Here a file is read to the end of what it holds, and
+`open_file` is the only place that opens one for reading.
+
+The containers that know their length are walked by hand, because libsndfile corrects a
+length in silence (WAV and its kin), or believes it and fails at the end (FLAC).
+"""
+
+import io
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import soundfile
+
+from tactophone.core.errors import DatasetError
+
+SOUND_SUFFIXES = frozenset(
+    {
+        ".aif",
+        ".aifc",
+        ".aiff",
+        ".au",
+        ".bwf",
+        ".caf",
+        ".flac",
+        ".mp3",
+        ".oga",
+        ".ogg",
+        ".opus",
+        ".rf64",
+        ".w64",
+        ".wav",
+        ".wave",
+    }
+)
+"""File names that end like this are taken for sound, in capitals too."""
+
+FFMPEG_SUFFIXES = frozenset(
+    {
+        ".3gp",
+        ".aac",
+        ".amr",
+        ".m4a",
+        ".m4b",
+        ".mka",
+        ".mkv",
+        ".mov",
+        ".mp4",
+        ".webm",
+        ".wma",
+    }
+)
+"""Sound that phones and cameras write and libsndfile cannot read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """How long a file's header says that its sound is, and how long it is.
+
+    Attributes
+    ----------
+    claimed
+        By the header; 0 where it leaves the length open, as pipes do.
+    held
+        Found in the file. Both are in samples for FLAC and in bytes for all others, so
+        only their ratio has a meaning of its own.
+    closed
+        False for a stream that ends without the mark of its end, which states no
+        length.
+    """
+
+    claimed: int
+    held: int
+    closed: bool = True
+
+    @property
+    def share(self) -> float:
+        """Share of the claimed sound that the file holds, 0 to 1.
+
+        >>> Length(claimed=400, held=100).share, Length(claimed=0, held=100).share
+        (0.25, 1.0)
+        """
+        return min(1.0, self.held / self.claimed) if self.claimed else 1.0
+
+    @property
+    def cut(self) -> bool:
+        """Whether a part of the sound is missing."""
+        return self.share < 1.0 or not self.closed
+
+    def words(self, duration: float) -> str:
+        """Say what is missing, where what is there lasts ``duration`` s."""
+        if not self.held:
+            return "holds a header and no sound"
+        if not self.closed:
+            return f"breaks off after {duration:.1f} s, without the mark of its end"
+        return (
+            f"ends after {duration:.1f} of {duration / self.share:.1f} s, "
+            "so it was not copied or saved whole"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Container:
+    """What walking through a container found."""
+
+    length: Length
+    corrections: tuple[tuple[int, bytes], ...] = ()
+    """Bytes of the header that libsndfile must see differently, by their place."""
+
+
+def open_file(path: Path) -> soundfile.SoundFile:
+    """Open a sound file for reading to the end of what it holds.
+
+    Raises `DatasetError` if there is no such file, or it cannot be read as sound.
+    """
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "no such file"
+        raise DatasetError(f"{path}: {found}; give a WAV or FLAC recording")
+    try:
+        corrections = _walk(path).corrections
+        if not corrections:
+            # By its bytes, as a name need not be text.
+            return soundfile.SoundFile(os.fsencode(path))
+        corrected = io.BufferedReader(_CorrectedFile(path, corrections))
+        return soundfile.SoundFile(corrected)
+    except (soundfile.SoundFileError, OSError) as error:
+        reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
+        raise DatasetError(
+            f"{path}: cannot be read as sound ({reason}); {_next_step(path)}"
+        ) from error
+
+
+def length_of(path: Path) -> Length:
+    """Compare the length that a file's header claims with what the file holds.
+
+    A file without a length of its own, such as MP3, or of an unknown kind, is taken as
+    whole. Raises `OSError` if it cannot be read.
+    """
+    return _walk(path).length
+
+
+@dataclass(frozen=True, slots=True)
+class SoundInfo:
+    """What a sound file is, without its sound."""
+
+    sample_rate: int
+    channels: int
+    size: int
+    """Samples that the file holds."""
+
+    @property
+    def duration(self) -> float:
+        """Length, in s."""
+        return self.size / self.sample_rate
+
+
+def sound_info(path: Path) -> SoundInfo:
+    """Return rate, channels and length of a file; errors as `open_file`."""
+    with open_file(path) as file:
+        return SoundInfo(int(file.samplerate), int(file.channels), int(file.frames))
+
+
+def is_hidden(path: Path, folder: Path) -> bool:
+    """Return whether a file below a folder belongs to the system that copied it, not to
+    the data.
+
+    Names that begin with a dot are hidden (a Mac's ``._take.wav``, a cache of some
+    program); ``__MACOSX`` holds the same in archives.
+
+    >>> is_hidden(Path("d/__MACOSX/a.wav"), Path("d")), is_hidden(Path("d/a.wav"), Path("d"))
+    (True, False)
+    """
+    parts = path.relative_to(folder).parts
+    return any(part.startswith(".") or part == "__MACOSX" for part in parts)
+
+
+def ffmpeg_command(path: Path) -> str:
+    """Return the command that makes a WAV file of what libsndfile cannot read."""
+    return f"ffmpeg -i {path.name} {path.stem}.wav"
+
+
+def _next_step(path: Path) -> str:
+    if path.suffix.lower() in FFMPEG_SUFFIXES:
+        return f"convert it: `{ffmpeg_command(path)}`"
+    if not path.stat().st_size:
+        return "it has 0 bytes; copy it again"
+    if path.name.startswith("._"):
+        return "it is a Mac's note on another file; leave it out"
+    return "give a WAV or FLAC file, or restore this one"
+
+
+class _CorrectedFile(io.FileIO):
+    """A file in which some bytes of the header read differently."""
+
+    def __init__(self, path: Path, corrections: tuple[tuple[int, bytes], ...]) -> None:
+        super().__init__(os.fsencode(path))
+        self._corrections = corrections
+
+    def readinto(self, buffer: object, /) -> int:
+        view = memoryview(buffer).cast("B")  # type: ignore[arg-type]
+        start = self.tell()
+        count = super().readinto(view) or 0
+        for place, content in self._corrections:
+            first = max(place, start)
+            last = min(place + len(content), start + count)
+            if first < last:
+                view[first - start : last - start] = content[
+                    first - place : last - place
+                ]
+        return count
+
+
+def _walk(path: Path) -> _Container:
+    """Find the sound in a container by its first bytes; what is unknown is whole."""
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        head = file.read(16)
+        if head[:4] in (b"RIFF", b"RIFX", b"RF64", b"BW64"):
+            return _walk_riff(file, head, size)
+        if head[:4] == b"FORM" and head[8:12] in (b"AIFF", b"AIFC"):
+            return _walk_aiff(file, size)
+        if head[:4] == b"riff":
+            return _walk_w64(file, size)
+        if head[:4] == b"caff":
+            return _walk_caf(file, size)
+        if head[:4] == b".snd":
+            return _walk_au(head, size)
+        if head[:4] == b"fLaC":
+            return _walk_flac(file, size)
+        if head[:4] == b"OggS":
+            return _walk_ogg(file, size)
+        return _Container(Length(size, size))
+
+
+OPEN_SIZES = frozenset({0, 0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF})
+"""Sizes of a program that could not go back to the header: none yet, or the largest."""
+
+LARGEST_PIPED = 0x7FFF0000
+"""From this size on, in 32 bits, a header was written by a program that did not know
+the length: sox writes 0x7FFFFFFF less its header, and others round it."""
+
+
+def _is_open(claimed: int, held: int, *, bits: int = 32) -> bool:
+    if claimed in OPEN_SIZES:
+        return True
+    return bits == 32 and claimed >= LARGEST_PIPED > held
+
+
+def _walk_riff(file: io.BufferedReader, head: bytes, size: int) -> _Container:
+    """WAV, and its kin of more than 4 GB, whose chunk ``ds64`` has the true size."""
+    order = ">" if head[:4] == b"RIFX" else "<"
+    large = 0
+    for name, place, short in _chunks(file, 12, size, f"{order}4sI", padding=2):
+        if name == b"ds64":
+            file.seek(place)
+            large = struct.unpack("<QQ", file.read(16).ljust(16, b"\0"))[1]
+        if name == b"data":
+            held = size - place
+            claimed = large if short == 0xFFFFFFFF and large else short
+            if not _is_open(claimed, held):
+                return _Container(Length(claimed, min(claimed, held)))
+            # libsndfile takes a size of 0 for no sound.
+            known = min(held, 0xFFFFFFFE)
+            lost = claimed == 0 and held > 0
+            content = struct.pack(f"{order}I", known)
+            return _Container(Length(0, held), ((place - 4, content),) if lost else ())
+    return _Container(Length(0, 0))
+
+
+def _walk_aiff(file: io.BufferedReader, size: int) -> _Container:
+    for name, place, claimed in _chunks(file, 12, size, ">4sI", padding=2):
+        if name == b"SSND":
+            held = size - place
+            if _is_open(claimed, held):
+                return _Container(Length(0, held))
+            return _Container(Length(claimed, min(claimed, held)))
+    return _Container(Length(0, 0))
+
+
+def _walk_w64(file: io.BufferedReader, size: int) -> _Container:
+    # A chunk's size counts its own head of 24 bytes here.
+    for name, place, claimed in _chunks(file, 40, size, "<16sQ", padding=8, own=24):
+        if name[:4] == b"data":
+            return _Container(Length(claimed, min(claimed, size - place)))
+    return _Container(Length(0, 0))
+
+
+def _walk_caf(file: io.BufferedReader, size: int) -> _Container:
+    for name, place, claimed in _chunks(file, 8, size, ">4sQ", padding=1):
+        if name == b"data":
+            held = size - place
+            if _is_open(claimed, held, bits=64):
+                return _Container(Length(0, held))
+            if claimed <= held:
+                return _Container(Length(claimed, claimed))
+            # libsndfile refuses the file for its size.
+            correction = (place - 8, struct.pack(">Q", held))
+            return _Container(Length(claimed, held), (correction,))
+    return _Container(Length(0, 0))
+
+
+def _walk_au(head: bytes, size: int) -> _Container:
+    offset, claimed = struct.unpack(">II", head[4:12].ljust(8, b"\0"))
+    held = max(0, size - offset)
+    if _is_open(claimed, held):
+        return _Container(Length(0, held))
+    return _Container(Length(claimed, min(claimed, held)))
+
+
+OGG_PAGE = 1 << 16
+"""Bytes at the end in which the head of the last page is looked for; a page has at most
+65,307 (RFC 3533, section 6)."""
+
+OGG_END = 0x04
+"""Flag of a stream's last page, in the sixth byte of its head."""
+
+
+def _walk_ogg(file: io.BufferedReader, size: int) -> _Container:
+    file.seek(max(0, size - OGG_PAGE))
+    tail = file.read()
+    last = tail.rfind(b"OggS")
+    closed = 0 <= last < len(tail) - 5 and bool(tail[last + 5] & OGG_END)
+    return _Container(Length(size, size, closed))
+
+
+MOST_CHUNKS = 10_000
+"""Chunks of a file that are walked through; recorders write a dozen."""
+
+
+def _chunks(
+    file: io.BufferedReader,
+    place: int,
+    size: int,
+    layout: str,
+    *,
+    padding: int,
+    own: int = 0,
+) -> Iterator[tuple[bytes, int, int]]:
+    """Yield the name of each chunk, where its content begins and its size."""
+    head_size = struct.calcsize(layout)
+    for _ in range(MOST_CHUNKS):
+        if place + head_size > size:
+            return
+        file.seek(place)
+        name, claimed = struct.unpack(layout, file.read(head_size))
+        content = max(0, claimed - own)
+        yield name, place + head_size, content
+        place += head_size + content
+        place += -place % padding
+
+
+FLAC_TOTAL = 21
+"""Place of the five bytes whose last 36 bits are the number of samples: STREAMINFO is
+the first block of every FLAC file (RFC 9639, section 8.2)."""
+
+FLAC_TAIL = 1 << 20
+"""Bytes at the end in which the last frame is looked for. A frame of 65,535 samples of
+two channels in 24 bits has under 400 kB."""
+
+
+def _walk_flac(file: io.BufferedReader, size: int) -> _Container:
+    """FLAC, whose last frame says how many samples come before it."""
+    file.seek(FLAC_TOTAL)
+    packed = int.from_bytes(file.read(5).ljust(5, b"\0"), "big")
+    claimed = packed & ((1 << 36) - 1)
+    file.seek(8)
+    largest = int.from_bytes(file.read(4)[2:4], "big")
+    begin = _end_of_metadata(file)
+    start = max(begin, size - FLAC_TAIL)
+    file.seek(begin)
+    first = file.read(4)
+    file.seek(start)
+    held = _samples_held(file.read(), first, largest, claimed)
+    if held is None or held == claimed:
+        known = claimed if held is None else held
+        return _Container(Length(claimed, known))
+    total = (packed & ~((1 << 36) - 1)) | held
+    correction = (FLAC_TOTAL, total.to_bytes(5, "big"))
+    return _Container(Length(claimed, held), (correction,))
+
+
+def _end_of_metadata(file: io.BufferedReader) -> int:
+    place, last = 4, False
+    while not last:
+        file.seek(place)
+        head = file.read(4)
+        if len(head) < 4:
+            break
+        last = bool(head[0] & 0x80)
+        place += 4 + int.from_bytes(head[1:], "big")
+    return place
+
+
+def _samples_held(tail: bytes, first: bytes, largest: int, claimed: int) -> int | None:
+    """Return how many samples a FLAC file holds, by the end of it; ``None`` if no frame
+    is found there."""
+    if first[:1] != b"\xff" or len(first) < 4:
+        return None
+    place = len(tail)
+    while (place := tail.rfind(first[:2], 0, place)) >= 0:
+        frame = _frame_at(tail, place, first, largest)
+        if frame is None:
+            continue
+        before, count = frame
+        whole = _crc(tail[place:-2], bits=16) == int.from_bytes(tail[-2:], "big")
+        # Players append tags, which belong to no frame.
+        tagged = before + count == claimed and tail[-128:-125] == b"TAG"
+        return before + count if whole or tagged else before
+    return None
+
+
+def _frame_at(
+    tail: bytes, place: int, first: bytes, largest: int
+) -> tuple[int, int] | None:
+    """Return how many samples lie before a frame and how many it has; ``None`` if no
+    frame begins there.
+
+    The second half of a header's sync code may occur within sound. So rate, channels
+    and sample size must be possible, the rate and size as in the first frame, and the
+    header's checksum must hold.
+    """
+    head = tail[place : place + 16]
+    if len(head) < 6 or (head[2] & 0x0F) != (first[2] & 0x0F):
+        return None
+    if (head[3] & 0x0F) != (first[3] & 0x0F) or head[3] >> 4 > 10:
+        return None
+    number, used = _coded_number(head[4:])
+    if not used:
+        return None
+    end = 4 + used
+    code = head[2] >> 4
+    if code == 6:
+        count = head[end] + 1 if len(head) > end else 0
+        end += 1
+    elif code == 7:
+        count = int.from_bytes(head[end : end + 2], "big") + 1
+        end += 2
+    else:
+        count = _block_size(code)
+    end += {12: 1, 13: 2, 14: 2}.get(head[2] & 0x0F, 0)
+    if not count or end >= len(head) or _crc(head[:end], bits=8) != head[end]:
+        return None
+    variable = bool(head[1] & 1)
+    return (number if variable else number * largest), count
+
+
+def _block_size(code: int) -> int:
+    """Samples of a frame by the four bits of its header (RFC 9639, table 14).
+
+    >>> _block_size(1), _block_size(3), _block_size(12)
+    (192, 1152, 4096)
+    """
+    if code == 1:
+        return 192
+    if 2 <= code <= 5:
+        return 576 << (code - 2)
+    return 256 << (code - 8) if code >= 8 else 0
+
+
+def _coded_number(content: bytes) -> tuple[int, int]:
+    """Decode a number as UTF-8 extended to 36 bits; returns it and the bytes that it
+    takes, 0 if it is none.
+
+    >>> _coded_number(b"A"), _coded_number(bytes([0xC2, 0x80])), _coded_number(bytes([0x80]))
+    ((65, 1), (128, 2), (0, 0))
+    """
+    if not content:
+        return 0, 0
+    ones = 8 - (content[0] ^ 0xFF).bit_length()
+    if ones == 0:
+        return content[0], 1
+    if ones == 1 or ones > 7 or len(content) < ones:
+        return 0, 0
+    number = content[0] & (0x7F >> ones)
+    for byte in content[1:ones]:
+        if byte >> 6 != 0b10:
+            return 0, 0
+        number = number << 6 | (byte & 0x3F)
+    return number, ones
+
+
+def _crc_table(polynomial: int, bits: int) -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        rest = byte << (bits - 8)
+        for _ in range(8):
+            rest = rest << 1 ^ (polynomial if rest >> (bits - 1) else 0)
+            rest &= (1 << bits) - 1
+        table.append(rest)
+    return tuple(table)
+
+
+_CRC_TABLES = {8: _crc_table(0x07, 8), 16: _crc_table(0x8005, 16)}
+"""Of a frame's header, x^8 + x^2 + x + 1, and of a whole frame, x^16 + x^15 + x^2 + 1
+(RFC 9639, sections 9.1.8 and 9.3)."""
+
+
+def _crc(content: bytes, *, bits: int) -> int:
+    table, rest, mask = _CRC_TABLES[bits], 0, (1 << bits) - 1
+    for byte in content:
+        rest = (rest << 8 & mask) ^ table[rest >> (bits - 8) ^ byte]
+    return rest

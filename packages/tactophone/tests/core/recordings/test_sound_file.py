@@ -1,0 +1,137 @@
+"""What a header claims is compared with what the file holds, whatever wrote it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.sound_file import (
+    Length,
+    is_hidden,
+    length_of,
+    open_file,
+    sound_info,
+)
+
+RATE = 48000
+SIZE = 2 * RATE
+
+
+def written(path: Path, **options: str) -> Path:
+    noise = np.random.default_rng(0).normal(0, 0.05, (SIZE, 2))
+    soundfile.write(path, noise, RATE, **options)
+    return path
+
+
+def count(path: Path) -> int:
+    with open_file(path) as file:
+        return sum(len(block) for block in file.blocks(4096))
+
+
+KINDS = [
+    ("a.wav", {"subtype": "PCM_16"}),
+    ("b.wav", {"subtype": "DOUBLE"}),
+    ("c.wav", {"subtype": "MS_ADPCM"}),
+    ("d.wav", {"format": "RF64", "subtype": "PCM_16"}),
+    ("e.w64", {"format": "W64", "subtype": "PCM_16"}),
+    ("f.caf", {"format": "CAF", "subtype": "PCM_16"}),
+    ("g.aiff", {"format": "AIFF", "subtype": "PCM_16"}),
+    ("h.au", {"format": "AU", "subtype": "PCM_16"}),
+    ("i.flac", {"subtype": "PCM_16"}),
+    ("j.flac", {"subtype": "PCM_24"}),
+    ("k.ogg", {"format": "OGG", "subtype": "VORBIS"}),
+]
+
+
+@pytest.mark.parametrize(("name", "options"), KINDS)
+def test_a_whole_file_holds_what_it_claims(
+    name: str, options: dict[str, str], tmp_path: Path
+) -> None:
+    path = written(tmp_path / name, **options)
+    assert not length_of(path).cut
+    assert count(path) == sound_info(path).size >= SIZE
+
+
+@pytest.mark.parametrize(("name", "options"), KINDS)
+def test_half_a_file_is_read_to_its_end_and_known_to_be_cut(
+    name: str, options: dict[str, str], tmp_path: Path
+) -> None:
+    path = written(tmp_path / name, **options)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    held = count(path)
+    assert 0.3 * SIZE < held < 0.6 * SIZE
+    length = length_of(path)
+    assert length.cut
+    if length.closed:
+        assert length.share == pytest.approx(held / SIZE, abs=0.02)
+
+
+def test_flac_of_unknown_length_is_read_whole(tmp_path: Path) -> None:
+    path = written(tmp_path / "segment.flac", subtype="PCM_16")
+    content = bytearray(path.read_bytes())
+    content[21] &= 0xF0  # STREAMINFO's 36 bits of length
+    content[22:26] = bytes(4)
+    path.write_bytes(content)
+    assert count(path) == SIZE == sound_info(path).size
+    assert not length_of(path).cut
+
+
+@pytest.mark.parametrize("size", [0, 0xFFFFFFFF, 0x7FFFF000])
+def test_a_header_that_was_never_finished_hides_no_sound(
+    size: int, tmp_path: Path
+) -> None:
+    path = written(tmp_path / "pipe.wav", subtype="PCM_16")
+    content = bytearray(path.read_bytes())
+    content[4:8] = content[40:44] = size.to_bytes(4, "little")
+    path.write_bytes(content)
+    assert count(path) == SIZE
+    assert not length_of(path).cut
+
+
+def test_a_seek_in_a_corrected_file_arrives(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.flac", subtype="PCM_16")
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with open_file(path) as cut:
+        cut.seek(RATE // 2)
+        found = cut.read(100)
+    path.write_bytes(content)
+    with open_file(path) as whole:
+        whole.seek(RATE // 2)
+        assert np.array_equal(found, whole.read(100))
+
+
+@pytest.mark.parametrize(
+    "content", [b"fLaC", b"fLaC" + bytes(300), b"RIFF\0\0\0\0WAVE", b"caff", b".snd"]
+)
+def test_a_scrap_of_a_header_is_refused_in_a_line(
+    content: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "scrap.wav"
+    path.write_bytes(content)
+    with pytest.raises(DatasetError, match="cannot be read as sound"):
+        open_file(path)
+
+
+def test_an_endless_chain_of_empty_chunks_ends(tmp_path: Path) -> None:
+    path = tmp_path / "chain.wav"
+    path.write_bytes(b"RIFF\0\0\0\0WAVE" + bytes(8_000_000))
+    assert length_of(path) == Length(0, 0)
+
+
+def test_the_sound_of_a_phone_is_refused_with_the_command_that_converts_it(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "memo.m4a"
+    path.write_bytes(b"\0\0\0\x18ftypM4A ")
+    with pytest.raises(DatasetError, match=r"`ffmpeg -i memo\.m4a memo\.wav`"):
+        open_file(path)
+
+
+def test_what_a_mac_adds_is_hidden(tmp_path: Path) -> None:
+    assert is_hidden(tmp_path / "rough" / "._stone.wav", tmp_path)
+    assert is_hidden(tmp_path / "__MACOSX" / "rough" / "stone.wav", tmp_path)
+    assert not is_hidden(tmp_path / "rough" / "stone.wav", tmp_path)
