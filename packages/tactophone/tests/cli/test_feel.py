@@ -149,8 +149,8 @@ def test_a_misspelt_profile_brings_the_nearest_of_all(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["feel", "a.wav", "--profile", "pich"])
-    assert "did you mean pitch" in capsys.readouterr().err
+        main(["feel", "a.wav", "--profile", "percept"])
+    assert "did you mean perceptual" in capsys.readouterr().err
 
 
 def test_a_threshold_over_everything_renders_nothing_and_says_why(

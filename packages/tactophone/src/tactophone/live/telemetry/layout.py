@@ -2,12 +2,13 @@
 
 One writer, many readers, no lock. Three kinds of fields make that safe:
 
-- *counters and gauges* are single aligned 8-byte words, which are written and read atomically;
-- *ring buffers* (sound, vibration, steps, predictions) are written first and counted after. A reader copies the rows,
-  reads the count again and drops the rows that the writer may have overwritten
-  meanwhile;
-- *texts* (the state) have two slots: the writer fills the slot that is not current and then increments the count. A
-  writer that dies half way leaves the older text intact.
+- *counters and gauges* are single aligned 8-byte words, which are written and read
+  atomically;
+- *ring buffers* (sound, vibration, steps, predictions) are written first and counted
+  after. A reader copies the rows, reads the count again and drops the rows that the
+  writer may have overwritten meanwhile;
+- *texts* (the state) have two slots: the writer fills the slot that is not current and
+  then increments the count. A writer that dies half way leaves the older text intact.
 
 Beware: readers rely on stores becoming visible in program order, which x86 guarantees.
 On other processors a reader may rarely see a torn row of a ring buffer; nothing that
@@ -35,14 +36,20 @@ COUNTERS: dict[str, str] = {
     "packets_sent": "packets sent to the peer",
     "packets_received": "authentic packets received",
     "packets_lost": "packets that were never received, or too late to be used",
-    "packets_late": "authentic packets received after their place was filled, and dropped",
+    "packets_late": (
+        "authentic packets received after their place was filled, and dropped"
+    ),
     "packets_duplicated": "authentic packets received more than once",
     "packets_reordered": "authentic packets received after a newer one",
-    "packets_rejected": "datagrams that failed authentication: forged, replayed, damaged or foreign",
+    "packets_rejected": (
+        "datagrams that failed authentication: forged, replayed, damaged or foreign"
+    ),
     "packets_broken": "authentic packets that could not be parsed or decoded",
     "packets_recovered": "lost packets recovered from redundancy in the next ones",
     "packets_concealed": "lost packets whose sound was concealed",
-    "packets_skipped": "authentic packets too old for a prediction, after a stall of the link",
+    "packets_skipped": (
+        "authentic packets too old for a prediction, after a stall of the link"
+    ),
     "samples_received": "samples of sound decoded, concealed ones included",
     "samples_concealed": "samples of sound that were concealed",
     "handshakes": "encrypted sessions started",
@@ -52,7 +59,9 @@ COUNTERS: dict[str, str] = {
     "callbacks": "periods of vibration that the sound device requested",
     "xruns": "periods that the sound device lost",
     "callback_faults": "periods filled with silence because the callback failed",
-    "capture_overflows": "blocks of microphone sound dropped because they were not fetched in time",
+    "capture_overflows": (
+        "blocks of microphone sound dropped because they were not fetched in time"
+    ),
     "device_losses": "times a sound device or its server went away",
     "sound_faults": "blocks of sound with NaN or infinite samples",
     "model_faults": "outputs of the model that were not probabilities",
@@ -111,7 +120,10 @@ Action: TypeAlias = Literal[
     "seek",
     "moving",
 ]
+"""What a watcher may ask of a run; `Request` says what each means."""
+
 ACTIONS: tuple[Action, ...] = get_args(Action)
+"""Every action, in the order of the mailbox."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +141,7 @@ class Request:
     time: float = 0.0
     """When the request was made, on the system-wide monotonic clock, in seconds."""
     finger: int = -1
-    """Counted from 0; -1 is all of them."""
+    """Counted from 0; -1 stands for all fingers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +184,7 @@ class RunState:
     channels: int = 2
     """Channels of each finger's sound."""
     duration: float = 0.0
-    """Of the recording that a replay plays, in s; 0 for everything live."""
+    """Length of the recording that a replay plays, in s; 0 for everything live."""
     paused: bool = False
     faults: tuple[Fault, ...] = ()
     fingers: tuple[FingerState, ...] = (FingerState(),)
@@ -192,10 +204,11 @@ class RunState:
         """Parse the output of `__bytes__`; raises `ValueError` or
         `msgspec.ValidationError` for anything else.
 
-        >>> RunState.parse(bytes(RunState(faults=(Fault("link", "no sound"),)))).faults[0].code
+        >>> shown = RunState(faults=(Fault("link", "no sound"),))
+        >>> RunState.parse(bytes(shown)).faults[0].code
         'link'
         """
-        # Not parsed by msgspec itself, whose JSON has no infinity.
+        # msgspec does not parse the text itself, as its JSON has no infinity.
         return msgspec.convert(json.loads(text), cls)
 
     def __bytes__(self) -> bytes:
@@ -229,6 +242,7 @@ STATE_SIZE = 1 << 14
 """Bytes for the state as JSON: some forty faults of 300 letters."""
 
 STEP_FIELDS = tuple(field for field in PREDICTION_FIELDS if field.step)
+"""Fields of a prediction that each step repeats."""
 
 STEP_RECORD = np.dtype(
     [
@@ -259,6 +273,8 @@ MARK = np.dtype([("position", "i8"), ("time", "f8")])
 monotonic clock, in seconds."""
 
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
+"""One slot of the state."""
+
 _REQUEST = np.dtype(
     [
         ("count", "u8"),
@@ -268,6 +284,7 @@ _REQUEST = np.dtype(
         ("text", "u1", 64),
     ]
 )
+"""One slot of the mailbox: how many requests came, and the newest."""
 
 HEAD_SIZE = 32
 """Bytes of the first four fields, which lie at the same place in every layout."""
@@ -275,8 +292,8 @@ HEAD_SIZE = 32
 
 @functools.cache
 def layout_of(fingers: int) -> np.dtype[np.void]:
-    """Return the layout for so many fingers: rings and their counts are for each,
-    requests for all and for each."""
+    """Return the layout for a number of fingers: each finger has its own rings, counts
+    and requests, and there is one slot more for requests to all."""
     return np.dtype(
         [
             ("fingerprint", "u8"),

@@ -40,16 +40,14 @@ class Memory:
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
         if "/" in name:
             raise TactophoneError(
-                f"the name of a run cannot hold a slash, as {name!r} does: choose another --name"
+                f"the name of a run cannot hold a slash, as {name!r} does: "
+                "choose another --name"
             )
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
-        with (
-            _created(draft, self._path, fingers)
-            if create
-            else _opened(self._path) as file
-        ):
+        opened = _created(draft, self._path, fingers) if create else _opened(self._path)
+        with opened as file:
             self._inode = os.fstat(file.fileno()).st_ino
             self.fingers = fingers if create else _fingers_of(file)
             layout = layout_of(self.fingers)
@@ -68,7 +66,8 @@ class Memory:
                 os.link(draft, self._path)
             except OSError as error:
                 raise TactophoneError(
-                    f"{self._path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
+                    f"{self._path} cannot be made ({error.strerror}): "
+                    "stop what uses it, or choose another --name"
                 ) from None
             finally:
                 draft.unlink(missing_ok=True)
@@ -77,8 +76,8 @@ class Memory:
         return self._views[field]
 
     def sign(self) -> None:
-        """Write by what readers know the memory; also again, as somebody may have
-        overwritten it."""
+        """Write what readers recognise the memory by. The writer does so again and
+        again, as somebody may have overwritten it."""
         self["pid"][...] = os.getpid()
         self["fingers"][...] = self.fingers
         self["fingerprint"][...] = fingerprint_of(self.fingers)
@@ -94,14 +93,13 @@ class Memory:
         """Remove the file, if this process created it; readers that have it open see
         the last state."""
         with contextlib.suppress(OSError):
-            if (
-                self._created and self._path.lstat().st_ino == self._inode
-            ):  # not the file of a successor
+            # The name may lead to the file of a successor by now.
+            if self._created and self._path.lstat().st_ino == self._inode:
                 self._path.unlink()
 
 
 def folder() -> Path:
-    """The folder of the mapped files: the memory file system on Linux, temporary files
+    """Return the folder of the mapped files: the memory file system on Linux, temporary files
     elsewhere."""
     memory = Path("/dev/shm")
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
@@ -124,16 +122,14 @@ def remove_leftovers() -> None:
     """
     for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
         with contextlib.suppress(OSError, TactophoneError):
-            if (
-                path.lstat().st_uid == os.getuid()
-                and not path.is_symlink()
-                and _is_leftover(path)
-            ):
+            own = path.lstat().st_uid == os.getuid() and not path.is_symlink()
+            if own and _is_leftover(path):
                 path.unlink()
 
 
 def _is_leftover(path: Path) -> bool:
-    if path.name.startswith("."):  # unfinished: nothing is known of it but its age
+    if path.name.startswith("."):
+        # It is unfinished: only its age is known.
         return time.time() - path.lstat().st_ctime > LEFT_AFTER
     with _own_file(path, os.O_RDONLY) as file:
         head = file.read(24)
@@ -149,7 +145,8 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
         pid = _left_by(path)
         if is_alive(pid):
             raise TactophoneError(
-                f"{_run(path)} runs already (process {pid}): stop it, or choose another --name"
+                f"{_run(path)} runs already (process {pid}): "
+                "stop it, or choose another --name"
             )
         path.unlink()
     size = layout_of(fingers).itemsize
@@ -157,7 +154,8 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     # read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
-        # Its pages now: a page that is missing later would end the process by a signal.
+        # The system must give all pages now: one that it could not give later would end
+        # the process by a signal.
         file.truncate(size)
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(file.fileno(), 0, size)
@@ -165,13 +163,15 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
         file.close()
         draft.unlink()
         raise TactophoneError(
-            f"no room for {size / 1e6:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
+            f"no room for {size / 1e6:.1f} MB of telemetry in {path.parent} "
+            f"({error.strerror}): remove files there"
         ) from None
     return file
 
 
 def _left_by(path: Path) -> int:
-    """Return the pid of the writer; it lies at the same offset in every version."""
+    """Return the process id of the writer, which lies at the same offset in every
+    version."""
     with _own_file(path, os.O_RDONLY) as file:
         return int.from_bytes(file.read(16)[8:], sys.byteorder)
 
@@ -183,31 +183,26 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
     In the memory file system every user may make a file, pipe, folder or link of any
     name.
     """
+    foreign = TactophoneError(
+        f"cannot reach {_run(path)}: {path} belongs to another user or program: "
+        "remove it, or name another run"
+    )
     try:
-        # Not waiting for the other end of a pipe, nor following a link.
-        file = os.fdopen(
-            os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW),
-            "rb" if mode == os.O_RDONLY else "r+b",
-        )
+        # This neither waits for the other end of a pipe nor follows a link.
+        descriptor = os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW)
+        file = os.fdopen(descriptor, "rb" if mode == os.O_RDONLY else "r+b")
     except FileNotFoundError:
         raise TactophoneError(
-            f"cannot reach {_run(path)} (there is no such run): start `tactophone receive` (or send, loopback), "
+            f"cannot reach {_run(path)} (there is no such run): "
+            "start `tactophone receive` (or send, loopback), "
             "or name another with --name"
         ) from None
     except OSError:
-        file = None
-    status = os.fstat(file.fileno()) if file else None
-    if (
-        file is None
-        or status is None
-        or not stat.S_ISREG(status.st_mode)
-        or status.st_uid != os.getuid()
-    ):
-        if file:
-            file.close()
-        raise TactophoneError(
-            f"cannot reach {_run(path)}: {path} belongs to another user or program: remove it, or name another run"
-        )
+        raise foreign from None
+    status = os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+        file.close()
+        raise foreign
     return file
 
 
@@ -215,13 +210,15 @@ def _opened(path: Path) -> BinaryIO:
     file = _own_file(path, os.O_RDWR)
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
+    # What another version wrote may state any number of fingers, for which no layout
+    # must be made.
     fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
-    if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(
-        fingers
-    ):
+    fingerprint = int.from_bytes(file.read(8), sys.byteorder)
+    if not fits or fingerprint != fingerprint_of(fingers):
         file.close()
         raise TactophoneError(
-            f"{_run(path)} was started by another version of Tactophone; install the same version on both sides"
+            f"{_run(path)} was started by another version of Tactophone; "
+            "install the same version on both sides"
         )
     return file
 
@@ -236,12 +233,13 @@ def _run(path: Path) -> str:
 
 
 def is_alive(pid: int) -> bool:
+    """Return whether a process of this number exists.
+
+    Overwritten memory states numbers that no process can have; none of these is alive.
+    """
     try:
         os.kill(pid, 0)
-    except (
-        ProcessLookupError,
-        OverflowError,
-    ):  # overwritten memory states numbers that no process has
+    except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:
         return True

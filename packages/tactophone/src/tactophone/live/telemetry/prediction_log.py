@@ -51,15 +51,16 @@ class PredictionLog(RunFollower):
     process; a context manager.
 
     Lines are flushed at each read (`CSV_READ_INTERVAL`), so a kill of either process
-    loses less than 1 s. A process that the watchdog has replaced is followed on; its
-    times begin at 0 again, those of a new session go on. Where there was no command (a
-    prediction that came too late, or one made on the robot), ``frequency`` and
-    ``amplitude`` are ``nan``.
+    loses less than 1 s. When the watchdog replaces a process, the log follows its
+    successor, whose times begin at 0 again; in a new session of one process, times go
+    on. A prediction without a command (it came too late, or was made on the robot) has
+    ``nan`` as ``frequency`` and ``amplitude``.
 
-    - ``name``: of a run that exists already.
+    - ``name``: name of a run that exists already.
     - ``path``: the CSV file, with the columns of `TimelineWriter`.
-    - ``report``: called with a message when predictions were overwritten before they were read, and when the file can
-      no longer be written: the log ends then, the run goes on.
+    - ``report``: called with a message when predictions were overwritten before they
+      were read, and when the file can no longer be written: the log ends then, and the
+      run goes on.
 
     Raises `ConfigError` when the file cannot be written.
     """
@@ -106,7 +107,8 @@ class PredictionLog(RunFollower):
             if missed:
                 until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
                 self._report(
-                    f"{self._path}: {missed} predictions{until} are missing, as they were not read in time"
+                    f"{self._path}: {missed} predictions{until} are missing, "
+                    "as they were not read in time"
                 )
             for entry in rows:
                 self._writer.write_row(*prediction_of(entry), finger=finger)

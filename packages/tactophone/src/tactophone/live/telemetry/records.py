@@ -16,17 +16,19 @@ import msgspec
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FINGER_PATTERN, MOST_FINGERS
 
-_HEAD = struct.Struct("<IB")  # size of what follows, kind
+_HEAD = struct.Struct("<IB")
+"""What precedes each record: the size of what follows, and its kind."""
 
 ARRIVAL_DIGITS = 5
 """Digits of an arrival's time after the point, in s: 10 microseconds, a five-hundredth
 of a packet's duration.
 
-An end takes the time of an arrival from the clock with these, so that a log holds the
-same number in a byte or two.
+An end rounds the time of an arrival to them, so that a log holds the same number in a
+byte or two.
 """
 
-_EVENT_OVERHEAD = 5  # bytes at most in MessagePack
+_EVENT_OVERHEAD = 5
+"""Bytes that MessagePack adds to an event at most."""
 
 ARRIVAL_SIZE = 1 << 15
 """Bytes of events in one record; an arrival with more is split, the last part counting
@@ -44,11 +46,11 @@ class FingerStart(TypedDict):
     """A finger at the beginning of a process."""
 
     name: Annotated[str, msgspec.Meta(pattern=f"^({FINGER_PATTERN})?$")]
-    """Empty for the only one."""
+    """Empty for the only finger of a run without ``--fingers``."""
     settings: dict[str, Any]
-    """Settings of its own, by dotted name."""
+    """The finger's own settings, by dotted name."""
     calibration: Annotated[str, msgspec.Meta(max_length=1 << 20)]
-    """Text of the calibration file; empty if there is none."""
+    """Text of the calibration file; empty without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +92,19 @@ class Controls:
     change."""
 
     armed: bool
+    """Whether the output gate lets anything vibrate."""
     ceiling: Share
+    """The output gate's greatest amplitude, 0 to 1 of full drive."""
     output_level: Share
-    """`armed`, `ceiling` and `output_level`: of the output gate."""
+    """The output gate's volume below the ceiling."""
     profile: str
+    """Name of the rendering profile."""
     threshold_dbfs: Annotated[float, msgspec.Meta(ge=-1000, le=0)] | None = None
     """Contact threshold that was given or calibrated; ``None`` while it follows the
     noise floor by itself."""
     step: int = 0
-    """0 when the change came before the next arrival; otherwise it came while this step
-    of the last arrival, counted from 1, was computed."""
+    """Step of the last arrival, counted from 1, during which the change came; 0 when it
+    came before the next arrival."""
     finger: FingerIndex = 0
     """Index of the finger whose controls these are."""
 
@@ -107,6 +112,7 @@ class Controls:
 Record: TypeAlias = RunStart | EventBatch | Controls
 
 _KINDS: tuple[type[Record], ...] = (RunStart, EventBatch, Controls)
+"""Type of each kind of record, by the number in its head."""
 
 
 def write_record(record: Record) -> list[bytes]:

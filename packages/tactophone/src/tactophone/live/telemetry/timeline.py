@@ -23,6 +23,7 @@ TIMELINE_COLUMNS = tuple(
 event the last two are empty."""
 
 _SPECIAL = ("touch", "unknown", "event", "event_time")
+"""Columns that hold words, or that older files lack."""
 
 FINGER = "finger"
 """Column before the others in the log of a hand: the finger's name."""
@@ -32,19 +33,23 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     """Return the entries of one line, by `TIMELINE_COLUMNS`; times in s, rounded to
     microseconds.
 
+    >>> from msgspec.structs import replace
     >>> from tactophone.core.types import TouchEvent
     >>> tap = TouchEvent("tap", 0.23)
-    >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))
-    >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
+    >>> probabilities = (0.1, 0.2, 0.7)
+    >>> found = Prediction(probabilities, Touch.ROUGH, 0.78, -20.0, 0.0, 0.256)
+    >>> found = replace(found, events=(tap,))
+    >>> print(*row(found, HapticCommand(0.5, 70.0, time=0.259)).values())
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
-    entries = entries_of(prediction, command) | (
-        {} if prediction.events else {"event_time": ""}
-    )
-    return {
-        key: round(value, 6) if isinstance(value := entries[key], float) else value
-        for key in TIMELINE_COLUMNS
-    }
+    entries = entries_of(prediction, command)
+    if not prediction.events:
+        entries["event_time"] = ""
+    return {key: _rounded(entries[key]) for key in TIMELINE_COLUMNS}
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, 6) if isinstance(value, float) else value
 
 
 class TimelineWriter:
@@ -65,19 +70,18 @@ class TimelineWriter:
 
     def __enter__(self) -> Self:
         make_room(self._path)
-        self._path.touch(0o600)  # of this user alone, as a log
+        # Only this user may read it, as any log.
+        self._path.touch(0o600)
         enter = self._resources.enter_context
         self._file = enter(self._path.open("w", encoding="utf-8", newline=""))
-        self._csv = csv.DictWriter(
-            self._file,
-            (FINGER, *TIMELINE_COLUMNS) if self.fingers else TIMELINE_COLUMNS,
-        )
+        columns = TIMELINE_COLUMNS
+        if self.fingers:
+            columns = (FINGER, *columns)
+        self._csv = csv.DictWriter(self._file, columns)
         self._csv.writeheader()
-        self._json = (
-            enter(self._json_path.open("w", encoding="utf-8"))
-            if self._json_path
-            else None
-        )
+        self._json = None
+        if self._json_path:
+            self._json = enter(self._json_path.open("w", encoding="utf-8"))
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -92,9 +96,9 @@ class TimelineWriter:
     def write_row(
         self, prediction: Prediction, command: HapticCommand, *, finger: int = 0
     ) -> None:
-        entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(
-            prediction, command
-        )
+        entries = row(prediction, command)
+        if self.fingers:
+            entries = {FINGER: self.fingers[finger], **entries}
         self._csv.writerow(entries)
         if self._json:
             self._json.write(self._separator + msgspec.json.encode(entries).decode())
@@ -107,10 +111,10 @@ class TimelineWriter:
 
 
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
-    """Read a CSV timeline (of a hand: one finger's) as one array for each column;
+    """Read a CSV timeline (for a hand, one finger's) as one array for each column;
     ``touch`` as numbers of `Touch`.
 
-    ``event`` is text, empty where there is none, and then ``event_time`` is NaN. Older
+    ``event`` is text; without an event it is empty, and ``event_time`` is NaN. Older
     timelines lack these two columns and ``unknown``, which is then NaN. Raises
     `DatasetError` if a column is missing or contains no numbers.
     """

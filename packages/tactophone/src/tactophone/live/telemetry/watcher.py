@@ -31,7 +31,7 @@ TELEMETRY_STALE_AFTER = 1.0
 it at least every 0.1 s."""
 
 _LARGEST_COUNT = 1 << 62
-"""No run counts so far: 3 million years of samples."""
+"""Greatest count that a run can reach: 3 million years of samples."""
 
 _CALLBACKS = list(COUNTERS).index("callbacks")
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -51,16 +51,19 @@ class Snapshot:
     steps: NDArray[np.void]
     """The newest steps, of dtype `STEP`, ending at the count ``step_end``."""
     sound: FloatArray
+    """The newest samples of sound, shape ``(samples, 2)``, ending at ``sound_end``."""
     vibration: FloatArray
-    """`sound` and `vibration`: the newest samples, shapes ``(samples, 2)`` and
-    ``(samples,)``, ending at ``sound_end`` and ``vibration_end`` counted since the run
-    began."""
+    """The newest samples of vibration, shape ``(samples,)``, ending at
+    ``vibration_end``."""
     step_end: int
+    """Steps since the run began."""
     sound_end: int
+    """Samples of sound since the run began."""
     vibration_end: int
+    """Samples of vibration since the run began."""
     restarts: int
-    """How many processes the `Watcher` has seen replaced: the counts of another number
-    belong to another process."""
+    """How many processes the `Watcher` has seen replaced. Counts under another number
+    of restarts belong to another process."""
     age: float
     """Seconds since the run's last heartbeat."""
     alive: bool
@@ -70,17 +73,16 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The few values that a watchdog needs: callbacks of the device so far, peak
-    amplitude of the last period.
-
-    ``beat`` is the last heartbeat on the monotonic clock; ``period`` is the device's in
-    seconds, NaN if unknown.
-    """
+    """The few values that a watchdog needs."""
 
     callbacks: int
+    """Callbacks of the device so far."""
     amplitude: float
+    """Peak amplitude of the last period, 0 to 1 of full drive."""
     beat: float
+    """The last heartbeat on the monotonic clock, in s."""
     period: float = math.nan
+    """The device's period in s; NaN if unknown."""
 
 
 class Watcher:
@@ -150,34 +152,39 @@ class Watcher:
         ``--fingers``."""
         names = [finger.name for finger in self.state().fingers]
         if not all(names):
-            # A run that has just begun has published no state, and its log begins with
-            # how it was started.
-            log, count = self.log()
-            with contextlib.suppress(TactophoneError):
-                first = next(read_records(log), None) if len(log) == count else None
-                names = (
-                    [finger["name"] for finger in first.fingers]
-                    if isinstance(first, RunStart)
-                    else names
-                )
+            # A run that has just begun has published no state yet.
+            names = self._logged_names() or names
         return names if len(names) == self.fingers else [""] * self.fingers
 
+    def _logged_names(self) -> list[str]:
+        """Return the fingers' names from the log, which begins with how the run was
+        started; empty once that was overwritten."""
+        log, count = self.log()
+        if len(log) < count:
+            return []
+        with contextlib.suppress(TactophoneError):
+            first = next(read_records(log), None)
+            if isinstance(first, RunStart):
+                return [finger["name"] for finger in first.fingers]
+        return []
+
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
-        """Copy the current values; of a finger's sound, vibration and steps only what
-        is newer than ``since``."""
-        since = since if since and since.restarts == self.restarts else None
-        steps, step_end = self._ring("step", since.step_end if since else 0, finger)
-        sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
-        vibration, vibration_end = self._ring(
-            "vibration", since.vibration_end if since else 0, finger
-        )
+        """Copy the current values; a finger's sound, vibration and steps only as far as
+        they are newer than ``since``."""
+        known_steps = known_sound = known_vibration = 0
+        if since and since.restarts == self.restarts:
+            known_steps = since.step_end
+            known_sound = since.sound_end
+            known_vibration = since.vibration_end
+        steps, step_end = self._ring("step", known_steps, finger)
+        sound, sound_end = self._ring("sound", known_sound, finger)
+        vibration, vibration_end = self._ring("vibration", known_vibration, finger)
         state = self.state()
-        (counters, gauges) = self.totals()
+        counters, gauges = self.totals()
+        known = finger < len(state.fingers)
         return Snapshot(
             state=state,
-            finger=state.fingers[finger]
-            if finger < len(state.fingers)
-            else FingerState(),
+            finger=state.fingers[finger] if known else FingerState(),
             counters=counters,
             gauges=gauges,
             steps=steps,
@@ -228,7 +235,7 @@ class Watcher:
         length.
 
         Fewer than ``total - since`` bytes mean that records were overwritten before
-        this call; the rest then begins within a record and is of no use.
+        this call; what is left then begins within a record and cannot be decoded.
         """
         rows, count = _newest(
             self._memory["log"],
@@ -255,11 +262,9 @@ class Watcher:
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
-        counters = self._memory["counters"].tolist()
-        gauges = self._memory["gauges"].tolist()
-        return dict(zip(COUNTERS, counters, strict=True)), dict(
-            zip(GAUGES, gauges, strict=True)
-        )
+        counters = zip(COUNTERS, self._memory["counters"].tolist(), strict=True)
+        gauges = zip(GAUGES, self._memory["gauges"].tolist(), strict=True)
+        return dict(counters), dict(gauges)
 
     def pulse(self) -> Pulse:
         """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred
@@ -275,9 +280,8 @@ class Watcher:
 
     def newest_step(self, *, finger: int = 0) -> NDArray[np.void] | None:
         """Copy a finger's newest step; ``None`` before the first."""
-        steps, end = self._ring(
-            "step", max(0, int(self._memory["step_count"][finger]) - 1), finger
-        )
+        count = int(self._memory["step_count"][finger])
+        steps, end = self._ring("step", max(0, count - 1), finger)
         return steps[-1:] if end and len(steps) else None
 
     def gauge(self, name: str) -> float:
@@ -287,11 +291,12 @@ class Watcher:
     def marks(self, name: str) -> NDArray[np.void]:
         """Copy the newest marks of one kind of `MARKS`, of dtype `MARK`."""
         index = MARKS.index(name)
-        return _newest(
+        rows, _ = _newest(
             self._memory["marks"][index],
             self._memory["mark_counts"][index : index + 1],
             slack=1,
-        )[0]
+        )
+        return rows
 
     def ask(
         self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1
@@ -331,15 +336,16 @@ def _newest(
     """Copy the rows from ``since`` to the count, without those that the writer may
     overwrite meanwhile."""
     end = int(count.item())
-    if (
-        end > _LARGEST_COUNT
-    ):  # overwritten memory: nothing to see until the writer counts on
+    if end > _LARGEST_COUNT:
+        # The memory was overwritten: its rows mean nothing until the writer counts on.
         return rows[:0].copy(), since
-    # A count below `since` belongs to a new run: all of its rows are new. The writer
-    # may be filling up to `slack` rows.
-    start = max(since if since <= end else 0, end + slack - len(rows), 0)
-    # Not with `mode="wrap"`, which subtracts the length until the index fits: the
-    # longer the run, the slower.
+    # A count below `since` belongs to a new run: all of its rows are new.
+    first_wanted = since if since <= end else 0
+    # The writer may be filling up to `slack` rows.
+    oldest_valid = end + slack - len(rows)
+    start = max(first_wanted, oldest_valid, 0)
+    # The remainder is computed here, as `mode="wrap"` subtracts the length until the
+    # index fits: the longer the run, the slower.
     copy: NDArray[Any] = rows.take(np.arange(start, end) % len(rows), axis=0)
     # The count has moved on during the copy: the rows that it has reached since are not
     # valid.
@@ -358,6 +364,5 @@ def running() -> list[str]:
     names = sorted(
         path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*")
     )
-    return [
-        name for name in names if (found := Watcher.find(name)) and is_alive(found.pid)
-    ]
+    found = [Watcher.find(name) for name in names]
+    return [watcher.name for watcher in found if watcher and is_alive(watcher.pid)]

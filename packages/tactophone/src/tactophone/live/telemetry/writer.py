@@ -23,35 +23,38 @@ from tactophone.live.telemetry.layout import (
     COUNTERS,
     GAUGES,
     MARKS,
+    Action,
     Request,
     RunState,
 )
 from tactophone.live.telemetry.memory import Memory
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
+"""Place of each counter in the memory."""
+
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
+"""Place of each gauge in the memory."""
 
 
 def _packer(row: np.dtype[np.void]) -> struct.Struct:
     """Return what packs the numbers of a row, one after another, into its memory, in a
     quarter of the time of NumPy."""
-    numbers = [row[name] for name in row.names or ()]
-    # Native sizes and alignment are those of the layout; "0d" ends a row at a whole
-    # number of doubles, as it does.
-    return struct.Struct(
-        "@"
-        + "".join(f"{math.prod(each.shape)}{each.base.char}" for each in numbers)
-        + "0d"
-    )
+    fields = [row[name] for name in row.names or ()]
+    codes = [f"{math.prod(field.shape)}{field.base.char}" for field in fields]
+    # "@" gives native sizes and alignment, as in the layout; "0d" ends a row at a whole
+    # number of doubles, as the layout does too.
+    return struct.Struct("".join(["@", *codes, "0d"]))
 
 
-_STEP, _PREDICTION, _MARK = map(
-    _packer, (layout.STEP_RECORD, layout.PREDICTION_RECORD, layout.MARK)
-)
+_STEP = _packer(layout.STEP_RECORD)
+_PREDICTION = _packer(layout.PREDICTION_RECORD)
+_MARK = _packer(layout.MARK)
 
 _NOTHING = Prediction(
     (math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan
 )
+"""What a step repeats before the first prediction."""
+
 _SILENCE = HapticCommand(0.0, 0.0, math.nan)
 
 REQUEST_AGE = 10.0
@@ -94,7 +97,7 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._rings = {
             name: list(self._memory[name]) for name in ("sound", "vibration")
         }
-        # As bytes, those of all fingers or marks after one another.
+        # Rows as bytes: first all of the first finger or mark, then of the next.
         rings = {
             name: self._memory[name].reshape(-1).view(np.uint8)
             for name in ("steps", "predictions", "marks")
@@ -118,7 +121,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
 
     def count(self, name: str, n: int = 1) -> None:
         index = _COUNTER[name]
-        self._counters[index] = self._totals[index] = self._totals[index] + n
+        self._totals[index] += n
+        self._counters[index] = self._totals[index]
 
     def counter(self, name: str) -> int:
         return self._totals[_COUNTER[name]]
@@ -141,26 +145,23 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         commands.
 
         - ``now``: the system-wide monotonic clock (s), which is the heartbeat.
-        - ``truth``: the known `Touch` at this time, where the sound is simulated or labelled.
-        - ``vibration_count``: samples of vibration written when the step was computed; by default, until now.
+        - ``truth``: the known `Touch` at this time, where the sound is simulated or
+          labelled.
+        - ``vibration_count``: samples of vibration written when the step was computed;
+          by default, until now.
         """
         finger = step.finger
         block = step.block
-        self._append(
-            "sound", block.samples, finger
-        )  # one microphone fills both channels
+        # Sound of one microphone fills both channels.
+        self._append("sound", block.samples, finger)
         # A step without a prediction repeats the last prediction and command, so that a
         # reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
-        vibrated = (
-            self._counts["vibration"][finger]
-            if vibration_count is None
-            else vibration_count
-        )
-        row = (
-            finger * layout.STEP_CAPACITY
-            + self._counts["step"][finger] % layout.STEP_CAPACITY
-        )
+        vibrated = vibration_count
+        if vibrated is None:
+            vibrated = self._counts["vibration"][finger]
+        place = self._counts["step"][finger] % layout.STEP_CAPACITY
+        row = finger * layout.STEP_CAPACITY + place
         _STEP.pack_into(
             self._rows["steps"],
             row * _STEP.size,
@@ -173,10 +174,9 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
             block.concealed,
         )
         self._advance("step", 1, finger)
-        for k, prediction in enumerate(step.predictions):
-            self._log(
-                prediction, step.commands[k] if step.commands else None, finger, now
-            )
+        for number, prediction in enumerate(step.predictions):
+            command = step.commands[number] if step.commands else None
+            self._log(prediction, command, finger, now)
         self.count("steps")
         if step.predictions:
             self.count("predictions", len(step.predictions))
@@ -188,18 +188,19 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         self._append("vibration", waveform, finger)
 
     def log(self, record: bytes) -> None:
-        """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for
-        one thread, or under a lock."""
+        """Append a record of at most `LARGEST_RECORD` bytes to the session log; call it
+        from one thread, or under a lock."""
         if len(record) > layout.LARGEST_RECORD:
             raise ValueError(
-                f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it"
+                f"a record of {len(record)} bytes, "
+                f"but at most {layout.LARGEST_RECORD}: split it"
             )
         ring = self._log_ring
         at = self._logged % layout.LOG_CAPACITY
         head = min(len(record), layout.LOG_CAPACITY - at)
         ring[at : at + head] = record[:head]
         ring[: len(record) - head] = record[head:]
-        # Counted once it is whole, so that a reader never sees part of a record.
+        # A record is counted once it is whole, so that a reader never sees part of it.
         self._logged += len(record)
         self._memory["log_count"][...] = self._logged
 
@@ -213,22 +214,23 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
             count = counts[index]
             row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY
             _MARK.pack_into(rows, row * _MARK.size, position, now)
-            marked[index] = counts[index] = count + 1
+            counts[index] = count + 1
+            marked[index] = count + 1
 
     def update(self, state: RunState, *, now: float) -> None:
         """Publish a state; the same one again counts as a heartbeat."""
         self._beat[...] = now
         self._memory.sign()
-        if (
-            state == self.state
-            and int(self._memory["state_count"]) == self._state_count > 0
-        ):
+        # A count that differs was overwritten, and the state perhaps too.
+        intact = int(self._memory["state_count"]) == self._state_count > 0
+        if intact and state == self.state:
             return
         self.state = state
         text = bytes(state)
         if len(text) > layout.STATE_SIZE:
             raise ValueError(
-                f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts"
+                f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: "
+                "shorten the faults' texts"
             )
         slot = self._memory["states"][(self._state_count + 1) % 2]
         slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
@@ -239,35 +241,21 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
     def requests(self, now: float | None = None) -> list[Request]:
         """Empty the mailbox: return the requests since the last call, oldest first.
 
-        ``now``: where given, a request that was not made within `REQUEST_AGE` of it is
+        If ``now`` is given, requests that were not made within `REQUEST_AGE` of it are
         dropped: nobody asked for what lies in memory that was overwritten.
         """
-        before, self._seen = self._seen, self._request_counts.tobytes()
+        before = self._seen
+        self._seen = self._request_counts.tobytes()
         if before == self._seen:
             return []
         slots = self._memory["requests"]
-        counts = [
-            np.frombuffer(each, np.uint64).reshape(slots.shape)
-            for each in (before, self._seen)
-        ]
+        counted_before = np.frombuffer(before, np.uint64).reshape(slots.shape)
+        counted = np.frombuffer(self._seen, np.uint64).reshape(slots.shape)
         found = []
-        for action, place in np.argwhere(counts[0] != counts[1]).tolist():
-            slot = slots[action, place]
-            with suppress(
-                UnicodeDecodeError
-            ):  # two watchers that write at once can garble a text: no request then
-                text = bytes(
-                    slot["text"][: min(int(slot["size"]), len(slot["text"]))]
-                ).decode()
-                found.append(
-                    Request(
-                        ACTIONS[action],
-                        float(slot["value"]),
-                        text,
-                        float(slot["time"]),
-                        place - 1,
-                    )
-                )
+        for action, place in np.argwhere(counted_before != counted).tolist():
+            # Two watchers that write at once can garble a text: that is no request.
+            with suppress(UnicodeDecodeError):
+                found.append(_request(slots[action, place], ACTIONS[action], place - 1))
         recent = [
             request
             for request in found
@@ -295,10 +283,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         made: float,
     ) -> None:
         command = command or HapticCommand(math.nan, math.nan, prediction.end)
-        row = (
-            finger * layout.PREDICTION_CAPACITY
-            + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
-        )
+        place = self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
+        row = finger * layout.PREDICTION_CAPACITY + place
         values = [field.of(prediction, command) for field in PREDICTION_FIELDS]
         _PREDICTION.pack_into(
             self._rows["predictions"], row * _PREDICTION.size, *values, made
@@ -323,6 +309,13 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         counts = self._counts[name]
         counts[finger] += n
         self._published[name][finger] = counts[finger]
+
+
+def _request(slot: np.void, action: Action, finger: int) -> Request:
+    """Read one slot of the mailbox; raises `UnicodeDecodeError` for a garbled text."""
+    size = min(int(slot["size"]), len(slot["text"]))
+    text = bytes(slot["text"][:size]).decode()
+    return Request(action, float(slot["value"]), text, float(slot["time"]), finger)
 
 
 def _view(array: Any) -> Any:
