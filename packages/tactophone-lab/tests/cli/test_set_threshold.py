@@ -65,7 +65,8 @@ def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
 ) -> None:
     rates = iter([Estimate(0.1, 0.0, 0.2), Estimate(0.3, 0.1, 0.5)] * 2)
     monkeypatch.setattr(
-        "tactophone_lab.cli.set_threshold._rendered", lambda *arguments: next(rates)
+        "tactophone_lab.app.set_threshold.smooth_as_rough",
+        lambda *arguments: next(rates),
     )
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
     command = [

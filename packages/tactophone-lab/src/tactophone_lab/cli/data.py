@@ -1,7 +1,8 @@
 """Options of verbs that read a data set, train on it, or run folds of it."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import with_kin
 
 if TYPE_CHECKING:
+    from tactophone_lab.app.evaluation import Progress
     from tactophone_lab.benchmark.folds import Cache
 
 
@@ -109,15 +111,19 @@ def is_mono(folder: Path) -> bool:
     return channels_of_all(open_dataset(folder)) == 1
 
 
-def joined(datasets: Sequence[Dataset]) -> Dataset:
-    """Join data sets for a training; the first one's folder stands for all."""
-    first = datasets[0]
-    return Dataset(
-        " + ".join(dataset.name for dataset in datasets),
-        first.root,
-        tuple(recording for dataset in datasets for recording in dataset.recordings),
-        tuple(problem for dataset in datasets for problem in dataset.problems),
-    )
+@contextmanager
+def bars() -> "Iterator[Progress]":
+    """Show a bar for each thing that is done, one after the other."""
+    shown: dict[str, Callable[..., None]] = {}
+    with ExitStack() as stack:
+
+        def report(what: str, done: int, total: int, name: str) -> None:
+            if what not in shown:
+                stack.close()
+                shown[what] = stack.enter_context(output.progress(what, total))
+            shown[what](completed=done, total=total, note=name)
+
+        yield report
 
 
 def _filtered(dataset: Dataset, text: str) -> Dataset:

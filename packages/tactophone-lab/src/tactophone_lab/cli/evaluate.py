@@ -3,8 +3,7 @@
 import argparse
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.evaluation import (
     HEADLINE,
-    Progress,
     compare_recipes,
     evaluate_model,
     evaluate_recipe,
@@ -27,6 +25,7 @@ from tactophone_lab.cli.data import (
     add_filter,
     add_folds,
     add_kin,
+    bars,
     cache_of,
     open_filtered,
 )
@@ -121,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
         else recipe.configured().channels
     )
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
-    with _progress() as report:
+    with bars() as report:
         if args.model:
             found, warnings = evaluate_model(args.model, dataset, report=report)
             reports = {args.model: found}
@@ -147,21 +146,6 @@ def run(args: argparse.Namespace) -> int:
             "warning: far worse than chance: check which labels are smooth, and the tip"
         )
     return 0
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Show a bar for each thing that is done."""
-    bars: dict[str, Callable[..., None]] = {}
-    with ExitStack() as stack:
-
-        def report(what: str, done: int, total: int, name: str) -> None:
-            if what not in bars:
-                stack.close()
-                bars[what] = stack.enter_context(output.progress(what, total))
-            bars[what](completed=done, note=name)
-
-        yield report
 
 
 def _parts(
@@ -272,7 +256,7 @@ def _vary(args: argparse.Namespace) -> int:
         recipes[name] = recipe_of(args).changed(changes, where=f"--vary, {name}")
     channels = max(recipe.configured().channels for recipe in recipes.values())
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
-    with _progress() as report:
+    with bars() as report:
         trials = compare_recipes(
             recipes,
             dataset,

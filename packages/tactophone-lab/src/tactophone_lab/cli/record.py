@@ -18,12 +18,11 @@ from tactophone.core.types import SURFACE_LABELS, AudioBlock, Touch
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.health import Reference
 from tactophone_lab.app.record import record_object
-from tactophone_lab.cli.simulate import takes_named
 from tactophone_lab.recording import protocol
 from tactophone_lab.recording.protocol import Key, Stage
 from tactophone_lab.recording.quality import GOOD
 from tactophone_lab.recording.recorder import RecordedObject, Recorder, SessionPlan
-from tactophone_lab.simulation.takes import TAKES
+from tactophone_lab.simulation.takes import TAKES, takes_named
 
 RECORD_SCENARIOS = ("held", "table", "box")
 RECORD_KEYS = {

@@ -2,24 +2,20 @@
 bumps."""
 
 import argparse
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.text import Text
-
 from tactophone.cli import options, output
 from tactophone.cli.options import Within, per_minute
-from tactophone.core.recordings.values import Dataset, Recording
-from tactophone.signal.perception.decision import DecisionRule
-from tactophone.signal.perception.model_file import Model, read_model
-from tactophone.signal.perception.models import model_path, shipped_models
-from tactophone_lab.cli.data import add_filter, open_filtered
+from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.models import model_path
+from tactophone_lab.cli.data import add_filter, bars, open_filtered
 
 if TYPE_CHECKING:
-    from tactophone_lab.evaluation.bootstrap import Estimate
-    from tactophone_lab.evaluation.predict import TakePredictions
+    from rich.text import Text
+
+    from tactophone_lab.app.set_threshold import ThresholdChoice
     from tactophone_lab.evaluation.rules import Goal, OperatingPoint
 
 EXAMPLES = (
@@ -74,118 +70,76 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    goal: Goal = (
-        "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
-    )
-    limit = (
-        args.false_positives
-        if args.false_bumps is None
-        else per_minute(args.false_bumps)
-    )
-    from tactophone_lab.evaluation import rules as trials
+    goal: Goal
+    if args.false_bumps is None:
+        goal, limit = "false_positive_rate", args.false_positives
+    else:
+        goal, limit = "false_bumps_per_minute", per_minute(args.false_bumps)
+    from tactophone_lab.app.set_threshold import set_threshold
 
-    path = model_path(args.model)
-    # The package's own files stay as they are: other programs of this installation use
-    # them.
-    out = args.out or (Path(path.name) if args.model in shipped_models() else path)
-    model = read_model(path)
-    dataset = open_filtered(
-        args.data, args.filter, channels=model.card.channels, segments=True
-    )
-    rules = trials.candidate_rules(model.card.decision)
-    outcomes = trials.try_rules(_predict(model, dataset), rules)
-    place = trials.choose_rule(outcomes, rules, goal=goal, limit=limit)
-    before, chosen = (trials.measure_rule(outcomes, at, rules[at]) for at in (0, place))
-    left_out = trials.choose_left_out(outcomes, rules, goal=goal, limit=limit)
-    picture = args.plot or out.with_suffix(".trade-off.png")
-    trials.draw_trade_off(
-        picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit)
-    )
-    shown: str | Text = (
-        "one object of a class: nothing says whether this rule holds on others; record two or more"
-    )
-    refused = False
-    if left_out:
-        old, new = (
-            _rendered(model, outcomes.recordings, own)
-            for own in ([rules[0]] * len(left_out), left_out)
+    channels = read_model(model_path(args.model)).card.channels
+    dataset = open_filtered(args.data, args.filter, channels=channels, segments=True)
+    with bars() as report:
+        choice = set_threshold(
+            args.model,
+            dataset,
+            goal=goal,
+            limit=limit,
+            out=args.out,
+            figure=args.plot,
+            dry_run=args.dry_run,
+            anyway=args.anyway,
+            warn=output.log().print,
+            report=report,
         )
-        # A share that was asked for may be more than before.
-        asked = goal == "false_positive_rate" and new.value <= limit
-        refused = not (args.anyway or asked) and old.is_exceeded_by(new.value)
-        shown = note = (
-            f"on objects left out of the choice, smooth as rough is now {new} as rendered (was {old})"
-        )
-        if refused:
-            words = f" {note}; nothing was written: record more smooth objects, or add --anyway"
-            shown = output.styled("red", "refused:", words)
-        elif new.value > old.value:
-            shown = output.styled(
-                "yellow",
-                "warning:",
-                f" {note}. Keep the old rule, or record more smooth objects",
-            )
-    files = [picture]
-    if not args.dry_run and not refused:
-        from tactophone_lab.training.export import set_decision
+    parts: list[output.Part] = [
+        _rows(choice.before, choice.chosen),
+        _verdict(choice),
+        *(str(file) for file in choice.files),
+    ]
+    output.show(_values(choice), parts, as_json=args.json)
+    return int(choice.refused)
 
-        scores = {
-            "dataset": dataset.name,
-            "sha256": dataset.fingerprint,
-            **chosen.as_json(),
+
+def _values(choice: "ThresholdChoice") -> dict[str, Any]:
+    """Return what ``--json`` prints."""
+    values: dict[str, Any] = {}
+    for name, point in {"before": choice.before, "chosen": choice.chosen}.items():
+        values[name] = {
+            "rough_on": point.rule.rough_on,
+            "rough_off": point.rule.rough_off,
+            "confirm": point.rule.confirm,
+            **point.as_json(),
         }
-        set_decision(path, chosen.rule, scores, out=out)
-        files = [out, picture]
-    values: dict[str, Any] = {
-        name: {
-            key: getattr(point.rule, key)
-            for key in ("rough_on", "rough_off", "confirm")
-        }
-        | point.as_json()
-        for name, point in {"before": before, "chosen": chosen}.items()
+    return {
+        **values,
+        "left_out": choice.left_out,
+        "refused": choice.refused,
+        "files": choice.files,
     }
-    values |= {
-        "left_out": {"before": old, "chosen": new} if left_out else None,
-        "refused": refused,
-        "files": files,
-    }
-    output.show(
-        values,
-        [_rows(before, chosen), shown, *(str(file) for file in files)],
-        as_json=args.json,
-    )
-    return int(refused)
 
 
-def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
-    from tactophone_lab.evaluation.predict import by_label, model_predictor
-
-    if model.card.training.get("sha256") == dataset.fingerprint:
-        output.log().print(
-            "warning: the model was trained on these recordings, so the rates are too good"
+def _verdict(choice: "ThresholdChoice") -> "str | Text":
+    """Return what objects left out of the choice say of the rule."""
+    if choice.left_out is None:
+        return (
+            "one object of a class: nothing says whether this rule holds on others; "
+            "record two or more"
         )
-    predict = model_predictor(model)
-    with output.tracked(dataset.recordings, "predicting") as takes:
-        return [part for take in takes for part in by_label(predict(take))]
-
-
-def _rendered(
-    model: Model, recordings: Sequence[Recording], rules: Sequence[DecisionRule]
-) -> "Estimate":
-    """Return how much smooth is rendered as rough, with a rule for each recording."""
-    from tactophone_lab.app.evaluation import recording_predictor
-    from tactophone_lab.evaluation.report import rendered_scores
-
-    with output.tracked(
-        list(zip(recordings, rules, strict=True)), "rendering"
-    ) as takes:
-        found = [
-            recording_predictor(
-                replace(model, card=replace(model.card, decision=rule))
-            )(recording)
-            for recording, rule in takes
-        ]
-    return rendered_scores(found, rules[0]).smooth_as_rough
+    old, new = choice.left_out.before, choice.left_out.chosen
+    note = (
+        "on objects left out of the choice, smooth as rough is now "
+        f"{new} as rendered (was {old})"
+    )
+    if choice.refused:
+        words = (
+            f" {note}; nothing was written: record more smooth objects, or add --anyway"
+        )
+        return output.styled("red", "refused:", words)
+    if new.value > old.value:
+        words = f" {note}. Keep the old rule, or record more smooth objects"
+        return output.styled("yellow", "warning:", words)
+    return note
 
 
 def _rows(before: "OperatingPoint", chosen: "OperatingPoint") -> list[dict[str, str]]:

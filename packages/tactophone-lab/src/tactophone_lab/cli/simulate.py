@@ -2,20 +2,18 @@
 
 import argparse
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import options, output
 from tactophone.cli.options import SEED, Within
-from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
-from tactophone_lab.simulation.takes import TAKES
+from tactophone_lab.simulation.takes import TAKES, takes_named
 
 if TYPE_CHECKING:
+    from tactophone_lab.app.simulate import RenderedSet
     from tactophone_lab.simulation.catalogue import SimulatedObject
-    from tactophone_lab.simulation.takes import Take
 
 EXAMPLES = (
     "tactophone simulate objects",
@@ -179,13 +177,12 @@ def _row(obj: "SimulatedObject") -> dict[str, Any]:
 
 
 def _dataset(args: argparse.Namespace) -> int:
-    from tactophone_lab.simulation.catalogue import PAPER
-    from tactophone_lab.simulation.render import (
-        RenderOptions,
-        plan_dataset,
-        render_dataset,
-        write_manifest,
+    from tactophone_lab.app.simulate import (
+        objects_named,
+        plan_recordings,
+        render_recordings,
     )
+    from tactophone_lab.simulation.render import RenderOptions
 
     chosen = RenderOptions(
         args.seconds,
@@ -198,77 +195,56 @@ def _dataset(args: argparse.Namespace) -> int:
         gain_db=args.gain,
         tilt=args.tilt,
     )
-    objects = _objects_named(args.objects)
-    _check_layout(args)
-    if args.authors_layout and (
-        args.scenarios or any(obj.number not in PAPER for obj in objects)
-    ):
-        raise ConfigError(
-            "the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others"
-        )
-    jobs = plan_dataset(
-        objects, chosen, scenarios=args.scenarios, takes=takes_named(args.takes)
-    )
+    objects = objects_named(args.objects)
+    takes = takes_named(args.takes)
+    plan = plan_recordings(objects, takes, chosen, scenarios=args.scenarios)
     output.make_folder(args.out)
-    start = time.monotonic()
-    try:
-        with output.progress("simulating", len(jobs)) as update:
-            for job in render_dataset(args.out, jobs, processes=args.jobs):
-                update(advance=1, note=job.name)
-    finally:
-        done = write_manifest(args.out, jobs)
-        output.log().print(
-            f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s"
+    with output.progress("simulating", len(plan)) as update:
+        render_recordings(
+            args.out,
+            plan,
+            processes=args.jobs,
+            finish=_print_finished,
+            report=lambda job: update(advance=1, note=job.name),
         )
     print(args.out)
     return 0
 
 
-def _check_layout(args: argparse.Namespace) -> None:
-    if args.authors_layout and args.tip != DEFAULT_TIP:
-        raise ConfigError(
-            f"--tip {args.tip}: the authors' layout is of their finger, tip {DEFAULT_TIP}; omit one of them"
-        )
+def _print_finished(rendered: "RenderedSet") -> None:
+    output.log().print(
+        f"{rendered.finished} of {rendered.planned} takes are finished after "
+        f"{rendered.seconds:.0f} s"
+    )
 
 
 def _competition(args: argparse.Namespace) -> int:
-    from tactophone.core.recordings.metadata import write_metadata
-    from tactophone_lab.simulation.competition import (
-        DAYS,
-        TASKS,
-        CompetitionRun,
-        run_recording,
-        write_finals,
-        write_run,
+    from tactophone_lab.app.simulate import (
+        plan_competition,
+        render_competition,
     )
+    from tactophone_lab.simulation.competition import write_finals
 
-    _check_layout(args)
-    runs = [
-        CompetitionRun(day, number, args.seed, args.tip, TASKS[args.task])
-        for day in DAYS
-        for number in range(1, args.runs + 1)
-    ]
+    runs = plan_competition(
+        args.runs,
+        task=args.task,
+        seed=args.seed,
+        tip=args.tip,
+        authors_layout=args.authors_layout,
+    )
     output.make_folder(args.out)
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
         return 0
     with output.progress("simulating", len(runs)) as update:
-        for each in runs:
-            write_run(args.out, each, bits=args.bits)
-            update(advance=1, note=each.name)
-    write_metadata(args.out, [run_recording(args.out, each) for each in runs])
+        render_competition(
+            args.out,
+            runs,
+            bits=args.bits,
+            report=lambda run: update(advance=1, note=run.name),
+        )
     print(args.out)
     return 0
-
-
-def _objects_named(names: str) -> "list[SimulatedObject]":
-    from tactophone_lab.simulation.catalogue import PAPER, catalogue, find
-
-    if names == "all":
-        return list(catalogue())
-    if names == "paper":
-        return [obj for obj in catalogue() if obj.number in PAPER]
-    return [find(name.strip()) for name in names.split(",")]
 
 
 def _hand(args: argparse.Namespace) -> int:
@@ -280,15 +256,3 @@ def _hand(args: argparse.Namespace) -> int:
     output.make_folder(args.out)
     print(*write_demonstration(args.out, names, seed=args.seed, tip=args.tip), sep="\n")
     return 0
-
-
-def takes_named(names: str) -> "list[Take]":
-    known = {take.name: take for take in TAKES}
-    if names == "all":
-        return list(TAKES)
-    unknown = [name for name in names.split(",") if name not in known]
-    if unknown:
-        raise ConfigError(
-            f"--takes: {unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
-        )
-    return [known[name] for name in names.split(",")]

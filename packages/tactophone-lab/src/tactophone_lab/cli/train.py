@@ -7,11 +7,11 @@ from pathlib import Path
 from tactophone.cli import options, output
 from tactophone.core.tips import TIP_NAMES
 from tactophone.signal.perception.calibration import Calibration
+from tactophone_lab.app.train import train_model
 from tactophone_lab.cli.data import (
     add_filter,
     add_labels,
     is_mono,
-    joined,
     labels_of,
     open_filtered,
 )
@@ -137,42 +137,22 @@ def run(args: argparse.Namespace) -> int:
     recipe = recipe_for(args, args.data).configured(
         start=args.start, calibration=calibration
     )
-    dataset = open_filtered(
-        args.data, args.filter, channels=recipe.channels, labels=labels_of(args)
-    )
-    dataset = joined(
-        [
-            dataset,
-            *(
-                open_filtered(folder, None, channels=recipe.channels)
-                for folder in args.also
-            ),
-        ]
-    )
-    surfaces = {
-        (recording.surface, recording.rough)
-        for recording in dataset.recordings
-        if recording.labelled
-    }
-    rough = sum(each for _, each in surfaces)
-    if min(rough, len(surfaces) - rough) < 3:
-        counts = f"{len(surfaces) - rough} smooth and {rough} rough surface(s)"
-        output.note(
-            f"warning: {counts} say little of others; record three of each or more"
-        )
-    checkpoint = args.out.with_name(args.out.name + ".unfinished")
-    if args.restart:
-        checkpoint.unlink(missing_ok=True)
+    labels = labels_of(args)
+    channels = recipe.channels
+    datasets = [open_filtered(args.data, args.filter, channels=channels, labels=labels)]
+    for folder in args.also:
+        datasets.append(open_filtered(folder, None, channels=channels))
     with output.progress("training") as update:
-        recipe.train(
+        trained = train_model(
+            recipe,
+            datasets,
             args.out,
-            dataset,
-            checkpoint=checkpoint,
+            restart=args.restart,
+            warn=output.note,
             log=output.log().print,
             report=lambda done, total, note: update(
                 completed=done, total=total, note=note
             ),
         )
-    checkpoint.unlink(missing_ok=True)
-    print(args.out)
+    print(trained.path)
     return 0

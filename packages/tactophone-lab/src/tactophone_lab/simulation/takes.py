@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.types import Touch
 
 
@@ -47,6 +48,22 @@ TAKES = (
     Take("wiggle", "medium"),
 )
 """The paper's seven takes."""
+
+
+def takes_named(names: str) -> list[Take]:
+    """Return the takes of a text: names separated by commas, or ``all``; raises
+    `ConfigError` for an unknown one."""
+    if names == "all":
+        return list(TAKES)
+    known = {take.name: take for take in TAKES}
+    chosen = names.split(",")
+    unknown = [name for name in chosen if name not in known]
+    if unknown:
+        raise ConfigError(
+            f"--takes: {unknown[0]!r} is not a take; there are {', '.join(known)}"
+            f"{did_you_mean(unknown[0], known)}"
+        )
+    return [known[name] for name in chosen]
 
 
 def shuffled(seed: int) -> tuple[Touch, ...]:
