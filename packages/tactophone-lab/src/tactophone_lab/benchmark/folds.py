@@ -277,7 +277,7 @@ def load_ray(workers: int) -> Any:
     """
     if importlib.util.find_spec("ray") is None:
         raise ConfigError(
-            "Ray is not installed: pip install 'tactophone[ray]', or leave --ray away"
+            "Ray is not installed: pip install 'tactophone-lab[ray]', or leave --ray away"
         )
     import ray
 

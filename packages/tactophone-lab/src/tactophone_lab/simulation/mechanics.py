@@ -35,7 +35,7 @@ try:
     import numba
 except ImportError as error:  # pragma: no cover
     raise ConfigError(
-        "the simulated finger needs numba and scipy, which are not installed: pip install 'tactophone[sim]'"
+        "the simulated finger needs numba and scipy, which are not installed: pip install 'tactophone-lab[sim]'"
     ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])

@@ -2,7 +2,7 @@
 a tip derive from its row.
 
 A further tip is a row here and a model file. The simulator renders a tip once
-`lab/simulation/finger.py` has its mechanics, and a wrong tip is noticed once
+`tactophone_lab/simulation/finger.py` has its mechanics, and a wrong tip is noticed once
 `benchmarks/tip_sounds.py` has fitted its sound.
 """
 
