@@ -538,7 +538,7 @@ def deciding(
     settings = settings_of(fingers)
     alone, whole = (wiring.open_endpoint(settings, session).hand for _ in range(2))
     detector, windows = (
-        alone.pipelines[0].detector.active.detector,
+        alone.pipelines[0].detector.main.detector,
         MEASURED * PACKET // 512,
     )
     shape = detector.card.channels, detector.card.window_size

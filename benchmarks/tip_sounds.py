@@ -27,7 +27,7 @@ from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
 from tactophone.signal.perception.fit import FitCheck, Misfit
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tactophone_lab.datasets.open import open_dataset
 
 RIDGE_DB = 1.2
@@ -84,7 +84,7 @@ def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
 def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
     """Open a model that classifies nothing, which takes most of the time and changes no
     notice."""
-    detector = open_detector(
+    detector = open_touch_detector(
         model, sample_rate=sound[0].sample_rate, follow_floor=True
     ).detector
     detector.classify = lambda windows, *_: (

@@ -13,7 +13,7 @@ import soundfile
 from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.signal.perception.models import (
     model_path,
-    open_detector,
+    open_touch_detector,
     shipped_models,
 )
 from tactophone_lab.simulation.demonstration import demonstration
@@ -42,7 +42,7 @@ def by_the_product(
     model: str, path: Path, threshold_dbfs: float = -40.0
 ) -> list[Prediction]:
     samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
-    detector = open_detector(model, sample_rate=rate, contact="window")
+    detector = open_touch_detector(model, sample_rate=rate, contact="window")
     detector.threshold.dbfs = threshold_dbfs
     whole: list[AudioBlock] = list(blocks(samples, 480, sample_rate=rate))
     return [

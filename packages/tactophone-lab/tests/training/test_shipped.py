@@ -9,9 +9,8 @@ from tactophone.core.types import AudioBlock, Touch
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import (
     default_model,
-    fallback_model,
     model_path,
-    open_detector,
+    open_touch_detector,
     shipped_models,
     tip_mismatch,
 )
@@ -84,7 +83,7 @@ def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(
     assert card.settings["memory"] == (0.12 if card.tip == "pad" else 0.25)
     assert card.decision == RECIPES["texture"].response_for(card.tip).decision
     for channels in (1, 2):
-        detector = open_detector(name, sample_rate=RATE)
+        detector = open_touch_detector(name, sample_rate=RATE)
         predictions = [
             each
             for block in blocks(hiss(channels), 4800)
@@ -94,15 +93,11 @@ def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(
         assert not any(each.faulty for each in predictions)
 
 
-def test_a_model_that_works_without_air_is_its_own_fallback() -> None:
-    assert fallback_model("paper") == "paper-mono"
-    assert fallback_model("texture") == "texture"
-
-
 def test_the_stylus_uses_the_air_microphone_where_there_are_two() -> None:
     sound = hiss(2)
     alone, both = (
-        open_detector("stylus", sample_rate=RATE, contact="window") for _ in range(2)
+        open_touch_detector("stylus", sample_rate=RATE, contact="window")
+        for _ in range(2)
     )
     air = np.ascontiguousarray(sound[:, 1:])
     assert both.push(AudioBlock(sound, RATE)) == alone.push(AudioBlock(air, RATE))

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from tactophone.signal.haptics.oscillator import Oscillator
     from tactophone.signal.haptics.profiles import open_profile
     from tactophone.signal.perception.model_file import read_model
-    from tactophone.signal.perception.models import open_detector
+    from tactophone.signal.perception.opening import DetectorOptions, open_detector
     from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 __all__ = [
@@ -69,6 +69,7 @@ __all__ = [
     "ContactThreshold",
     "DatasetError",
     "Detector",
+    "DetectorOptions",
     "DeviceError",
     "FileSource",
     "HapticCommand",
@@ -110,7 +111,7 @@ _MODULES = {
     "signal.haptics.oscillator": ("Oscillator",),
     "signal.haptics.profiles": ("open_profile",),
     "signal.perception.model_file": ("read_model",),
-    "signal.perception.models": ("open_detector",),
+    "signal.perception.opening": ("DetectorOptions", "open_detector"),
     "signal.pipeline": ("Pipeline", "open_pipeline"),
 }
 

@@ -130,7 +130,9 @@ def test_sound_of_three_channels_is_one_clear_error_everywhere() -> None:
     pipeline = tactophone.open_pipeline(sample_rate=48_000, channels=2)
     for push in (
         pipeline.push,
-        tactophone.open_detector("texture", sample_rate=48_000).push,
+        tactophone.open_detector(
+            tactophone.DetectorOptions(sample_rate=48_000, channels=2)
+        ).push,
         FaultDetector(48_000).push,
     ):
         with pytest.raises(

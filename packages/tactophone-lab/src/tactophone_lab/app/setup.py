@@ -18,7 +18,11 @@ from tactophone.signal.perception.calibration import (
     measure_calibration,
 )
 from tactophone.signal.perception.model_file import read_model
-from tactophone.signal.perception.models import default_model, model_path, open_detector
+from tactophone.signal.perception.models import (
+    default_model,
+    model_path,
+    open_touch_detector,
+)
 from tactophone.signal.perception.noise_floor import measure_floor
 
 if TYPE_CHECKING:
@@ -188,7 +192,9 @@ def check_kind(model: str) -> None:
 def _misfits(name: str, sounds: SetUpSounds, *, threshold_dbfs: float) -> list[Finding]:
     """Return what of the sound does not fit a shipped model: a missing band, noise,
     another tip."""
-    detector = open_detector(name, sample_rate=sounds.sample_rate, contact="window")
+    detector = open_touch_detector(
+        name, sample_rate=sounds.sample_rate, contact="window"
+    )
     detector.threshold.dbfs = threshold_dbfs
     sound = np.concatenate((sounds.silence, *(each for _, _, each in sounds.objects)))
     detector.push(AudioBlock(sound, sounds.sample_rate))

@@ -5,10 +5,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from tactophone.app.plot import draw_recording
-from tactophone.app.recordings import open_recording
+from tactophone.app.recordings import open_recording_for
 from tactophone.app.vibration_wav import (
     OutputFiles,
     RunScores,
@@ -23,9 +23,8 @@ from tactophone.core.recordings.read import ground_truth
 from tactophone.core.recordings.values import Segment
 from tactophone.core.settings import Settings
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import ContactRule, PipelineStep, TouchEvent, ignore
+from tactophone.core.types import PipelineStep, TouchEvent, ignore
 from tactophone.live.telemetry.timeline import read_timeline
-from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import is_passthrough, open_passthrough
 from tactophone.signal.perception.models import tip_mismatch
 from tactophone.signal.perception.noise_floor import RecordingFloor
@@ -103,17 +102,7 @@ def feel(
         settings.capture.tip,
         settings.rendering.profile,
     )
-    recording = open_recording(
-        path,
-        detector.model,
-        profile=profile,
-        limits=Limits(ceiling=settings.rendering.ceiling),
-        contact=cast(ContactRule, detector.contact),
-        events=detector.events,
-        tip=tip,
-        threshold_dbfs=detector.threshold_dbfs,
-        margin_db=detector.margin_db,
-    )
+    recording = open_recording_for(path, settings)
     pipeline, outputs = (
         recording.pipeline,
         OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json),

@@ -12,6 +12,7 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import PipelineStep, Source
 from tactophone.live.audio.pacing import paced
+from tactophone.signal.perception.opening import read_calibration
 from tactophone.signal.pipeline import Pipeline, open_pipeline
 
 
@@ -104,8 +105,11 @@ def open_live(
     profile: str = "graded",
     events: bool = False,
     tip: str = DEFAULT_TIP,
+    calibration: str = "",
+    check_microphones: bool = True,
 ) -> Live:
-    """Open live sound and a pipeline for it.
+    """Open live sound and a pipeline for it, which decides as ``tactophone receive``
+    does.
 
     Parameters
     ----------
@@ -115,6 +119,9 @@ def open_live(
         `Source`.
     model
         As for `open_pipeline`, like the parameters after it.
+    calibration
+        File that ``tactophone check`` wrote for this finger; empty: none. One of another
+        number of microphones is not used.
 
     Raises
     ------
@@ -136,6 +143,8 @@ def open_live(
         profile=profile,
         events=events,
         tip=tip,
+        calibration=read_calibration(calibration, opened.channels),
+        check_microphones=check_microphones,
     )
     return Live(
         opened,

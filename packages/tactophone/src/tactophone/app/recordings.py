@@ -6,7 +6,6 @@ A recording is read before it is processed: what is wrong with its sound is corr
 from there as in a live run.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,10 +26,11 @@ from tactophone.core.types import (
 from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import is_passthrough
-from tactophone.signal.perception.detector import TouchDetector
+from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.model_file import Model, ModelCard
 from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
-from tactophone.signal.pipeline import Pipeline, open_pipeline
+from tactophone.signal.perception.opening import DetectorOptions, options_from
+from tactophone.signal.pipeline import Pipeline, make_pipeline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +106,9 @@ def open_recording(
     contact: ContactRule = "bands",
     events: bool = False,
     tip: str = DEFAULT_TIP,
-    threshold_dbfs: float = math.nan,
-    margin_db: float = math.nan,
+    threshold_dbfs: float | None = None,
+    margin_db: float | None = None,
+    check_microphones: bool = True,
     block_size: int = 4096,
     channels: Sequence[int] = (),
 ) -> OpenRecording:
@@ -126,6 +127,8 @@ def open_recording(
         recording's noise floor.
     margin_db
         How far over its noise a band is heard; by default 5 dB.
+    check_microphones
+        As for `open_pipeline`.
     block_size
         Samples in each block of the sound.
     channels
@@ -152,43 +155,73 @@ def open_recording(
         print(recording.notes)
     """
     file = FileSource(path, block_size=block_size, channels=channels)
-    known = find_recording(path)
+    options = DetectorOptions(
+        sample_rate=file.sample_rate,
+        channels=file.channels,
+        model=model,
+        tip=tip,
+        contact=contact,
+        threshold_dbfs=threshold_dbfs,
+        margin_db=margin_db,
+        check_microphones=check_microphones,
+        events=events or profile == "events",
+    )
+    return _open(file, options, profile=profile, limits=limits, chosen=bool(channels))
+
+
+def open_recording_for(
+    path: str | Path, settings: Settings, *, block_size: int = 4096
+) -> OpenRecording:
+    """Open a recording as the settings of a finger say; else as `open_recording`."""
+    file = FileSource(path, block_size=block_size)
+    options = options_from(
+        settings, channels=file.channels, sample_rate=file.sample_rate
+    )
+    return _open(
+        file,
+        options,
+        profile=settings.rendering.profile,
+        limits=Limits(ceiling=settings.rendering.ceiling),
+        chosen=False,
+    )
+
+
+def _open(
+    file: FileSource,
+    options: DetectorOptions,
+    *,
+    profile: str,
+    limits: Limits | None,
+    chosen: bool,
+) -> OpenRecording:
+    """Correct a file's sound, measure its noise, and open the pipeline for both.
+
+    ``chosen``: the user said which channels to take, whatever a manifest says.
+    """
+    card = options.card
+    known = find_recording(file.path)
     source = (
         _Exchanged(file)
-        if known and known.channels == ("air", "contact") and not channels
+        if known and known.channels == ("air", "contact") and not chosen
         else file
     )
-    preparation = Preparation.of(source)
-    pipeline = open_pipeline(
-        model,
-        sample_rate=file.sample_rate,
-        channels=len(preparation.channels),
-        limits=limits,
-        profile="graded" if is_passthrough(profile) else profile,
-        contact=contact,
-        follow_floor=contact == "bands",
-        events=events,
-        tip=tip,
-    )
-    detector, floor = pipeline.detector, None
-    card = detector.detector.card if isinstance(detector, TouchDetector) else None
-    preparation = preparation.for_tip(card.tip if card else "")
+    preparation = Preparation.of(source).for_tip(card.tip if card else "")
     if card is None or card.imported:  # trained on sound as its authors recorded it
         preparation = replace(
             preparation, offset=(0.0,) * len(preparation.offset), hum=None
         )
-    if not math.isnan(threshold_dbfs):
-        detector.threshold.dbfs = threshold_dbfs
-    elif card and isinstance(detector, TouchDetector):
+    floor = None
+    if card and options.threshold_dbfs is None:
         floor = _measured(source, preparation, card)
         # Sound that is rendered itself keeps its level.
         if not card.imported and not is_passthrough(profile):
             louder = preparation.amplified(floor.loudest_dbfs)
             if louder != preparation:
                 preparation, floor = louder, _measured(source, louder, card)
-        detector.begin(floor)
-        if detector.floor and not math.isnan(margin_db):
-            detector.floor.margin_db = margin_db
+    options = replace(options, channels=len(preparation.channels), recording=floor)
+    # A passthrough renders the sound itself, and asks no profile.
+    rendering = open_profile("graded" if is_passthrough(profile) else profile)
+    pipeline = make_pipeline(options, rendering, limits)
     notes = preparation.notes(
         file.channels, used=card.channels if card else file.channels
     )
@@ -199,10 +232,9 @@ def open_recording(
             f"recorded at {file.sample_rate} Hz, so without sound over {file.sample_rate // 2} Hz, but the model uses "
             f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
         )
-    sound = PreparedSource(source, preparation)
     return OpenRecording(
         file.path,
-        sound,
+        PreparedSource(source, preparation),
         pipeline,
         file.size,
         file.channels,
@@ -229,24 +261,13 @@ class _Exchanged(ChangedSource):
             yield block.select(slice(None, None, -1))
 
 
-def open_settings(settings: Settings, *, block_size: int = 4096) -> OpenRecording:
-    """Open the recording of a finger's settings, ``capture.device``, with their model,
-    tip, profile and threshold."""
-    return open_recording(
-        settings.capture.device,
-        settings.detector.model,
-        profile=settings.rendering.profile,
-        tip=settings.capture.tip,
-        threshold_dbfs=settings.detector.threshold_dbfs,
-        block_size=block_size,
-    )
-
-
 def corrected_source(settings: Settings) -> Source:
     """Open the recordings of all fingers as one live source, corrected as
     `open_recording` does."""
     opened = [
-        open_settings(own, block_size=settings.capture.block_size)
+        open_recording_for(
+            own.capture.device, own, block_size=settings.capture.block_size
+        )
         for own in each_finger(settings)
     ]
     sources = [recorded(each.sound, each.path, each.duration) for each in opened]
@@ -258,7 +279,7 @@ def with_own_thresholds(settings: Settings) -> Settings:
     is given."""
 
     found = [
-        open_settings(own).pipeline.detector.threshold.dbfs
+        open_recording_for(own.capture.device, own).pipeline.detector.threshold.dbfs
         for own in each_finger(settings)
     ]
     if not settings.is_hand:

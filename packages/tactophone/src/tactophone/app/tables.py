@@ -1,6 +1,5 @@
 """A recording as a table, in one call."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -136,7 +135,7 @@ def classify(
     profile: str = "graded",
     events: bool = False,
     tip: str = DEFAULT_TIP,
-    threshold_dbfs: float = math.nan,
+    threshold_dbfs: float | None = None,
 ) -> Table:
     """Return all predictions of a recording, the same as those of ``tactophone feel``.
 

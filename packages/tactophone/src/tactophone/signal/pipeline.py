@@ -12,7 +12,7 @@ needs none of the network's libraries.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from tactophone.core.microphones import MICROPHONES, check_channels
+from tactophone.core.microphones import MICROPHONES
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import (
     AudioBlock,
@@ -26,16 +26,13 @@ from tactophone.core.types import (
 )
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
+from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import begins_anew, push_together
 from tactophone.signal.perception.events import EventDetector, EventMerger
 from tactophone.signal.perception.levels import Ear
 from tactophone.signal.perception.model_file import Model
-from tactophone.signal.perception.models import (
-    default_model,
-    open_detector,
-    open_registered,
-)
+from tactophone.signal.perception.opening import DetectorOptions, open_detector
 
 
 class Pipeline:
@@ -291,8 +288,11 @@ def open_pipeline(
     follow_floor: bool = True,
     events: bool = False,
     tip: str = DEFAULT_TIP,
+    calibration: Calibration | None = None,
+    check_microphones: bool = True,
 ) -> Pipeline:
-    """Open a pipeline for sound of a given rate and channel count.
+    """Open a pipeline for live sound of a given rate and channel count, which decides as
+    `tactophone receive` does.
 
     Parameters
     ----------
@@ -318,6 +318,11 @@ def open_pipeline(
         Detect touch events (taps, strokes, slips); the profile ``events`` always does.
     tip
         Tip that touches, one of `tactophone.core.tips.TIP_NAMES`.
+    calibration
+        Levels of the set-up, where they were measured.
+    check_microphones
+        Look for faults of the microphones, and fall back to what still works. Switch it
+        off for test signals, whose channels no two microphones would deliver.
 
     Raises
     ------
@@ -326,20 +331,34 @@ def open_pipeline(
     ConfigError
         If there is no such profile.
     """
-    check_channels(channels)
-    name = model or default_model(tip)
-    own = (
-        None
-        if isinstance(name, Model)
-        else open_registered(name, sample_rate=sample_rate, channels=channels)
+    options = DetectorOptions(
+        sample_rate=sample_rate,
+        channels=channels,
+        model=model,
+        tip=tip,
+        contact=contact,
+        follow_floor=follow_floor,
+        calibration=calibration,
+        check_microphones=check_microphones,
+        events=events or profile == "events",
     )
-    detector: Detector = own or open_detector(
-        name, sample_rate=sample_rate, contact=contact, follow_floor=follow_floor
-    )
+    return make_pipeline(options, open_profile(profile), limits)
+
+
+def make_pipeline(
+    options: DetectorOptions, profile: Profile, limits: Limits | None = None
+) -> Pipeline:
+    """Make the pipeline whose detector the options describe; every door calls this.
+
+    Raises `ModelError` as `open_detector` does.
+    """
+    detector = open_detector(options)
     merger = None
-    if events or profile == "events":
-        merger = open_events(sample_rate=sample_rate, channels=channels, tip=tip)
-    return Pipeline(detector, open_profile(profile), limits, events=merger)
+    if options.events:
+        merger = open_events(
+            sample_rate=options.sample_rate, channels=options.channels, tip=options.tip
+        )
+    return Pipeline(detector, profile, limits, events=merger)
 
 
 def open_events(

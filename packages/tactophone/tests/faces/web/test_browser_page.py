@@ -20,7 +20,7 @@ from selenium.webdriver.common.by import By
 
 from tactophone.core.types import FloatArray, Prediction
 from tactophone.signal.perception.levels import banded_dbfs
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.resample import Resampler
 from tests.accessibility import needs_axe, serious_faults
 from tests.browser import start_chromium, text, wait
@@ -65,7 +65,7 @@ def scratches(*, seconds: float = 8.0) -> FloatArray:
 
 
 def by_the_product(sound: FloatArray, rate: int = RATE) -> list[Prediction]:
-    detector = open_detector("stylus", sample_rate=rate, contact="window")
+    detector = open_touch_detector("stylus", sample_rate=rate, contact="window")
     detector.threshold.dbfs = THRESHOLD_DBFS
     whole = blocks(sound[:, None], 480, sample_rate=rate)
     return [prediction for block in whole for prediction in detector.push(block)]

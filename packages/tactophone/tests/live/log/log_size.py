@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.net.link.codec import Codec
-from tactophone.signal.perception.models import model_path, open_detector
+from tactophone.signal.perception.models import model_path, open_touch_detector
 from tests.live.log.recorded_run import RATE, record
 from tests.sounds import blocks, strokes
 
@@ -22,7 +22,7 @@ def main() -> None:
         sys.argv[1] if len(sys.argv) > 1 else "texture",
         int(sys.argv[2]) if len(sys.argv) > 2 else 60,
     )
-    detector = open_detector(model_path(model), sample_rate=RATE)
+    detector = open_touch_detector(model_path(model), sample_rate=RATE)
     codec = Codec("opus", channels=2, packet_size=240).for_bandwidth(detector.bandwidth)
     noise = 1e-3 * np.random.default_rng(0).standard_normal((seconds * RATE, 2))
     touched = np.resize(strokes()[:, 0], seconds * RATE)

@@ -7,7 +7,7 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.live.runtime.wiring import microphone_faults, open_pipeline_for
 from tactophone.signal.perception.fit import FitCheck, Misfit
-from tactophone.signal.perception.models import default_model, open_detector
+from tactophone.signal.perception.models import default_model, open_touch_detector
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.microphones import SessionVariation
 from tactophone_lab.simulation.motion import single
@@ -38,7 +38,7 @@ def limited(sound: FloatArray, highest: float) -> FloatArray:
 
 
 def misfit(sound: FloatArray, tip: str, model: str = "") -> Misfit | None:
-    detector = open_detector(
+    detector = open_touch_detector(
         model or default_model(tip), sample_rate=RATE, follow_floor=True
     )
     for start in range(0, len(sound), 4800):
@@ -140,7 +140,7 @@ def test_noise_that_hides_the_touch_is_named() -> None:
         sound + 0.07 * np.random.default_rng(0).standard_normal(sound.shape)
     )
     detector, codes = (
-        open_detector("texture", sample_rate=RATE, follow_floor=True),
+        open_touch_detector("texture", sample_rate=RATE, follow_floor=True),
         set(),
     )
     for start in range(0, len(sound), 4800):
@@ -155,7 +155,8 @@ def test_a_notice_ends_when_the_sound_fits_again_and_changes_no_prediction() -> 
         (limited(stroked("pad"), 1200), stroked("pad"), stroked("pad"))
     )
     checked, plain = (
-        open_detector("texture", sample_rate=RATE, follow_floor=True) for _ in range(2)
+        open_touch_detector("texture", sample_rate=RATE, follow_floor=True)
+        for _ in range(2)
     )
     plain.detector.fit = None
     codes = []

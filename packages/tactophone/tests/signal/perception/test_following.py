@@ -6,7 +6,7 @@ import pytest
 from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch
 from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.health import FaultDetector, Reference
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tests.sounds import blocks, noise
 
 RATE = 48_000
@@ -34,7 +34,7 @@ def sound(gain_db: float = 0.0, seconds: float = 3.0) -> FloatArray:
 def predictions(
     samples: FloatArray, size: int = 4800, model: str = "texture"
 ) -> list[Prediction]:
-    detector = open_detector(model, sample_rate=RATE, follow_floor=True)
+    detector = open_touch_detector(model, sample_rate=RATE, follow_floor=True)
     return [
         prediction
         for block in blocks(samples, size)
@@ -63,7 +63,7 @@ def test_a_touch_is_detected_within_milliseconds_at_any_gain(gain_db: float) -> 
 
 
 def test_an_assigned_threshold_wins_and_stays() -> None:
-    detector = open_detector("texture", sample_rate=RATE, follow_floor=True)
+    detector = open_touch_detector("texture", sample_rate=RATE, follow_floor=True)
     detector.threshold.dbfs = -3.0
     assert detector.floor is None
     found = detector.push(AudioBlock(sound(), RATE))
@@ -85,8 +85,8 @@ def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(
     size: int,
 ) -> None:
     def found(size: int) -> list[Prediction]:
-        main = open_detector("texture", sample_rate=RATE, follow_floor=True)
-        detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
+        main = open_touch_detector("texture", sample_rate=RATE, follow_floor=True)
+        detector = FallbackDetector(main, FaultDetector(RATE, REFERENCE))
         return [
             p
             for block in blocks(with_a_loose_microphone(), size)
@@ -97,8 +97,8 @@ def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(
 
 
 def test_a_faulty_microphone_leaves_the_floor_as_it_was() -> None:
-    main = open_detector("texture", sample_rate=RATE, follow_floor=True)
-    detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
+    main = open_touch_detector("texture", sample_rate=RATE, follow_floor=True)
+    detector = FallbackDetector(main, FaultDetector(RATE, REFERENCE))
     thresholds, touches = [], []
     for block in blocks(with_a_loose_microphone(), 6000):
         touches += [p for p in detector.push(block) if p.end > 1]

@@ -21,7 +21,7 @@ from tactophone.signal.haptics.passthrough import PASSTHROUGH
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.events import EventDetector
 from tactophone.signal.perception.health import FaultDetector, SignalStatistics
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.noise_floor import NoiseFloor, measure_floor
 from tactophone.signal.pipeline import Hand, open_pipeline
 from tests.sounds import blocks, noise
@@ -125,7 +125,7 @@ def answers_of_receiver(samples: FloatArray) -> list[Any]:
 
 
 def answers_of_windows(samples: FloatArray) -> list[Any]:
-    detector = open_detector("paper", sample_rate=RATE, contact="window")
+    detector = open_touch_detector("paper", sample_rate=RATE, contact="window")
     return [
         (each.end, each.level_dbfs, *each.probabilities)
         for block in blocks(samples, 480)

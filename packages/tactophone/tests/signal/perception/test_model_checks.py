@@ -26,7 +26,7 @@ from tactophone.signal.perception.model_file import (
     _session,
     read_model,
 )
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tests.models import CARD, write_tiny_model
 
 SHARES = numpy_helper.from_array(
@@ -114,7 +114,7 @@ def test_every_number_of_a_card_has_bounds(
 ) -> None:
     path = with_card(tmp_path / "hostile.onnx", json.dumps(ENTRIES | changes))
     with pytest.raises(ModelError):
-        open_detector(str(path), sample_rate=48_000)
+        open_touch_detector(str(path), sample_rate=48_000)
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ ADD = [
 )
 def test_inputs_of_another_shape_are_refused(width: Any, tmp_path: Path) -> None:
     with pytest.raises(ModelError):
-        open_detector(
+        open_touch_detector(
             str(with_nodes(tmp_path / "hostile.onnx", ADD, [SHARES], width=width)),
             sample_rate=48_000,
         )
@@ -395,7 +395,7 @@ def test_a_changed_file_gives_a_model_error_or_a_model_that_runs(
             )
         path.write_bytes(content)
         try:
-            detector = open_detector(str(path), sample_rate=48_000)
+            detector = open_touch_detector(str(path), sample_rate=48_000)
         except ModelError:
             return
         detector.push(AudioBlock(np.zeros((24_000, 1), np.float32), 48_000))

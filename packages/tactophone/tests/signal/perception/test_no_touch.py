@@ -2,7 +2,7 @@ import numpy as np
 
 from benchmarks.no_touch_sounds import NO_TOUCH_RATE, draw_no_touch
 from tactophone.core.types import AudioBlock, Touch
-from tactophone.signal.perception.models import open_detector
+from tactophone.signal.perception.models import open_touch_detector
 from tactophone.signal.perception.no_touch import NoTouchCheck
 
 SMOOTH, ROUGH = (0.0, 0.8, 0.2), (0.0, 0.2, 0.8)
@@ -12,7 +12,9 @@ def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rou
     None
 ):
     sound = draw_no_touch("voice", 6.0, 500)
-    detector = open_detector("stylus", sample_rate=NO_TOUCH_RATE, follow_floor=True)
+    detector = open_touch_detector(
+        "stylus", sample_rate=NO_TOUCH_RATE, follow_floor=True
+    )
     noticed, after = np.inf, []
     for start in range(0, len(sound) - 160, 160):
         found = detector.push(

@@ -8,11 +8,9 @@ rehearsed before a side reports that it has started.
 """
 
 import contextlib
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -24,9 +22,9 @@ from tactophone.core.settings import LinkSettings, Settings
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
     AudioBlock,
-    ContactRule,
     Detector,
     FloatArray,
+    Profile,
     Source,
 )
 from tactophone.core.version import __version__
@@ -56,23 +54,16 @@ from tactophone.signal.haptics.profiles import (
     open_profile,
     parse_levels,
 )
-from tactophone.signal.perception.calibration import Calibration
-from tactophone.signal.perception.detector import TouchDetector
-from tactophone.signal.perception.fallback import (
-    FALLBACK_MESSAGES,
-    FallbackDetector,
-    with_fallback,
-)
+from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.health import FaultDetector
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import (
     default_model,
     model_path,
-    open_detector,
-    open_registered,
     tip_mismatch,
 )
-from tactophone.signal.pipeline import Hand, Pipeline, open_events
+from tactophone.signal.perception.opening import options_from, read_calibration
+from tactophone.signal.pipeline import Hand, Pipeline, make_pipeline
 
 OpenSource = Callable[[Settings], Source]
 """Opens the source that the settings name; must be importable by a new process."""
@@ -166,66 +157,16 @@ def open_renderer(
 
 
 def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
-    """Open the pipeline for so many channels, with the model and profile that the
-    settings name.
-
-    Its detector falls back safely when a microphone is faulty, unless the settings say
-    otherwise.
-    """
-    chosen, profile = settings.detector, settings.rendering.profile
-    model = chosen.model or default_model(settings.capture.tip)
-    calibration = read_calibration(chosen.calibration, channels)
-    own = open_registered(model, sample_rate=LIVE_SAMPLE_RATE, channels=channels)
-    rule = cast(ContactRule, chosen.contact)
-    plain = (
-        None
-        if own
-        else open_detector(
-            model,
-            sample_rate=LIVE_SAMPLE_RATE,
-            contact=rule,
-            follow_floor=rule != "window",
-        )
+    """Open the live pipeline for so many channels, with the model and profile that the
+    settings name."""
+    name = settings.rendering.profile
+    profile: Profile = (
+        GateProfile(name)
+        if is_passthrough(name)
+        else open_profile(name, actuator_response(settings))
     )
-    detector: Detector = own or cast(TouchDetector, plain)
-    if chosen.check_microphones and plain:
-        reference = calibration.reference if calibration else None
-        detector = with_fallback(
-            plain,
-            sample_rate=LIVE_SAMPLE_RATE,
-            channels=channels,
-            model=model,
-            reference=reference,
-            contact=rule,
-        )
-    if not math.isnan(chosen.threshold_dbfs):
-        detector.threshold.dbfs = chosen.threshold_dbfs
-    elif rule == "bands":
-        if plain and plain.floor:  # bands follow the noise, whatever was calibrated
-            measured = calibration.margin_db if calibration else plain.floor.margin_db
-            plain.floor.margin_db = (
-                measured if math.isnan(chosen.margin_db) else chosen.margin_db
-            )
-    elif (
-        calibration
-        and plain
-        and (level := calibration.threshold_for(plain.detector.card.gate.rule))
-        is not None
-    ):
-        # A model whose rule was not calibrated follows the noise floor.
-        detector.threshold.dbfs = level
-    return Pipeline(
-        detector,
-        GateProfile(profile)
-        if is_passthrough(profile)
-        else open_profile(profile, actuator_response(settings)),
-        Limits(ceiling=settings.rendering.ceiling),
-        events=open_events(
-            sample_rate=LIVE_SAMPLE_RATE, channels=channels, tip=settings.capture.tip
-        )
-        if chosen.events or profile == "events"
-        else None,
-    )
+    options = options_from(settings, channels=channels)
+    return make_pipeline(options, profile, Limits(ceiling=settings.rendering.ceiling))
 
 
 def tip_warning(settings: Settings) -> str:
@@ -238,15 +179,6 @@ def tip_warning(settings: Settings) -> str:
         if model in registered(DETECTORS)
         else tip_mismatch(read_model(model_path(model)).card, tip)
     )
-
-
-def read_calibration(path: str, channels: int) -> Calibration | None:
-    """Read the calibration at ``path``; none if the path is empty or the number of
-    microphones differs."""
-    if not path:
-        return None
-    calibration = Calibration.read(Path(path).expanduser())
-    return calibration if calibration.channels == channels else None
 
 
 def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:
@@ -268,9 +200,7 @@ def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault
     to, or what does not fit."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:
-            yield finger_fault(
-                finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})"
-            )
+            yield finger_fault(finger, fault.code, f"{fault} ({detector.consequence})")
         if (misfit := detector.misfit) and not detector.sensor_faults:
             yield finger_fault(finger, *misfit)
 

@@ -1,10 +1,11 @@
 """Detection with microphones that may fail: each sensor fault has a safe fallback, used
 as soon as it is found.
 
-What still works is used as far as it can be trusted. Without a good air microphone the
-one-channel model predicts; with a contact microphone that clips, roughness is unknown
-but contact is not; where contact itself is in doubt, the output is silent. When the
-fault has healed, all is as before.
+What still works is used as far as it can be trusted. Without a good air microphone, a
+model that was trained to do without it hears silence in its place; any other tells
+contact alone. With a contact microphone that clips, roughness is unknown but contact is
+not. Where contact itself is in doubt, the output is silent. When the fault has healed,
+all is as before.
 """
 
 import copy
@@ -16,7 +17,7 @@ from types import MappingProxyType
 from msgspec.structs import replace
 
 from tactophone.core.microphones import AIR, CONTACT
-from tactophone.core.types import AudioBlock, ContactRule, Prediction, Touch
+from tactophone.core.types import AudioBlock, Prediction, Touch
 from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import (
     Processing,
@@ -27,10 +28,9 @@ from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.health import (
     FaultDetector,
     FaultKind,
-    Reference,
     SensorFault,
 )
-from tactophone.signal.perception.models import fallback_model, open_detector
+from tactophone.signal.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard
 from tactophone.signal.perception.noise_floor import NoiseFloor
 
 REMEMBERED_CELLS = 12
@@ -49,7 +49,7 @@ class FallbackMode(enum.IntEnum):
 
 FALLBACK_MESSAGES: Mapping[FallbackMode, str] = MappingProxyType(
     {
-        FallbackMode.FULL: "",
+        FallbackMode.FULL: "predictions do without it",
         FallbackMode.ONE_CHANNEL: "predictions use the contact microphone alone",
         FallbackMode.CONTACT_ONLY: "only contact is rendered",
         FallbackMode.SILENCE: "nothing is rendered",
@@ -57,103 +57,100 @@ FALLBACK_MESSAGES: Mapping[FallbackMode, str] = MappingProxyType(
 )
 """What each fallback does, for people."""
 
-_ON_CONTACT: Mapping[FaultKind, FallbackMode] = MappingProxyType(
-    {FaultKind.CLIPPED: FallbackMode.CONTACT_ONLY}
-)
 _UNKNOWN = (0.0, 0.5, 0.5)
 
 
-def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode:
-    """Return the safe fallback for the present faults: that of the worst, given whether
-    there is a ``spare`` model.
+def fallback_mode(
+    faults: Iterable[SensorFault], card: ModelCard, *, channels: int = 2
+) -> FallbackMode:
+    """Return the safe fallback for the present faults: that of the worst, for a model
+    and sound of so many channels.
 
-    >>> fallback_mode([SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, 0)], spare=True).name
-    'CONTACT_ONLY'
+    >>> from tactophone.signal.perception.model_file import read_model
+    >>> from tactophone.signal.perception.models import model_path
+    >>> card = read_model(model_path("texture")).card
+    >>> fallback_mode([SensorFault(FaultKind.DEAD, AIR)], card).name
+    'ONE_CHANNEL'
     """
-    alone = FallbackMode.ONE_CHANNEL if spare else FallbackMode.CONTACT_ONLY
-    modes = [
-        alone
-        if fault.channel == AIR
-        else _ON_CONTACT.get(fault.kind, FallbackMode.SILENCE)
-        for fault in faults
-    ]
+    modes = (_fallback_for(fault, card, channels) for fault in faults)
     return max(modes, default=FallbackMode.FULL)
 
 
-def with_fallback(
-    detector: TouchDetector,
-    *,
-    sample_rate: int,
-    channels: int,
-    model: str = "paper",
-    reference: Reference | None = None,
-    contact: ContactRule = "bands",
-) -> "FallbackDetector":
-    """Add fallbacks to a detector of a model; with two microphones, one for the contact
-    microphone alone stands by.
-
-    Without the reference of the set-up's calibration, faults are found less sharply.
-    """
-    name = fallback_model(model) if channels > 1 else None
-    follows = detector.threshold.follows_floor
-    spare = (
-        open_detector(
-            name, sample_rate=sample_rate, contact=contact, follow_floor=follows
-        )
-        if name
-        else None
-    )
-    return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
+def _fallback_for(fault: SensorFault, card: ModelCard, channels: int) -> FallbackMode:
+    # Contact is heard by the model's only microphone, or else by the contact one.
+    hears_air_alone = card.channels_heard(channels) == slice(AIR, AIR + 1)
+    decisive = AIR if hears_air_alone else CONTACT
+    if card.channels == 1:
+        # Such a model does without the other microphone, and without a copy of its own.
+        if fault.kind is FaultKind.ALIKE or fault.channel == 1 - decisive:
+            return FallbackMode.FULL
+    elif fault.channel == AIR:
+        # It was trained with silence in place of the air microphone, or it was not.
+        if card.kind in SUPPORTS_MISSING_CHANNEL:
+            return FallbackMode.ONE_CHANNEL
+        return FallbackMode.CONTACT_ONLY
+    if fault.kind is FaultKind.CLIPPED:
+        return FallbackMode.CONTACT_ONLY
+    return FallbackMode.SILENCE
 
 
 class FallbackDetector:
     """A detector that never relies on a faulty microphone.
 
-    ``main`` is for microphones without faults; ``spare`` uses the contact microphone
-    alone, for when the air microphone is faulty; ``None`` if there is none, or only one
-    microphone.
+    ``fault_detector`` watches the sound, of so many ``channels``.
 
-    - ``active``: which of the two is in use: name, latency, bandwidth and faults are its own.
+    - ``main``: the detector of the model.
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
     """
 
     def __init__(
-        self,
-        main: TouchDetector,
-        spare: TouchDetector | None,
-        fault_detector: FaultDetector,
+        self, main: TouchDetector, fault_detector: FaultDetector, *, channels: int = 2
     ) -> None:
-        self._main, self._spare, self._fault_detector = main, spare, fault_detector
-        self.threshold = main.threshold
-        self._spare_in_use = False
+        self.main, self._fault_detector = main, fault_detector
+        self._channels = channels
+        self.name, self.threshold = main.name, main.threshold
+        self.latency, self.bandwidth = main.latency, main.bandwidth
+        self.faults = main.faults
+        # Copies of the noise floor as it was at the newest measures without a fault of
+        # the contact microphone, oldest first.
         self._floors: deque[NoiseFloor] = deque(maxlen=REMEMBERED_CELLS)
-        self._left = (
-            fault_detector.cell_size
-        )  # samples until the fault detector measures again
+        # Samples until the fault detector measures again, and the sample that is due.
+        self._left = fault_detector.cell_size
         self._next = 0
         self._choose()
 
+    @property
+    def floor(self) -> NoiseFloor | None:
+        """The noise floor that is followed; none where the threshold was given."""
+        return self.main.floor
+
     def _choose(self) -> None:
-        """Choose the fallback for the faults that are present now, and the detector
-        that it uses."""
-        # A model of one channel does without the second, which with a microphone on
-        # both inputs is the first again.
-        single = self._main.detector.card.channels == 1
+        """Choose the fallback for the faults that are present now."""
+        card = self.main.detector.card
         faults = self._fault_detector.faults
+        self.mode = fallback_mode(faults, card, channels=self._channels)
+        # Two equal channels are no fault where the model hears one of them.
         self.sensor_faults = tuple(
-            each for each in faults if not (single and each.kind is FaultKind.ALIKE)
+            fault
+            for fault in faults
+            if not (card.channels == 1 and fault.kind is FaultKind.ALIKE)
         )
-        self.mode = fallback_mode(self.sensor_faults, spare=self._spare is not None)
-        spare = self._spare if self.mode is FallbackMode.ONE_CHANNEL else None
-        active = self.active = spare or self._main
-        self.name, self.latency = active.name, active.latency
-        self.bandwidth, self.faults = active.bandwidth, active.faults
+
+    @property
+    def consequence(self) -> str:
+        """What the present fallback does, for people."""
+        message = FALLBACK_MESSAGES[self.mode]
+        card = self.main.detector.card
+        air_alone = all(fault.channel == AIR for fault in self.sensor_faults)
+        if self.mode is FallbackMode.CONTACT_ONLY and air_alone:
+            return f"{message}, as the model {card.name} needs both microphones"
+        return message
 
     @property
     def misfit(self) -> Misfit | None:
         """What about the sound does not fit the model now; unlike a fault, it changes
         nothing."""
-        return self._main.misfit
+        return self.main.misfit
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
@@ -178,28 +175,24 @@ class FallbackDetector:
     @property
     def due(self) -> int:
         """As of `TouchDetector`; only while no microphone is faulty may sound wait."""
-        return (
-            min(self._main.due, self._next + self._left)
-            if self.active is self._main
-            else self._next
-        )
+        if self.mode is not FallbackMode.FULL:
+            return self._next
+        return min(self.main.due, self._next + self._left)
 
     @property
     def gate(self) -> ContactGate | None:
-        return self._main.gate
+        return self.main.gate
 
     def flush(self) -> list[Prediction]:
-        return [self._revised(prediction) for prediction in self.active.flush()]
+        return [self._revised(prediction) for prediction in self.main.flush()]
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
         self._fault_detector.reset()
         self._floors.clear()
-        self._spare_in_use = False
         self._left, self._next = self._fault_detector.cell_size, 0
         self._choose()
-        for detector in filter(None, (self._main, self._spare)):
-            detector.reset()
+        self.main.reset()
 
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
         """Cut a block where the fault detector measures, so that the mode changes at
@@ -212,19 +205,12 @@ class FallbackDetector:
             self._left = self._left - size or self._fault_detector.cell_size
 
     def _process(self, part: AudioBlock) -> Processing:
-        active = self.active
-        if active is not self._main:
-            if not self._spare_in_use and active.floor and self._main.floor:
-                # The spare has not run until now, so it knows nothing of the noise yet.
-                active.floor.adopt(self._main.floor)
-            if not self.threshold.follows_floor:
-                active.threshold.dbfs = self.threshold.dbfs
-        self._spare_in_use = active is not self._main
-        # The main detector gets all sound, so that once the fault has healed it goes on
-        # as if there had been none.
-        predictions = yield from self._main.process(part)
-        if active is not self._main:
-            predictions = yield from active.process(part.select([CONTACT]))
+        heard = part
+        if self.mode is FallbackMode.ONE_CHANNEL:
+            # From here on it is sound of one channel, which the model knows with
+            # silence for the other. Once the fault has healed it gets both again.
+            heard = part.select([CONTACT])
+        predictions = yield from self.main.process(heard)
         revised = (
             [self._revised(prediction) for prediction in predictions]
             if self.mode
@@ -235,7 +221,7 @@ class FallbackDetector:
             self._choose()
             # While the contact microphone is faulty, the noise floor stays what it was
             # before the fault was found.
-            if floor := self.active.floor:
+            if floor := self.main.floor:
                 if self.mode <= FallbackMode.ONE_CHANNEL:
                     self._floors.append(copy.copy(floor))
                 elif self._floors:

@@ -12,16 +12,12 @@ from tactophone.signal.perception.contact import TOUCH_HOLD, ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import (
-    SUPPORTS_MISSING_CHANNEL,
     Model,
     ModelCard,
     read_model,
 )
 from tactophone.signal.perception.no_touch import read_no_touch
 from tactophone.signal.perception.noise_floor import SPREAD_DB, NoiseFloor
-
-PAPER_MONO = "paper-mono"
-"""Replaces the paper's network where only the contact microphone works."""
 
 _FOLDER = Path(str(files("tactophone.signal.perception"))) / "models"
 
@@ -80,27 +76,18 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
     return f"{words}; give --tip {card.tip} if that touches, or else {right}"
 
 
-def fallback_model(name: str) -> str | None:
-    """Return the model that replaces another where only the contact microphone works;
-    itself, if it can.
-
-    There is none for kinds that need both microphones and measure contact by another
-    rule than the paper's.
-    """
-    kind = read_model(model_path(name)).card.kind
-    if kind in SUPPORTS_MISSING_CHANNEL:
-        return name
-    return PAPER_MONO if kind == "paper" else None
-
-
-def open_detector(
+def open_touch_detector(
     name: str | Model,
     *,
     sample_rate: int,
     contact: ContactRule = "bands",
     follow_floor: bool = False,
 ) -> TouchDetector:
-    """Open a shipped model or a model file, for sound of a rate.
+    """Open a shipped model or a model file with its contact gate, for sound of a rate.
+
+    This is a part of `tactophone.signal.perception.opening.open_detector`, which says
+    more: what was given, calibrated or measured, and what to do about broken
+    microphones.
 
     Parameters
     ----------
@@ -129,32 +116,33 @@ def open_detector(
             card.name, card.sample_rate, tip=tip, air=card.microphone == "air"
         )
         detector.no_touch = read_no_touch() if tip == "stylus" else None
-    return (
-        TouchDetector(detector)
-        if contact == "window"
-        else with_gate(
-            detector,
-            sample_rate=sample_rate,
-            follow_floor=follow_floor,
-            bands=contact == "bands",
-        )
+    if contact == "window":
+        return TouchDetector(detector)
+    return _with_gate(
+        detector,
+        sample_rate=sample_rate,
+        follow_floor=follow_floor,
+        bands=contact == "bands",
     )
 
 
-def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector | None:
-    """Open the detector that another package has registered under a name; ``None`` if
-    it is a model's."""
-    if (
-        name in shipped_models()
-        or Path(name).is_file()
-        or not (make := load(DETECTORS, name))
-    ):
-        return None
+def is_registered(name: str) -> bool:
+    """Whether a name is that of another package's detector; models and files go before
+    it."""
+    if name in shipped_models() or Path(name).is_file():
+        return False
+    return name in registered(DETECTORS)
+
+
+def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector:
+    """Open the detector that another package has registered under a name."""
+    make = load(DETECTORS, name)
+    assert make is not None, f"{name} was registered a moment ago"
     detector: Detector = make(sample_rate=sample_rate, channels=channels)
     return detector
 
 
-def with_gate(
+def _with_gate(
     detector: WindowDetector,
     *,
     sample_rate: int,
