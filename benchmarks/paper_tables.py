@@ -21,7 +21,7 @@ the vibration; it is a model, not a person.
 
     python benchmarks/paper_tables.py 1 2 --data DIR        DIR in the authors' layout
     python benchmarks/paper_tables.py 3 --rounds 100        shipped models, profiles and
-    renderers python benchmarks/paper_tables.py 3 --methods texture,logistic.onnx python
+    renderers python benchmarks/paper_tables.py 3 --methods texture,finger.onnx python
     benchmarks/paper_tables.py ablations --data DIR  what the paper's authors tried, a
     recipe file each python benchmarks/paper_tables.py 1 2 --form markdown --data DIR
     --methods examples/recipes/tables/fast-general.toml

@@ -68,5 +68,4 @@ def _surface(folder: Path, number: int, channels: int) -> Recording:
         Touch.ROUGH if rough else Touch.SMOOTH,
         names,
         segments=segments,
-        properties={"ra_um": "50" if rough else "2"},
     )

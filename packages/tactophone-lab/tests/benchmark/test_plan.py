@@ -24,7 +24,7 @@ from tactophone_lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone_lab.benchmark.results import DatasetResults, MethodResult
 from tests.surfaces import surfaces
 
-METHODS = ("level", "logistic", "direct", NO_AIR, "texture")
+METHODS = ("level", "rules", "direct", NO_AIR, "texture")
 
 
 pytestmark = pytest.mark.slow

@@ -72,7 +72,7 @@ def test_sweeps_every_combination_best_first(
         "--data",
         data,
         "--vary",
-        "recipe=level,logistic",
+        "recipe=level,texture",
         "--vary",
         "channels=1,2",
         "--split",
@@ -89,7 +89,7 @@ def test_sweeps_every_combination_best_first(
     assert [row["score"] for row in rows] == sorted(
         (row["score"] for row in rows), reverse=True
     )
-    assert rows[0]["settings"].startswith("recipe logistic")
+    assert rows[0]["settings"].startswith("recipe texture")
 
 
 @pytest.mark.parametrize(

@@ -302,19 +302,7 @@ def methods_for(
         raise ConfigError(
             f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
         )
-    needs = {
-        name: RECIPES[name].requires
-        for name in allowed
-        if name in RECIPES and RECIPES[name].requires
-    }
-    lacking = {
-        name
-        for name, key in needs.items()
-        if not any(take.known(key) for take in dataset.recordings)
-    }
-    chosen = [
-        name for name in allowed if name in (names or allowed) and name not in lacking
-    ]
+    chosen = [name for name in allowed if name in (names or allowed)]
     return tuple(_make_method(name, dataset, fast=fast) for name in chosen)
 
 

@@ -13,7 +13,6 @@ from tactophone.app.figures import (
     BLUE,
     GREEN,
     GREY,
-    ORANGE,
     VERMILION,
     load_pyplot,
     save_figure,
@@ -48,11 +47,10 @@ REPORT_COLUMNS = (
 COLOURS: Mapping[str, str] = {
     "texture": VERMILION,
     "paper/general": BLUE,
-    "logistic": ORANGE,
     "level": GREEN,
 }
-"""Of the methods that figures name: what ships, the paper's, a standard classifier, and
-the least. Others are grey."""
+"""Of the methods that figures name: what ships, the paper's and the
+least. Others are grey."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""

@@ -1,5 +1,5 @@
 """The classifiers of the recipes on features by name, and the baselines: hand-made
-rules and standard classifiers.
+rules.
 
 The only place where level and median frequency are turned into detectors; their values
 come from :mod:`tactophone_lab.training.features`.
@@ -16,13 +16,11 @@ import numpy as np
 import onnx
 from onnx import helper
 
-from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Dataset, Recording, tip_of
 from tactophone.core.types import ignore
 from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.model_file import Gate, ModelCard
 from tactophone_lab.training.export import (
-    Floats,
     build_known,
     build_linear,
     caveats_of,
@@ -83,66 +81,6 @@ def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
     return build_known(nodes, tensors, features=len(CUES))
 
 
-def build_logistic(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit scikit-learn's logistic regression with its defaults, both classes weighted
-    the same."""
-    from sklearn.linear_model import LogisticRegression
-
-    examples = training_set.examples.thinned()
-    centre, scale = examples.moments()
-    model = LogisticRegression(
-        class_weight="balanced", solver="newton-cholesky", max_iter=50
-    )
-    model.fit(examples.standardised(centre, scale), examples.rough)
-    return build_linear(centre, model.coef_[0] / scale, float(model.intercept_[0]))
-
-
-def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
-    """Regress log Ra on the features; rough is what exceeds the middle between smooth
-    and rough surfaces."""
-    weights, centre, bias, spread = fit_height(training_set)
-    rough, height = training_set.examples.rough, training_set.height
-    boundary = float(
-        np.mean(
-            [
-                np.nanmean(height[rough == label & np.isfinite(height)])
-                for label in (False, True)
-            ]
-        )
-    )
-    # A normal error of this spread, taken as a logistic one (logistic scale = spread *
-    # sqrt(3) / pi).
-    slope = np.pi / np.sqrt(3) / spread
-    return build_linear(centre, slope * weights, float(slope * (bias - boundary)))
-
-
-def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]:
-    """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface
-    weighted the same.
-
-    Returns weights, centre, bias and spread: ``bias + (features - centre) @ weights``
-    is the estimate, and the spread its root mean square error in training. Raises
-    `DatasetError` if no recording has the property ``ra_um``.
-    """
-    from sklearn.linear_model import Ridge
-
-    known = np.isfinite(training_set.height)
-    if not known.any():
-        raise DatasetError(
-            "no recording states its surface's Ra, which this recipe learns: add the column ra_um to the manifest, by "
-            "hand or by `tactophone roughness --write-metadata`"
-        )
-    examples, height = training_set.examples.where(known), training_set.height[known]
-    centre, scale = examples.moments()
-    standard, weights = examples.standardised(centre, scale), examples.weights()
-    model = Ridge(alpha=0.01 * len(standard)).fit(
-        standard, height, sample_weight=weights
-    )
-    errors = model.predict(standard) - height
-    spread = float(np.sqrt(np.average(np.square(errors), weights=weights)))
-    return model.coef_ / scale, centre, float(model.intercept_), spread
-
-
 def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
     """Fit a threshold of one cue between smooth and rough."""
     from sklearn.linear_model import LogisticRegression
@@ -163,8 +101,6 @@ BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyT
         "rules": build_rules,
         # It drives the stimulus in Svensson et al. 2021.
         "median-frequency": partial(_single_cue, cue="median_octaves"),
-        "surface": build_surface,
-        "logistic": build_logistic,
     }
 )
 """What fits the classifier of each recipe on features and returns the graph of a model

@@ -270,8 +270,6 @@ class Recipe:
     """How takes are varied in training; not at all by default."""
     shipped: bool = False
     """Whether `make model` puts its model into the package."""
-    requires: str = ""
-    """Property that every training recording must have, such as ``ra_um``."""
 
     def response_for(self, tip: str) -> Response:
         return (

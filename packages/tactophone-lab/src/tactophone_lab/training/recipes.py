@@ -74,14 +74,6 @@ _LISTED = (
     Recipe("level", "loudness against a threshold", "cues"),
     Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues"),
     Recipe("median-frequency", "frequency with half the power on either side", "cues"),
-    Recipe(
-        "surface",
-        "texture features to Ra by ridge regression, then a boundary",
-        "texture",
-        version=3,
-        requires="ra_um",
-    ),
-    Recipe("logistic", "logistic regression on texture features", "texture", version=3),
 )
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(

@@ -2,7 +2,7 @@
 metric, labelled windows."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import onnx
@@ -150,9 +150,6 @@ class TrainingSet:
     :class:`tactophone_lab.training.features.Statistics`."""
     examples: Examples
     """Windows in contact."""
-    height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    """log10 of the surface's Ra in micrometres for each example; NaN where it is
-    unknown."""
     tip: str = ""
     """What touches; empty if unknown."""
 
@@ -265,14 +262,9 @@ def build_training_set(
         else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
     )
     importance = np.repeat(weights, sizes)
-    height = np.repeat(
-        [np.log10(float(track.recording.known("ra_um") or "nan")) for track in tracks],
-        sizes,
-    )
     return replace(
         unfilled,
         examples=Examples(np.concatenate(features), rough, surface, importance),
-        height=height,
     )
 
 
