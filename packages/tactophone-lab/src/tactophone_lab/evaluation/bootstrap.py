@@ -241,7 +241,8 @@ def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Diffe
         for place, each in enumerate(differences.values())
         if not math.isnan(each.p)
     )
-    corrected, highest = dict.fromkeys(range(len(differences)), math.nan), 0.0
+    corrected = dict.fromkeys(range(len(differences)), math.nan)
+    highest = 0.0
     for rank, (p, place) in enumerate(known):
         highest = max(highest, min(1.0, p * (len(known) - rank)))
         corrected[place] = highest

@@ -90,7 +90,8 @@ class Delays:
         if not len(every):
             return float("nan")
         place = share * (len(every) - 1)
-        low, high = every[math.floor(place)], every[math.ceil(place)]
+        low = every[math.floor(place)]
+        high = every[math.ceil(place)]
         # Between two delays the quantile is interpolated; next to a missing one it is
         # infinite.
         return 1e3 * float(low if low == high else low + (high - low) * (place % 1))
@@ -129,7 +130,8 @@ def false_bumps_per_minute(
 
     Bumps closer than :data:`BRIDGE` are one. NaN without contact with a smooth surface.
     """
-    bumps, duration = 0, 0.0
+    bumps = 0
+    duration = 0.0
     for take in predictions:
         if take.recording.label is Touch.SMOOTH and len(take.time) > 1:
             touching = true_contact(take)
@@ -145,7 +147,8 @@ def dips_per_minute(
     predictions: Iterable[TakePredictions], rule: DecisionRule
 ) -> float:
     """Dips per minute of true contact with rough surfaces; NaN without any."""
-    dips, duration = 0, 0.0
+    dips = 0
+    duration = 0.0
     for take in predictions:
         if take.recording.label is Touch.ROUGH and len(take.time) > 1:
             touching = true_contact(take)
@@ -234,7 +237,8 @@ def _delay(
     rule: DecisionRule,
 ) -> float | None:
     here = (take.time > start) & (take.time <= until)
-    time, correct = take.time[here], decided_touches(take, rule)[here] == label
+    time = take.time[here]
+    correct = decided_touches(take, rule)[here] == label
     for begin, end in stretches(correct):
         # A correct stretch that the segment's end cuts short counts too: nothing
         # contradicts it.
@@ -316,7 +320,8 @@ def _join(
                 "PCM_16",
                 format="FLAC",
             )
-    middle, end = LEAD + HALF - EVENT_FADE / 2, LEAD + 2 * HALF - EVENT_FADE
+    middle = LEAD + HALF - EVENT_FADE / 2
+    end = LEAD + 2 * HALF - EVENT_FADE
     segments = (
         Segment(0.0, LEAD, "none"),
         Segment(LEAD, middle, order[0].name.lower()),
@@ -343,7 +348,8 @@ def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
     if cuts[0] is None or cuts[1] is None:
         return {}
     # A slide that continues over the edge is one slide.
-    last, first = cuts[0][-1:], cuts[1][:1]
+    last = cuts[0][-1:]
+    first = cuts[1][:1]
     if last and first and first[0][0] <= last[0][1]:
         return {
             "slides": write_slides(

@@ -113,7 +113,8 @@ def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.b
     bins are classified as rough.
     """
     place, called = _bins(scores, bins)
-    cell, size = scores.surface * len(called) + place, len(scores.names) * len(called)
+    cell = scores.surface * len(called) + place
+    size = len(scores.names) * len(called)
     counts = [
         np.bincount(cell, kind, size).reshape(-1, len(called))
         for kind in (~scores.rough, scores.rough)
@@ -124,11 +125,15 @@ def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.b
 def measure_counts(table: Floats, called: NDArray[np.bool_]) -> dict[str, Floats]:
     """Compute the metrics of :func:`measure` for each of any number of cases, tables
     ``(..., 2, bins)``."""
-    smooth, rough = table[..., 0, :], table[..., 1, :]
-    all_rough, all_smooth = rough.sum(axis=-1), smooth.sum(axis=-1)
+    smooth = table[..., 0, :]
+    rough = table[..., 1, :]
+    all_rough = rough.sum(axis=-1)
+    all_smooth = smooth.sum(axis=-1)
     total = all_rough + all_smooth
-    hits, bumps = rough @ called, smooth @ called
-    recall, quiet = _divide(hits, all_rough), _divide(all_smooth - bumps, all_smooth)
+    hits = rough @ called
+    bumps = smooth @ called
+    recall = _divide(hits, all_rough)
+    quiet = _divide(all_smooth - bumps, all_smooth)
     # Mann-Whitney's statistic over all pairs; pairs within a bin are ties.
     below = np.cumsum(smooth, axis=-1) - smooth / 2
     return {

@@ -189,7 +189,8 @@ def _audible_touches(recording: Recording) -> Intervals | None:
         rule="banded",
         hold=TOUCH_HOLD,
     )
-    steps, duration = gate.push(sound), sound.size / sound.sample_rate
+    steps = gate.push(sound)
+    duration = sound.size / sound.sample_rate
     # The gate reports each of its steps; a touch is a run of steps that touch.
     times = [*(step.time for step in steps), duration]
     touches = tuple(

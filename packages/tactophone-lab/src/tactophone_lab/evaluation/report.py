@@ -151,7 +151,8 @@ def _shares(counts: Floats) -> Mapping[str, Floats]:
         total = counts.sum(axis=(-2, -1))
         wrong = (counts[..., 0, Touch.ROUGH] + counts[..., 1, Touch.SMOOTH]) / total
         gaps = counts[..., Touch.NONE].sum(axis=-1) / total
-    smooth, rough = by_label[..., 0, Touch.SMOOTH], by_label[..., 1, Touch.ROUGH]
+    smooth = by_label[..., 0, Touch.SMOOTH]
+    rough = by_label[..., 1, Touch.ROUGH]
     return {
         # A set of one class has the accuracy of that class.
         "balanced_accuracy": balanced_accuracy(smooth, rough, either=True),

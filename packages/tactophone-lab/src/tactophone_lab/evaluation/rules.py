@@ -185,7 +185,8 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
     by default.
     """
     every = np.ones(len(outcomes.recordings)) if weights is None else weights
-    smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
+    smooth = every * ~outcomes.is_rough
+    rough = every * outcomes.is_rough
     with np.errstate(invalid="ignore", divide="ignore"):
         return {
             "false_bumps_per_minute": smooth
@@ -208,10 +209,8 @@ def choose_left_out(
 
     Returns no rules where a class has one surface.
     """
-    surfaces, chosen = (
-        np.array([recording.surface for recording in outcomes.recordings]),
-        [],
-    )
+    surfaces = np.array([recording.surface for recording in outcomes.recordings])
+    chosen = []
     for others in (surfaces != name for name in surfaces):
         if len(set(outcomes.is_rough[others])) < 2:
             return []
@@ -270,10 +269,8 @@ def draw_trade_off(
         places = [n for n, rule in enumerate(rules) if rule.confirm == confirm]
         # The best recall at or under each cost.
         order = np.argsort(table[goal][places], kind="stable")
-        cost, recall = (
-            table[goal][places][order],
-            np.maximum.accumulate(table["rough_recall"][places][order]),
-        )
+        cost = table[goal][places][order]
+        recall = np.maximum.accumulate(table["rough_recall"][places][order])
         axes.plot(
             cost.clip(least),
             recall,
@@ -283,7 +280,8 @@ def draw_trade_off(
         )
     axes.axvline(value, color=VERMILION, linestyle=":", label="limit")
     for point, marker, label in ((before, "o", "before"), (chosen, "*", "chosen")):
-        x, y = max(getattr(point, goal).value, least), point.rough_recall.value
+        x = max(getattr(point, goal).value, least)
+        y = point.rough_recall.value
         axes.plot(
             x, y, marker, color="black", markersize=11, label=label, linestyle="none"
         )
@@ -320,9 +318,11 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     was_rough, confirmed, streak, quiet = (
         np.zeros(len(rules), kind) for kind in (bool, bool, int, int)
     )
-    rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
+    rough = np.zeros(len(rules))
+    bumps = np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
-    delay, start = np.full(len(rules), np.nan), 0.0
+    delay = np.full(len(rules), np.nan)
+    start = 0.0
     touching = False
     for now, contact, likely, none in zip(
         take.time, take.contact, share, unknown, strict=True
@@ -331,7 +331,8 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
             # A new touch: keep the last one's delays (the first entry belongs to no
             # touch) and count from here.
             delays.append(delay)
-            delay, start = np.full(len(rules), np.nan), now
+            delay = np.full(len(rules), np.nan)
+            start = now
         touching = bool(contact)
         known_sound = touching & (none < abstain)
         streak = np.where((likely >= on) & known_sound, streak + 1, 0)

@@ -43,7 +43,9 @@ class StoneBoxSource(AlwaysOpen):
     def __init__(
         self, inbox: Connection, *, block_size: int = GAME_BLOCK, tip: str = DEFAULT_TIP
     ) -> None:
-        self._inbox, self._block_size, self._tip = inbox, block_size, tip
+        self._inbox = inbox
+        self._block_size = block_size
+        self._tip = tip
         self._finger = _finger_over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0, tip)
         self._next: SimulatedFinger | None = None
         self._position = 0
@@ -61,7 +63,8 @@ class StoneBoxSource(AlwaysOpen):
                 else:
                     self._finger.move(*arguments)
             if self._next is not None:
-                self._finger, self._next = self._next, None
+                self._finger = self._next
+                self._next = None
             # Each finger counts its samples from 0; the stream goes on counting.
             block = msgspec.structs.replace(
                 self._finger.render(self._block_size), start=self._position

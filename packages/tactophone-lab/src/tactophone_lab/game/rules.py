@@ -121,11 +121,14 @@ class Round:
     def __init__(
         self, order: Sequence[Touch], *, seed: int, trainer: bool = False
     ) -> None:
-        self.order, self.seed, self.trainer = tuple(order), seed, trainer
+        self.order = tuple(order)
+        self.seed = seed
+        self.trainer = trainer
         self.strokes = [0] * len(order)
         self.path: list[Point] = []
         self.round_trips: list[float] = []
-        self._distance, self._counted = 0.0, False
+        self._distance = 0.0
+        self._counted = False
 
     def touch(self, point: Point) -> None:
         """Add a target; count a stroke when the finger has moved `SHORTEST_STROKE` over
@@ -135,7 +138,8 @@ class Round:
         step = point.x - last.x
         # A lift, another stone or a reversal ends the stroke.
         if point.stone < 0 or last.stone != point.stone or step * self._distance < 0:
-            self._distance, self._counted = 0.0, False
+            self._distance = 0.0
+            self._counted = False
         self._distance += step if point.stone == last.stone else 0.0
         if (
             point.stone >= 0

@@ -127,7 +127,9 @@ class _Player:
         *,
         local: bool,
     ) -> None:
-        self._game, self._run, self._view = game, run, view
+        self._game = game
+        self._run = run
+        self._view = view
         self.credit = asyncio.Semaphore(CREDIT)
         self._round: Round | None = None
         self._begun = 0.0
@@ -229,7 +231,8 @@ class _Player:
         order = self._game.orders[self.played % len(self._game.orders)]
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
-        self._begun, self._steps = time.monotonic(), []
+        self._begun = time.monotonic()
+        self._steps = []
         self._command(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(
             json.dumps({"begun": True, "trainer": self._round.trainer})
@@ -246,7 +249,8 @@ class _Player:
             self._round.round_trips.append(float(seconds))
 
     async def _choose(self, stones: list[int]) -> None:
-        played, now = self._round, time.monotonic()
+        played = self._round
+        now = time.monotonic()
         if played is None:
             return
         finished = datetime.datetime.now().astimezone().isoformat(timespec="seconds")

@@ -73,10 +73,8 @@ def measure_decisions(
     touch = _without_hops(touch)
     delays = DecisionDelays()
     touching = touch != Touch.NONE
-    longest, lasting = (
-        int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE),
-        int(CHANGED_FOR * LIVE_SAMPLE_RATE),
-    )
+    longest = int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE)
+    lasting = int(CHANGED_FOR * LIVE_SAMPLE_RATE)
     for onset in _onsets(touching):
         loud = np.flatnonzero(
             np.abs(waveform[onset : onset + longest]) > FIRST_VIBRATION
@@ -132,7 +130,8 @@ def _render(
     oscillator = Oscillator(Limits())
     # The vibration caused by a block starts at the block's end at the earliest: hence a
     # silent block before the first.
-    touch, waveform = [], [np.zeros(BLOCK, np.float32)]
+    touch = []
+    waveform = [np.zeros(BLOCK, np.float32)]
     frequency = [np.nan]
     for _ in range(int(duration * LIVE_SAMPLE_RATE / BLOCK)):
         step = pipeline.push(finger.render(BLOCK))

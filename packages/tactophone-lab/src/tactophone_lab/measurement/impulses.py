@@ -127,7 +127,8 @@ class ImpulsePlayer:
         return self._cycles[: self._count]
 
     def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
-        size, position = len(outputs[0]), self.position
+        size = len(outputs[0])
+        position = self.position
         if position + size > len(self.played) or self._count >= len(self._cycles):
             self.position = len(self.played)
             for output in outputs:

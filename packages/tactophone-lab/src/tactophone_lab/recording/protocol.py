@@ -142,7 +142,8 @@ class Protocol:
         before = getattr(self, "stage", None)
         self.stage = stage
         if stage is Stage.COUNTDOWN:
-            self._left, self.pauses = self._countdown_size, ()
+            self._left = self._countdown_size
+            self.pauses = ()
         elif stage is Stage.RECORDING and before is not Stage.PAUSED:
             self._left = self._size
         elif stage not in (Stage.RECORDING, Stage.PAUSED):

@@ -55,7 +55,8 @@ class TakeMeter:
     """Measures a take while it is recorded."""
 
     def __init__(self, sample_rate: int, reference: Reference) -> None:
-        self._rate, self._threshold_dbfs = sample_rate, reference.threshold_dbfs
+        self._rate = sample_rate
+        self._threshold_dbfs = reference.threshold_dbfs
         self._statistics = SignalStatistics(sample_rate)
         self._watch = FaultDetector(sample_rate, reference)
         self._history: list[ChannelStatistics] = []

@@ -95,8 +95,10 @@ class Recorder:
         sample_rate: int,
         channels: int,
     ) -> None:
-        self._target, self._plan = target, plan
-        self._rate, self._channels = sample_rate, channels
+        self._target = target
+        self._plan = plan
+        self._rate = sample_rate
+        self._channels = channels
         self._levels = _levels(target, known)
         self.protocol = Protocol(
             plan.takes,
@@ -173,7 +175,8 @@ class Recorder:
             )
         # Cleared first: a full disk raises in finish(), and close() must not finish the
         # same take twice.
-        file, self._file = self._file, None
+        file = self._file
+        self._file = None
         self.recordings.append(file.finish(**properties))
 
 

@@ -46,7 +46,8 @@ class TakeWriter:
     ) -> None:
         self.recording = recording
         self.size = 0
-        self._root, self._file = root, file
+        self._root = root
+        self._file = file
         self._unsynced = 0
 
     @classmethod
@@ -222,11 +223,10 @@ def _read_entry(entry: Path) -> Recording | None:
     """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
-        path, label = (
-            entry.parent / Path(str(fields["file"])).name,
-            LABEL_NAMES[fields["label"]],
-        )
-        channels, properties = tuple(fields["channels"]), dict(fields["properties"])
+        path = entry.parent / Path(str(fields["file"])).name
+        label = LABEL_NAMES[fields["label"]]
+        channels = tuple(fields["channels"])
+        properties = dict(fields["properties"])
         names = ("surface", "take", "scenario", "session")
         surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
     except (ValueError, KeyError, TypeError, RecursionError):

@@ -60,7 +60,8 @@ def record_act(
     audio.ask(SimulatedAct(act.verb, act.duration + SETTLING))
     parts: list[FloatArray] = []
     for duration in (SETTLING, act.duration):
-        left, parts = round(duration * audio.source.sample_rate), []
+        left = round(duration * audio.source.sample_rate)
+        parts = []
         while left > 0:
             if (block := next(blocks, None)) is None:
                 seconds = left / audio.source.sample_rate
@@ -90,7 +91,8 @@ def check_microphones(
     called before each step with its number, from 1, and at the end with the next.
     """
     with AudioInput(settings, stroked) as audio:
-        blocks, parts = iter(audio), list[FloatArray]()
+        blocks = iter(audio)
+        parts = list[FloatArray]()
         for act, instruction in (*CHECK_STEPS, *([MOTION] if moving else [])):
             begin(len(parts) + 1, audio)
             parts.append(step(audio, blocks, act, instruction))

@@ -85,7 +85,8 @@ class HumMeter:
     and 1 kB a second."""
 
     def __init__(self, sample_rate: int, channels: int) -> None:
-        self._rate, self._hop = sample_rate, sample_rate // 2
+        self._rate = sample_rate
+        self._hop = sample_rate // 2
         self._pending = np.zeros((0, channels), np.float32)
         self._window = np.hanning(sample_rate + 1)[:-1, None].astype(np.float32)
         self._lines = LINES[LINES + APART[-1] < self._hop]
@@ -131,7 +132,8 @@ def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hu
     Mains, and a recorder's clock, are off by up to some tenths of a hertz at the
     harmonics.
     """
-    hop, frames = (rate // 2) / rate, np.arange(amplitude.shape[-1])
+    hop = (rate // 2) / rate
+    frames = np.arange(amplitude.shape[-1])
     # From the start of each frame to that of the recording, at the nominal frequency.
     still = amplitude * np.exp(-2j * np.pi * nominal[..., None] * hop * frames)
     turn = np.angle((still[..., 1:] * still[..., :-1].conj()).sum(axis=-1))

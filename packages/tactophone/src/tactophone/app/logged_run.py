@@ -59,11 +59,9 @@ noted and left out."""
 
 _NOWHERE: Address = ("", 0)
 
-_CALIBRATION, _MODEL, _CEILING = (
-    "detector.calibration",
-    "detector.model",
-    "rendering.ceiling",
-)
+_CALIBRATION = "detector.calibration"
+_MODEL = "detector.model"
+_CEILING = "rendering.ceiling"
 
 
 @dataclass(slots=True)
@@ -124,7 +122,8 @@ class LoggedEndpoint:
 
     def __init__(self, run: RunStart, change: Change, *, ceiling: float = 1.0) -> None:
         logged = settings_of(run)
-        settings, self.notes = change(logged), list[str]()
+        settings = change(logged)
+        self.notes = list[str]()
         # What was chosen for the replay, finger by finger, stays as it is.
         self._chosen = [
             _differences(*pair)
@@ -208,7 +207,8 @@ class LoggedEndpoint:
             raise DatasetError(
                 f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
             )
-        output, chosen = self._outputs[controls.finger], self._chosen[controls.finger]
+        output = self._outputs[controls.finger]
+        chosen = self._chosen[controls.finger]
         requests = [
             Request("arm" if controls.armed else "mute"),
             Request("output_level", controls.output_level),
@@ -329,7 +329,8 @@ class SoundDecoder:
 def decoded_blocks(entries: Iterable[LogEntry]) -> Iterator[tuple[int, AudioBlock]]:
     """Yield the blocks of sound in a log, each with the number of its session; a gap
     over `LONGEST_GAP` begins one."""
-    number, reached = 0, None
+    number = 0
+    reached = None
     for item in SoundDecoder().push(entries):
         if not isinstance(item, AudioBlock):
             reached = None
@@ -366,7 +367,8 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
         RunStart(role=""),
     )
     settings = settings_of(start)
-    names, channels = names_of(settings), channels_of(settings, alone=2)
+    names = names_of(settings)
+    channels = channels_of(settings, alone=2)
     if finger and finger not in names:
         known = (
             f"there are {', '.join(names)}"

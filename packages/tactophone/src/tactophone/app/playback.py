@@ -48,7 +48,8 @@ def play(
     playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
     with ExitStack() as stack:
         sources = [stack.enter_context(_source(path)) for path in take.paths]
-        state, begin = _state(take, sources[0]), time.monotonic() - position
+        state = _state(take, sources[0])
+        begin = time.monotonic() - position
         for blocks in zip(*sources, strict=False):
             end = blocks[0].end / blocks[0].sample_rate
             if end <= position:

@@ -21,7 +21,8 @@ from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.timeline import read_timeline
 
-_WIDTH, _DPI = 11.0, 130
+_WIDTH = 11.0
+_DPI = 130
 _NO_CONTACT_COLOUR = "#C9C9C9"
 
 
@@ -171,7 +172,8 @@ def _draw_strip(
 
 def _spans(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
     """Join consecutive lines of equal touch to spans of start, end and touch."""
-    time, touch = lines["time"], lines["touch"]
+    time = lines["time"]
+    touch = lines["touch"]
     if not len(time):
         return []
     edges = np.flatnonzero(np.diff(touch)) + 1

@@ -123,7 +123,8 @@ class Replay:
                 case LoggedPrediction():
                     self._logged[item.finger].append(item)
                 case LogEnd(complete, missed):
-                    self.complete, self.missed = complete, missed
+                    self.complete = complete
+                    self.missed = missed
             self._compare()
         if self.endpoint is None:
             raise DatasetError("the log holds no run: was it written by --record?")
@@ -131,7 +132,8 @@ class Replay:
     def _begin(self, run: RunStart) -> None:
         self.endpoint = LoggedEndpoint(run, self.change, ceiling=self.ceiling)
         self.lowered |= self.endpoint.lowered
-        self.role, self.processes = run.role, self.processes + 1
+        self.role = run.role
+        self.processes = self.processes + 1
         self.notes += [note for note in self.endpoint.notes if note not in self.notes]
         # What a killed process had no time to publish has no counterpart.
         self._logged.clear()
@@ -204,10 +206,8 @@ def write_replay(
         raise DatasetError(
             "the log holds no sound and no predictions: was a robot connected?"
         )
-    names, pipelines = (
-        names_of(replay.endpoint.settings),
-        replay.endpoint.endpoint.hand.pipelines,
-    )
+    names = names_of(replay.endpoint.settings)
+    pipelines = replay.endpoint.endpoint.hand.pipelines
     stems = [f"{stem}-{name}" if name else stem for name in names]
     outputs = [OutputFiles.in_folder(folder, each) for each in stems]
     with ExitStack() as stack:
@@ -303,7 +303,8 @@ def replay_log(
     unless a change names another. Raises `DatasetError` if the log cannot be replayed,
     and `ConfigError` if a file cannot be written.
     """
-    changed, ceiling = changed_by(changes), _ceiling(changes) if out or bag else 1.0
+    changed = changed_by(changes)
+    ceiling = _ceiling(changes) if out or bag else 1.0
     replay = Replay(follow(read_log(log)), changed, ceiling)
     fingers: list[RenderedFinger] = []
     files: dict[str, Path] = {}
@@ -352,10 +353,8 @@ def takes_of(
     """Write the sound of each session to a folder; return takes with the settings and
     calibration of the replay."""
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
-    endpoint, takes = (
-        LoggedEndpoint(run, changed_by(changes), ceiling=_ceiling(changes)),
-        [],
-    )
+    endpoint = LoggedEndpoint(run, changed_by(changes), ceiling=_ceiling(changes))
+    takes = []
     for _, group in itertools.groupby(
         write_sound(log, folder), key=lambda sound: sound.session
     ):
@@ -386,7 +385,9 @@ def _write_bag(replay: Replay, log: Path, path: Path) -> Path:
     """Write the steps as a bag whose time begins when the run did."""
     from tactophone.faces.bridges.ros import RosBag
 
-    epoch, begun, names = 0.0, 0.0, ["index"]
+    epoch = 0.0
+    begun = 0.0
+    names = ["index"]
     for entry in read_log(log):
         if isinstance(entry, RunStart):
             epoch = entry.epoch

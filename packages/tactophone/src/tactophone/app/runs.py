@@ -137,17 +137,16 @@ def both_sides(
         from tactophone.net.impairment import ImpairmentProxy, network_profile
 
         # The simulated network stands in front of the operator's port.
-        prepare, profile = (
-            partial(prioritize_thread, operator.process.priority),
-            network_profile(simulated.network),
-        )
+        prepare = partial(prioritize_thread, operator.process.priority)
+        profile = network_profile(simulated.network)
         address = "127.0.0.1", operator.link.port
         with ImpairmentProxy(
             address, profile, seed=simulated.seed, prepare=prepare
         ) as proxy:
             yield proxy.address[1]
 
-    simulated, opened = settings.simulation, open_source or usual_source
+    simulated = settings.simulation
+    opened = open_source or usual_source
     between = None if simulated.network == "clean" else network
     with pairing.both_sides(
         settings, name=name, open_source=opened, between=between, report=report
@@ -210,7 +209,8 @@ def _check(
             raise ConfigError(
                 f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}"
             )
-    chosen, usual = settings.bridges, Settings().bridges
+    chosen = settings.bridges
+    usual = Settings().bridges
     if chosen.finger != usual.finger and settings.is_hand:
         raise ConfigError(
             "bridges.finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
@@ -323,7 +323,9 @@ class PageRecorder:
     def __init__(
         self, name: str, folder: Path, *, report: Callable[[str], None] = ignore
     ) -> None:
-        self._name, self._folder, self._report = name, folder, report
+        self._name = name
+        self._folder = folder
+        self._report = report
         self._orders, self.page = Pipe()
         self._log: BridgeProcess | None = None
         self._path = folder
@@ -363,7 +365,8 @@ class PageRecorder:
         self._report(f"recording to {self._path}")
 
     def _end(self) -> None:
-        log, self._log = self._log, None
+        log = self._log
+        self._log = None
         if log is not None:
             log.__exit__()
             self._report(f"recorded: {self._path}")

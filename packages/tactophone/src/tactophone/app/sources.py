@@ -46,7 +46,8 @@ def open_source(settings: Settings) -> Source:
     from tactophone.live.audio.files import CombinedSource, FileSource
     from tactophone.live.audio.sources import open_device
 
-    capture, fingers = settings.capture, each_finger(settings)
+    capture = settings.capture
+    fingers = each_finger(settings)
     if opener := plugins.load(plugins.SOURCES, capture.source):
         return cast(Source, opener(settings))
     if capture.source == "finger":

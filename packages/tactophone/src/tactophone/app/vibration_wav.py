@@ -174,11 +174,9 @@ class OfflineRenderer:
     ) -> None:
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
         self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
-        self._outputs, self._pipeline, self._sample_rate = (
-            outputs,
-            pipeline,
-            sample_rate,
-        )
+        self._outputs = outputs
+        self._pipeline = pipeline
+        self._sample_rate = sample_rate
         self._oscillator = Oscillator(pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
         self._playback = Playback(self._oscillator)
         self._passthrough = passthrough
@@ -190,7 +188,8 @@ class OfflineRenderer:
 
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
-            outputs, enter = self._outputs, stack.enter_context
+            outputs = self._outputs
+            enter = stack.enter_context
             json_path = outputs.timeline_json and enter(
                 atomic_write(outputs.timeline_json)
             )
@@ -302,10 +301,8 @@ def process_recording(
         OSError,
         soundfile.LibsndfileError,
     ) as error:  # of the results: a source has errors of its own
-        folder, reason = (
-            outputs.waveform.parent,
-            getattr(error, "strerror", None) or error,
-        )
+        folder = outputs.waveform.parent
+        reason = getattr(error, "strerror", None) or error
         raise ConfigError(
             f"the results cannot be written to {folder} ({reason}); choose another folder"
         ) from error
@@ -372,7 +369,9 @@ def score_run(
 ) -> RunScores:
     """Score a run's timeline against its labelled segments; a score without data is
     NaN."""
-    time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
+    time = timeline["time"]
+    touch = timeline["touch"]
+    amplitude = timeline["amplitude"]
     smooth, rough = (
         within(time, [each for each in truth if each.label is label])
         for label in SURFACE_LABELS

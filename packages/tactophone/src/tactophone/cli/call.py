@@ -222,12 +222,10 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
     ) -> None:
         from tactophone.net.link.way import PEER
 
-        self._args, self._keeper, self._say, self._role = (
-            args,
-            process.keeper,
-            process.say,
-            "",
-        )
+        self._args = args
+        self._keeper = process.keeper
+        self._say = process.say
+        self._role = ""
         self.name = settings.process.name or args.verb
         self.settings = change(
             settings,
@@ -247,7 +245,8 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
         if role == self._role:
             return
         self._resources.close()
-        self._role, open_source = role, None
+        self._role = role
+        open_source = None
         if role == "robot":
             open_source, self.microphone = sources.source_of(
                 self.settings, page=page.wanted(self._args, self.settings)

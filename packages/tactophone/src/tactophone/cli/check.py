@@ -67,10 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     settings = options.settings_of(args, () if args.settings else USUAL)
-    rate, path = (
-        options.per_minute(args.false_alarms),
-        args.out,
-    )
+    rate = options.per_minute(args.false_alarms)
+    path = args.out
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         if page is not None:
@@ -131,7 +129,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
-    calibration, gains = found.calibration, found.gain_db
+    calibration = found.calibration
+    gains = found.gain_db
     yield [
         {
             "microphone": name,

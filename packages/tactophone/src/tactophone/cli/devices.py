@@ -144,10 +144,8 @@ def _feel(settings: Settings) -> int:
     feels one."""
     from tactophone.live.runtime.wiring import open_actuator
 
-    oscillator, now = (
-        Oscillator(Limits(ceiling=settings.rendering.ceiling)),
-        ROUGH_STIMULUS,
-    )
+    oscillator = Oscillator(Limits(ceiling=settings.rendering.ceiling))
+    now = ROUGH_STIMULUS
 
     def felt(level_db: int) -> bool:
         amplitude = oscillator.limits.ceiling * 10 ** (level_db / 20)

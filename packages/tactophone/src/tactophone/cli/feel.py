@@ -60,10 +60,8 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
 
 
 def _threshold(result: Felt) -> str:
-    floor, threshold = (
-        result.floor,
-        f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS",
-    )
+    floor = result.floor
+    threshold = f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS"
     if floor is None:
         return f"{threshold}, as given"
     if floor.known:
@@ -84,7 +82,8 @@ def _threshold(result: Felt) -> str:
 
 def _no_contact(result: Felt) -> tuple[str, str]:
     """Return the likely cause of a recording without contact, and the next command."""
-    floor, loudest = result.floor, result.summary.loudest_dbfs
+    floor = result.floor
+    loudest = result.summary.loudest_dbfs
     again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
     if "sound" in result.summary.faults:
         return (
@@ -161,7 +160,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
     output.make_folder(args.out)
-    results, failures = list[Felt](), list[str]()
+    results = list[Felt]()
+    failures = list[str]()
     settings = options.settings_of(args)
 
     def failed(message: str) -> None:

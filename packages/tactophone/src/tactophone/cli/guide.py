@@ -42,7 +42,8 @@ PEAK_HOLD = 0.7
 """Factor by which a peak falls between two updates: slow enough to be read after a
 tap."""
 
-RED_DBFS, YELLOW_DBFS = -1.0, -6.0
+RED_DBFS = -1.0
+YELLOW_DBFS = -6.0
 
 
 class Meters:
@@ -75,7 +76,8 @@ class Meters:
     def levels(self) -> list[tuple[str, float, float]]:
         """Return each microphone's name, level and peak in dBFS, and lower the
         peaks."""
-        powers, peaks = np.sqrt(self._powers), self._peaks
+        powers = np.sqrt(self._powers)
+        peaks = self._peaks
         self._peaks = PEAK_HOLD * peaks
         return [
             (MICROPHONES[channel], _dbfs(powers[channel]), _dbfs(peaks[channel]))
@@ -99,7 +101,8 @@ class Meters:
             if peak_dbfs > YELLOW_DBFS
             else "green"
         )
-        filled, mark = _place(level_dbfs), _place(self._threshold_dbfs)
+        filled = _place(level_dbfs)
+        mark = _place(self._threshold_dbfs)
         row = Text(f" {name:8}")
         for place in range(WIDTH):
             if name == MICROPHONES[CONTACT] and place == mark:
@@ -137,7 +140,8 @@ class GuidePage:
         )  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
-        self._wait, self._finished = wait, False
+        self._wait = wait
+        self._finished = False
         self._page = serve_guide(page_end)
 
     def __enter__(self) -> Self:
@@ -292,7 +296,8 @@ class Steps:
     ``unattended``."""
 
     def __init__(self, screen: GuideScreen, *, unattended: bool) -> None:
-        self._screen, self._unattended = screen, unattended
+        self._screen = screen
+        self._unattended = unattended
 
     def begin(self, number: int, audio: AudioInput) -> None:
         """Mark a step as the one now; of the first, open the meters."""

@@ -89,7 +89,9 @@ def add_record(parser: argparse.ArgumentParser, *, bridge: bool = True) -> None:
 def run(args: argparse.Namespace) -> int:
     from tactophone.live.runtime.supervisor import supervised
 
-    settings, open_source, microphone = options.settings_of(args), None, None
+    settings = options.settings_of(args)
+    open_source = None
+    microphone = None
     name = settings.process.name or args.verb
     if args.verb == "loopback":
         settings = sources.for_one_microphone(settings)

@@ -39,8 +39,10 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _lines(card: ModelCard) -> list[tuple[str, str]]:
-    duration, hop = card.duration, float(card.hop) / card.sample_rate
-    gate, rule = card.gate, card.decision
+    duration = card.duration
+    hop = float(card.hop) / card.sample_rate
+    gate = card.gate
+    rule = card.decision
     waits = 1000 * (rule.confirm - 1) * hop
     confirming = (
         f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"

@@ -50,10 +50,8 @@ class Within:
         return value
 
     def __str__(self) -> str:
-        low, unit = (
-            f"{'over ' * self.over}{self.low:g}",
-            f" {self.unit}" * bool(self.unit),
-        )
+        low = f"{'over ' * self.over}{self.low:g}"
+        unit = f" {self.unit}" * bool(self.unit)
         if self.high < math.inf:
             return f"{low} to {self.high:g}{unit}"
         return f"{low}{unit}" if self.over else f"{low}{unit} or more"

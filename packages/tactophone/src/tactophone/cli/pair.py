@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
 
-    folder, say = (args.identity or IDENTITY_FOLDER).expanduser(), output.log().print
+    folder = (args.identity or IDENTITY_FOLDER).expanduser()
+    say = output.log().print
     match args.step:
         case "init":
             Identity.create(args.name).save(folder)
@@ -51,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
             say("On the other machine, run:")
             print(Identity.load(folder).trust_command)
         case "show":
-            identity, peers = Identity.load(folder), Peers.load(folder)
+            identity = Identity.load(folder)
+            peers = Peers.load(folder)
             if not args.json:
                 say("On the other machine, run:")
             # A fingerprint is no secret, but the channel that it is compared by must be

@@ -96,7 +96,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _values(log: Path, replayed: "ReplayedLog") -> dict[str, Any]:
-    replay, files = replayed.replay, replayed.files
+    replay = replayed.replay
+    files = replayed.files
     # The summary of the only finger, or of each by its name.
     of = {finger.name: asdict(finger.summary) for finger in replayed.fingers}
     compared = {

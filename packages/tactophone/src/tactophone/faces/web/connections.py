@@ -138,7 +138,9 @@ class FloodGate:
     """
 
     def __init__(self, rate: float) -> None:
-        self._rate, self._level, self._time = rate, 0.0, 0.0
+        self._rate = rate
+        self._level = 0.0
+        self._time = 0.0
 
     def overflows(self, amount: float = 1.0, *, now: float | None = None) -> bool:
         """Add an amount; true if that is too much."""

@@ -57,11 +57,9 @@ def parse_request(
     own = (state.fingers[finger:] or state.fingers)[0]
     try:
         entries = json.loads(text)
-        action, value, name = (
-            entries["action"],
-            entries.get("value", 0.0),
-            entries.get("text", ""),
-        )
+        action = entries["action"]
+        value = entries.get("value", 0.0)
+        name = entries.get("text", "")
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return "not a request: write JSON with an action"
     weaker = (
@@ -119,11 +117,9 @@ def dashboard(
     begins one, false ends it, and each answer names the file of the log, empty while
     there is none; this process writes no file.
     """
-    app, run, watching = (
-        web.Application(),
-        WatchedRun(name),
-        set[web.WebSocketResponse](),
-    )
+    app = web.Application()
+    run = WatchedRun(name)
+    watching = set[web.WebSocketResponse]()
     logs = (
         views.Answers(recorder, watching, kept={"recording": ""})
         if recorder is not None

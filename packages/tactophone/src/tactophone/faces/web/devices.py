@@ -106,7 +106,9 @@ class _FingerPages:
         self, run: WatchedRun, finger: int, credit: dict[web.WebSocketResponse, int]
     ) -> None:
         self.views: set[web.WebSocketResponse] = set()
-        self._run, self._finger, self._credit = run, finger, credit
+        self._run = run
+        self._finger = finger
+        self._credit = credit
         self._sending: asyncio.Task[None] | None = None
         self._last: Snapshot | None = None
 

@@ -154,7 +154,8 @@ class Feed:
     ago that was."""
 
     def __init__(self, run: WatchedRun, *, finger: int = 0) -> None:
-        self._run, self._finger = run, finger
+        self._run = run
+        self._finger = finger
         self._reset()
 
     def _reset(self) -> None:

@@ -29,7 +29,8 @@ LONGEST_BUTTON = 16
 def guide_page(orders: Connection) -> web.Application:
     """Build the page of the guided command at the other end of a pipe; the first press
     of a button counts for all."""
-    app, command = web.Application(), Answers(orders, set())
+    app = web.Application()
+    command = Answers(orders, set())
     app.router.add_get("/", page(STATIC / "guide.html"))
     app.router.add_get("/guide", partial(_show, command))
     app.on_startup.append(command.follow)

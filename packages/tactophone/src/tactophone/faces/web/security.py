@@ -83,10 +83,8 @@ class AccessControl:
     def _is_own_host(self, host: str) -> bool:
         try:
             parts = urlsplit(f"//{host}")
-            name, port = (
-                parts.hostname or "",
-                parts.port or (443 if self.scheme == "https" else 80),
-            )
+            name = parts.hostname or ""
+            port = parts.port or (443 if self.scheme == "https" else 80)
         except ValueError:
             return False
         own = [
@@ -102,7 +100,8 @@ class AccessControl:
     def _is_own_address(self, name: str) -> bool:
         """Return whether the name is a numeric address of this machine; a rebound name
         never is."""
-        address, own = _address(name), _address(self.host)
+        address = _address(name)
+        own = _address(self.host)
         if address is None:
             return False
         # The page is served at this machine's loopback address too, which no other

@@ -208,7 +208,8 @@ class Answers:
     ) -> None:
         self.views = views
         self.status = kept or {}
-        self._orders, self._every = orders, kept is None
+        self._orders = orders
+        self._every = kept is None
         self._sending: set[asyncio.Task[None]] = set()
 
     def send(self, order: Any) -> None:

@@ -80,7 +80,8 @@ async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
         filter(None, await asyncio.gather(*(server.resolve() for server in stun)))
     )
     answers = await mapped_addresses(list(found), STUN_TIMEOUT) if found else {}
-    seen, answered = list(answers.values()), list(answers)
+    seen = list(answers.values())
+    answered = list(answers)
     if not seen:
         return "blocked", "", []
     nat: Nat

@@ -153,7 +153,9 @@ class Finder:
         relay_only: bool,
     ) -> None:
         self._turn = turn
-        self._controls, self._stun, self._relay_only = controls, stun, relay_only
+        self._controls = controls
+        self._stun = stun
+        self._relay_only = relay_only
         self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = (
             asyncio.get_running_loop().create_future()
         )
@@ -211,7 +213,8 @@ class Finder:
         """
         ice = self._ice
         offer = msgspec.structs.replace(offer, addresses=allowed(offer.addresses))
-        ice.remote_username, ice.remote_password = offer.user, offer.password
+        ice.remote_username = offer.user
+        ice.remote_password = offer.password
         # Known to the two ends alone, as it came through the mailbox under their key.
         self._word = (
             _CHOSEN
@@ -240,12 +243,11 @@ class Finder:
     async def round_trip(self) -> float:
         """Return the seconds there and back; not a number if two answers were lost or
         took half a second."""
-        pair, loop = self._ice._nominated[1], asyncio.get_running_loop()
+        pair = self._ice._nominated[1]
+        loop = asyncio.get_running_loop()
         for _ in range(2):
-            request, key = (
-                self._ice.build_request(pair, nominate=False),
-                self._ice.remote_password.encode(),
-            )
+            request = self._ice.build_request(pair, nominate=False)
+            key = self._ice.remote_password.encode()
             began = loop.time()
             with contextlib.suppress(stun.TransactionError):
                 await pair.protocol.request(
@@ -296,7 +298,8 @@ class Finder:
         ice._protocols = [each for each in ice._protocols if each not in relays]
         for each in direct:
             await ice.add_remote_candidate(_candidate(each))
-        usual, stun.RETRY_RTO = stun.RETRY_RTO, RETRANSMISSION
+        usual = stun.RETRY_RTO
+        stun.RETRY_RTO = RETRANSMISSION
         checks = asyncio.ensure_future(ice.connect())
         try:
             await asyncio.wait([checks], timeout=delay)
@@ -345,7 +348,8 @@ class Finder:
         self._ice.check_incoming = lambda *_: None
         self._ice.close = self._note_loss
         channel = 0
-        self._reader, transport = protocol, protocol.transport
+        self._reader = protocol
+        transport = protocol.transport
         if isinstance(transport, TurnTransport):
             self._reader = transport._TurnTransport__inner_protocol
             transport = self._reader.transport
@@ -402,7 +406,8 @@ async def mapped_addresses(
 ) -> dict[tuple[str, int], tuple[str, int]]:
     """Return under which address each STUN server that answers sees one and the same
     socket of this machine."""
-    loop, answers = asyncio.get_running_loop(), dict[bytes, tuple[str, int]]()
+    loop = asyncio.get_running_loop()
+    answers = dict[bytes, tuple[str, int]]()
 
     class Probe(asyncio.DatagramProtocol):
         def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:

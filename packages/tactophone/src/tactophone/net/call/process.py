@@ -212,7 +212,9 @@ class _Call:
     def __init__(self, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
         from tactophone.net.call.ice import servers_of
 
-        self._plan, self._pair, self._live = plan, pair, live
+        self._plan = plan
+        self._pair = pair
+        self._live = live
         self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
@@ -410,7 +412,8 @@ class _Call:
         while True:
             await finder.silent.wait()
             finder.silent.clear()
-            nat, began = self._ask_nat(), time.monotonic()
+            nat = self._ask_nat()
+            began = time.monotonic()
             with contextlib.suppress(
                 TactophoneError, OSError
             ):  # and again, as long as nothing is heard
