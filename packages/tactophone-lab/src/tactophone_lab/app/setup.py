@@ -31,8 +31,11 @@ if TYPE_CHECKING:
 SLIDE = 10.0
 """Seconds of sliding on each object."""
 
-SMOOTH, ROUGH = ("polished marble", "whiteboard"), ("brick", "lava stone")
-"""What the simulated finger slides over, where nothing is named."""
+SMOOTH = ("polished marble", "whiteboard")
+"""Smooth objects that the simulated finger slides over, where nothing is named."""
+
+ROUGH = ("brick", "lava stone")
+"""Rough objects that it slides over."""
 
 KIND = "texture"
 """Kind of model that can be fitted."""

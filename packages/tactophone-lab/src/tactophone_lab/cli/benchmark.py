@@ -23,8 +23,11 @@ if TYPE_CHECKING:
     from tactophone_lab.benchmark.folds import Cache
     from tactophone_lab.benchmark.results import DatasetResults
 
-FAST_SECONDS, FAST_SEED = 3.0, 5
-"""Length of the simulated takes, and their random seed, where no data is given."""
+FAST_SECONDS = 3.0
+"""Seconds of each simulated take, where no data is given."""
+
+FAST_SEED = 5
+"""Random seed of these takes."""
 
 NOTES = (
     "Each table is of one data set and one split; every recording was predicted by a model that was trained without "

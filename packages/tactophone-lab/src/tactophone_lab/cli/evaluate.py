@@ -180,15 +180,8 @@ def _parts(
     )
     if not known and any(name.startswith("permuted") for name in reports):
         yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
-    rates = (first.false_bumps, first.dips)
-    bumps, dips = (
-        "-"
-        if math.isnan(rate)
-        else f"{rate:.1f}"
-        if rate < FLICKER
-        else "over one a second"
-        for rate in rates
-    )
+    bumps = _per_minute(first.false_bumps)
+    dips = _per_minute(first.dips)
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
     unknown, inside, outside = map(
         output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
@@ -286,3 +279,12 @@ def _vary(args: argparse.Namespace) -> int:
         "the best of many is partly luck: score it again on surfaces that no trial was scored on"
     )
     return 0
+
+
+def _per_minute(rate: float) -> str:
+    """Return a rate as it is printed; one that flickers is no rate any more."""
+    if math.isnan(rate):
+        return "-"
+    if rate >= FLICKER:
+        return "over one a second"
+    return f"{rate:.1f}"

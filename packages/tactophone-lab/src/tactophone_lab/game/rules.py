@@ -16,9 +16,15 @@ from numpy.typing import NDArray
 
 from tactophone.core.types import Touch
 
-PITCH, WIDTH, DEPTH = 0.11, 0.085, 0.07
-"""Metres from stone to stone, and width and depth of a stone, as in
-`simulation.five_stones`."""
+# The stones lie as in `simulation.motion.five_stones`.
+PITCH = 0.11
+"""Metres from stone to stone."""
+
+WIDTH = 0.085
+"""Metres along the row that a stone takes."""
+
+DEPTH = 0.07
+"""Metres across the row that a stone takes."""
 
 SLOT_MARGIN = 0.015
 """Metres that the finger can reach beyond the stones."""

@@ -19,17 +19,24 @@ from tactophone.core.processes import make_room
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
 
-BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-_PALETTE = (files("tactophone.core") / "palette.css").read_text(encoding="utf-8")
-TOUCH_COLOURS = {
-    touch: re.findall(rf"--{touch.name.lower()}: (#\w+)", _PALETTE)[0]
-    for touch in Touch
-}
-"""Of the pages' light theme, whose file says them for pages and figures alike."""
+# Okabe and Ito's colours, which people with any colour vision tell apart.
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+VERMILION = "#D55E00"
 
-CONTACT_COLOUR, VIBRATION_COLOUR = (
-    re.findall(rf"--{name}: (#\w+)", _PALETTE)[0] for name in ("contact", "vibration")
-)
+_PALETTE = (files("tactophone.core") / "palette.css").read_text(encoding="utf-8")
+
+
+def _colour(name: str) -> str:
+    """Return a colour of the pages' light theme, whose file serves figures too."""
+    found: str = re.findall(rf"--{name}: (#\w+)", _PALETTE)[0]
+    return found
+
+
+TOUCH_COLOURS = {touch: _colour(touch.name.lower()) for touch in Touch}
+CONTACT_COLOUR = _colour("contact")
+VIBRATION_COLOUR = _colour("vibration")
 GREY = "#8C8C8C"
 """For what is absent; not one of Okabe and Ito's."""
 

@@ -29,9 +29,12 @@ lobe."""
 OVER_DB = 10.0
 """Over the median of its neighbours; one bin of noise in 500 is."""
 
-LEAST_SHARE, LEAST_FRAMES = 0.8, 4
-"""Of the frames in which a line stands out so far: a stroke's tone does not last, so
-2.5 s are enough."""
+LEAST_SHARE = 0.8
+"""Share of the frames in which a line of hum has to stand out: a stroke's tone does not
+last."""
+
+LEAST_FRAMES = 4
+"""Fewest frames from which hum is told, 2.5 s."""
 
 Amplitudes = NDArray[np.complex64]
 

@@ -14,9 +14,11 @@ from tactophone.core.errors import DeviceError
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.live.audio.device import Device, Process
 
-LOWEST, HIGHEST = 35.0, 800.0
-"""Hz: the lower limit of the vibration (`haptics.Limits`); and a finger feels little
-above 800 Hz (Verrillo 1963)."""
+LOWEST = 35.0
+"""Hz at which a sweep begins: the lower limit of the vibration (`haptics.Limits`)."""
+
+HIGHEST = 800.0
+"""Hz at which it ends: a finger feels little above (Verrillo 1963)."""
 
 SWEEP_DURATION = 8.0
 """Seconds of a sweep: 1.7 s an octave, slow enough for an actuator of Q 20 at 30 Hz to

@@ -134,9 +134,11 @@ def _card(device: SurveyedDevice) -> Table:
     return output.listing([*rows, ("", "")], justify="right", min_width=12)
 
 
-BURST, STEPS_DB = 0.5, range(-50, 1, 5)
-"""Seconds of a burst; its levels under the ceiling, at which a call renders what is
-rough."""
+BURST = 0.5
+"""Seconds of a burst."""
+
+STEPS_DB = range(-50, 1, 5)
+"""Levels of the bursts, in dB under the ceiling, at which a call renders rough."""
 
 
 def _feel(settings: Settings) -> int:

@@ -94,13 +94,12 @@ class Meters:
         ]
 
     def _row(self, name: str, level_dbfs: float, peak_dbfs: float) -> Text:
-        style = (
-            "red"
-            if peak_dbfs > RED_DBFS
-            else "yellow"
-            if peak_dbfs > YELLOW_DBFS
-            else "green"
-        )
+        if peak_dbfs > RED_DBFS:
+            style = "red"
+        elif peak_dbfs > YELLOW_DBFS:
+            style = "yellow"
+        else:
+            style = "green"
         filled = _place(level_dbfs)
         mark = _place(self._threshold_dbfs)
         row = Text(f" {name:8}")

@@ -257,15 +257,18 @@ def add_flag(
             setting.flag, dest=name, action="store_const", const="true", help=words
         )
         return
-    value = default if default is not None else unset[0] if unset else setting.default
+    value = setting.default
+    if default is not None:
+        value = default
+    elif unset:
+        value = unset[0]
     shown = "" if value == "" else f" (default: {value})"
-    kind = (
-        "S"
-        if setting.unit == "s"
-        else "N"
-        if isinstance(setting.default, int | float)
-        else setting.flag[2:].upper()
-    )
+    if setting.unit == "s":
+        kind = "S"
+    elif isinstance(setting.default, int | float):
+        kind = "N"
+    else:
+        kind = setting.flag[2:].upper()
     group.add_argument(
         setting.flag,
         dest=name,

@@ -30,9 +30,14 @@ TAKEN = 4001
 """WebSocket close code, of the range for applications: another window took the
 place."""
 
-OTHER_VERSION, TOO_MANY, FLOOD = 4002, 4003, 4008
-"""Close codes: the page is of another version, too many pages are open, the page sends
-too much."""
+OTHER_VERSION = 4002
+"""Close code: the page comes from another version of this package."""
+
+TOO_MANY = 4003
+"""Close code: too many pages are open."""
+
+FLOOD = 4008
+"""Close code: the page sends too much."""
 
 MAX_MESSAGE_BYTES = 4_096
 """Bytes of a message from a page."""
