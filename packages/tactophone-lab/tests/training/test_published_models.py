@@ -185,3 +185,140 @@ def test_an_archive_that_grows_is_refused_before_it_is_unpacked(tmp_path: Path) 
     path.write_bytes(content)
     with pytest.raises(ModelError, match="200 MB once it is unpacked"):
         import_published(path, tmp_path / "model.onnx")
+
+
+GOOD = PaperNetwork().state_dict()
+
+HOSTILE = {
+    "a stride of nothing": {
+        "model": {**GOOD, "x": torch.zeros(1).expand(1 << 40)},
+    },
+    "a weight of stride nothing": {
+        "model": {**GOOD, "layer1.bias": torch.zeros(1).expand(256)},
+    },
+    "at the top": {"y": torch.zeros(1, dtype=torch.float64).expand(1 << 31)},
+    "a list": {"model": [1, 2]},
+    "a word": {"model": "hello"},
+    "sparse": {
+        "model": {
+            **GOOD,
+            "x": torch.sparse_coo_tensor(
+                torch.tensor([[0], [0]]), torch.ones(1), (1 << 20, 1 << 20)
+            ),
+        }
+    },
+    "without numbers": {"model": {**GOOD, "x": torch.zeros(4, device="meta")}},
+    "complex": {
+        "model": {**GOOD, "layer1.bias": GOOD["layer1.bias"].to(torch.complex64)}
+    },
+    "integers": {"model": {**GOOD, "layer1.bias": GOOD["layer1.bias"].to(torch.int64)}},
+    "no numbers": {"model": {name: value * np.nan for name, value in GOOD.items()}},
+    "infinite": {"model": {**GOOD, "layer1.bias": GOOD["layer1.bias"] + np.inf}},
+    "a number as a name": {"model": {**GOOD, 7: torch.zeros(1)}},
+    "a tensor as a size": {"model": GOOD, "PART_SIZE": torch.zeros(3)},
+    "quantised": {
+        "model": {
+            **GOOD,
+            "x": torch.quantize_per_tensor(torch.zeros(4), 0.1, 0, torch.qint8),
+        }
+    },
+}
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_tensors_are_refused_in_one_line_before_they_are_made(
+    case: str, tmp_path: Path
+) -> None:
+    torch.save(HOSTILE[case], tmp_path / "model.pt")
+    with pytest.raises(ModelError) as refused:
+        import_published(tmp_path / "model.pt", tmp_path / "imported.onnx")
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "imported.onnx").exists()
+
+
+def test_a_dictionary_within_itself_is_refused(tmp_path: Path) -> None:
+    held: dict[str, object] = {}
+    held["model"] = held
+    torch.save(held, tmp_path / "model.pt")
+    with pytest.raises(ModelError, match="without end"):
+        import_published(tmp_path / "model.pt", tmp_path / "imported.onnx")
+
+
+def test_only_short_finite_facts_reach_the_card(tmp_path: Path) -> None:
+    notebook(
+        tmp_path / "model.pt",
+        training_time=torch.zeros(3),
+        rough_stones=["A" * 2_000_000],
+        smooth_stones=[torch.zeros(2)],
+        rough_loudness_mean=float("inf"),
+        smooth_loudness_mean=-20.5,
+        contact_threshold=float("nan"),
+    )
+    import_published(tmp_path / "model.pt", tmp_path / "imported.onnx")
+    card = read_model(tmp_path / "imported.onnx").card
+    assert card.training.keys() == {"source", "smooth_loudness_mean"}
+
+
+class Writer(nn.Module):
+    """TorchScript that writes a file while torch loads it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.zeros(1))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return x
+
+    @torch.jit.export
+    def __getstate__(self):
+        return (self.weight, self.training)
+
+    @torch.jit.export
+    def __setstate__(self, state: tuple[torch.Tensor, bool]):
+        self.training = state[1]
+        written = torch.from_file("victim", True, 8, dtype=torch.uint8)
+        written.fill_(80)
+        self.weight = state[0]
+
+
+def test_torchscript_that_writes_files_while_it_is_loaded_writes_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.jit.script(Writer()).save(tmp_path / "general.pt")
+    with pytest.raises(ModelError):
+        import_published(tmp_path / "general.pt", tmp_path / "imported.onnx")
+    assert not Path("victim").exists()
+
+
+def archive_of(path: Path, content: bytes, numbers: bytes = b"") -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("model/data.pkl", content)
+        archive.writestr("model/data/0", numbers)
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x80\x02r\xff\xff\xff\xff.",
+        b"\x80\x04N\x94r\xf0\xff\xff\x7f.",
+        b"\x80\x05\x96\xff\xff\xff\xff\xff\x00\x00\x00.",
+        b"\x80\x02cposix\nsystem\nX\x04\x00\x00\x00true\x85R.",
+        b"\x80\x02X\x01\x00\x00\x00xQ.",
+        b"",
+        b"(" * 100_000,
+        pickle.dumps(Trap(), protocol=2),
+    ],
+    ids=range(8),
+)
+def test_a_pickle_of_anything_else_is_refused_in_one_line(
+    content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = archive_of(tmp_path / "model.pt", content)
+    with pytest.raises(ModelError, match="restricted reader") as refused:
+        import_published(path, tmp_path / "imported.onnx")
+    assert "\n" not in str(refused.value)
+    assert not Path("sprung").exists()

@@ -15,9 +15,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="what the authors published (general.pt, fine_tuned.pt, piezo_only.pt) or "
-        "their notebook saved (model.pt, with its threshold; model_script.pt); a "
-        "TorchScript file is a program that torch runs while loading: import it only "
-        "from a source you trust",
+        "their notebook saved (model.pt, with its threshold; model_script.pt); "
+        "only numbers and text are read, and no code in it runs",
     )
     parser.add_argument(
         "--out",

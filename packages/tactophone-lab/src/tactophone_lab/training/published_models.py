@@ -2,26 +2,20 @@
 into a model file.
 
 They published TorchScript archives in three variants; the notebook saves a dictionary
-by ``torch.save``. A dictionary is opened by torch's restricted reader, which makes
-numbers, text, lists and tensors and refuses everything else.
-
-Beware: a TorchScript archive is a program. It holds code in TorchScript's own language,
-which torch runs while loading. So import only files from a source you trust; the ONNX
-file made of it holds numbers alone, and the live side reads only that.
+by ``torch.save``. Both are read by :mod:`~tactophone_lab.training.torch_archive`, which
+runs none of their code.
 """
 
 import math
-import pickle
-import warnings
 import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 
-from tactophone.core.errors import ModelError
+from tactophone.core.errors import ModelError, plain
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.signal.perception.model_file import MAX_BYTES, Gate
 from tactophone_lab.training.export import SPECTRUM_BINS, make_card, write_model
@@ -30,6 +24,14 @@ from tactophone_lab.training.options import (
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,
     REFERENCE_GATE,
+)
+from tactophone_lab.training.torch_archive import (
+    DTYPES,
+    StoredTensor,
+    TorchArchive,
+    UnreadableArchiveError,
+    open_archive,
+    tensors_of,
 )
 
 _EXPECTED = (
@@ -53,6 +55,9 @@ _FACTS = (
 )
 """What the notebook saves besides, kept in the model card."""
 
+_LONGEST_FACT = 1_000
+"""Characters of a text, or entries of a list, that is kept in the card."""
+
 _FACTOR = LIVE_SAMPLE_RATE // NETWORK_RATE
 
 
@@ -64,22 +69,20 @@ def import_published(source: Path, target: Path) -> None:
     Raises `ModelError` if the file is missing or damaged, holds anything but numbers
     and text, another network, or one for windows of another length or rate.
     """
-    held = _read(source)
-    # Only parameters: a resampler's kernel, or another constant, is not a weight.
-    weights = {
-        name: value.detach().float().numpy().copy()
-        for name, value in held.get("model", held).items()
-        if isinstance(value, torch.Tensor) and not name.startswith(_BUFFER)
-    }
-    _require_structure(source, weights)
-    size, factor = (
-        held.get("PART_SIZE", NETWORK_WINDOW_SIZE),
-        held.get("RESAMPLE_FACTOR", _FACTOR),
-    )
+    with _open(source) as file:
+        archive = open_archive(source, file, wanted=_EXPECTED)
+        held = archive.content
+        if not isinstance(held, Mapping):
+            raise ModelError(
+                f"{source}: holds a {type(held).__name__}, but the notebook saves a dictionary"
+            )
+        weights = _read_weights(source, archive, held.get("model", held))
+    size = held.get("PART_SIZE", NETWORK_WINDOW_SIZE)
+    factor = held.get("RESAMPLE_FACTOR", _FACTOR)
     if (size, factor) != (NETWORK_WINDOW_SIZE, _FACTOR):
         raise ModelError(
-            f"{source}: for windows of {size} samples at 48 kHz / {factor}, but {NETWORK_WINDOW_SIZE} at 48 kHz / "
-            f"{_FACTOR} can be run"
+            f"{source}: for windows of {_short(size)} samples at 48 kHz / {_short(factor)}, "
+            f"but {NETWORK_WINDOW_SIZE} at 48 kHz / {_FACTOR} can be run"
         )
     threshold, gate = held.get("contact_threshold"), REFERENCE_GATE
     if isinstance(threshold, float | int) and 0 < threshold < 1:
@@ -90,7 +93,7 @@ def import_published(source: Path, target: Path) -> None:
         gate=gate,
         licence=_LICENCE,
     )
-    facts = {name: held[name] for name in _FACTS if name in held}
+    facts = {name: held[name] for name in _FACTS if _is_fact(held.get(name))}
     facts = {
         "source": f"{source.name}, of the paper's authors or their notebook",
         **facts,
@@ -98,9 +101,8 @@ def import_published(source: Path, target: Path) -> None:
     write_model(target, replace(card, training=facts), weights, storage="float32")
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    """Return what the notebook saves: the parameters under ``model``, or alone, and
-    perhaps facts of the training."""
+def _open(path: Path) -> zipfile.ZipFile:
+    """Open the archive; raises `ModelError` where it is none, damaged or too large."""
     if not path.is_file():
         raise ModelError(f"{path}: no such file; give {_EXPECTED}")
     if not zipfile.is_zipfile(path):
@@ -108,54 +110,86 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"{path}: not a whole TorchScript archive, or a plain pickle, which could run anything; it was not opened. "
             f"Give {_EXPECTED}"
         )
-    with zipfile.ZipFile(path) as archive:
+    try:
+        archive = zipfile.ZipFile(path)
         if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
             raise ModelError(
                 f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give {_EXPECTED}"
             )
-        # torch does not look at the checksums itself.
-        names, damaged = archive.namelist(), archive.testzip()
+        damaged = archive.testzip()
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+        raise ModelError(
+            f"{path}: not a whole archive ({error}); download it again"
+        ) from None
     if damaged:
         raise ModelError(
             f"{path}: damaged, its part {damaged} fails its checksum; download it again"
         )
+    return archive
+
+
+def _read_weights(
+    path: Path, archive: TorchArchive, held: Any
+) -> dict[str, FloatArray]:
+    """Read the parameters of the paper's network, for one or two microphones.
+
+    Names, shapes and types are compared before any number is read. Raises `ModelError`
+    where they are another network's.
+    """
     try:
-        with warnings.catch_warnings():
-            # torch calls TorchScript deprecated; the authors' files are as they are.
-            warnings.simplefilter("ignore")
-            if any("/code/" in name for name in names):
-                module = torch.jit.load(path, map_location="cpu")  # type: ignore[no-untyped-call]
-                return {"model": dict(module.named_parameters())}
-            held = torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, ValueError) as error:
-        reason = str(error).strip().splitlines()[0]
+        # Only parameters: a resampler's kernel, or another constant, is not a weight.
+        found = {
+            name: tensor
+            for name, tensor in tensors_of(held).items()
+            if not name.startswith(_BUFFER)
+        }
+        _require_structure(path, found)
+        weights = {name: archive.read(tensor) for name, tensor in found.items()}
+    except UnreadableArchiveError as error:
+        raise ModelError(f"{path}: {error}; give {_EXPECTED}") from None
+    if bad := [name for name, value in weights.items() if not np.isfinite(value).all()]:
         raise ModelError(
-            f"{path}: torch's restricted reader refuses it ({reason}); give {_EXPECTED}"
-        ) from None
-    if not isinstance(held, Mapping):
-        raise ModelError(
-            f"{path}: holds a {type(held).__name__}, but the notebook saves a dictionary"
+            f"{path}: {bad[0]} holds numbers that are not finite; give {_EXPECTED}"
         )
-    return held
+    return weights
 
 
-def _require_structure(path: Path, found: Mapping[str, FloatArray]) -> None:
+def _require_structure(path: Path, found: Mapping[str, StoredTensor]) -> None:
     """Raise a ModelError unless parameters are those of the paper's network, for one or
     two microphones."""
-    shapes = {name: value.shape for name, value in found.items()}
-    expected = weights_of(
-        PaperNetwork(
-            1 if shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,) else 2
-        )
-    )
+    shapes = {name: tensor.shape for name, tensor in found.items()}
+    one = shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,)
+    expected = weights_of(PaperNetwork(1 if one else 2))
     names = sorted(shapes.keys() | expected.keys())
     wrong = [
         name
         for name in names
         if shapes.get(name) != getattr(expected.get(name), "shape", None)
+        or found[name].kind not in DTYPES
+        or not found[name].contiguous
     ]
     if wrong:
         listed = ", ".join(wrong[:6]) + (", ..." if len(wrong) > 6 else "")
         raise ModelError(
-            f"{path}: not the paper's network: {listed} missing, unknown or of another shape"
+            f"{path}: not the paper's network: {plain(listed)[:400]} missing, unknown or of another shape or type"
         )
+
+
+def _is_fact(value: Any) -> bool:
+    """Whether a value is a finite number, a short text, or a short list of these."""
+    match value:
+        case bool() | int():
+            return abs(value) < 1 << 53
+        case float():
+            return math.isfinite(value)
+        case str():
+            return len(value) <= _LONGEST_FACT
+        case list():
+            return len(value) <= _LONGEST_FACT and all(
+                not isinstance(each, list) and _is_fact(each) for each in value
+            )
+    return False
+
+
+def _short(value: Any) -> str:
+    return plain(str(value) if isinstance(value, int | float) else type(value).__name__)

@@ -370,9 +370,11 @@ def test_the_band_widens_once_in_ten_seconds_but_at_once_for_who_just_came_in() 
 @pytest.mark.parametrize(
     ("name", "fingers", "size", "band"),
     [
-        ("opus", 3, 960, 4_000),
-        ("opus", 6, 480, 4_000),
+        ("opus", 3, 960, 8_000),
+        ("opus", 6, 480, 8_000),
         ("opus", 5, 480, 8_000),
+        ("opus", 5, 960, 4_000),
+        ("opus", 10, 480, 4_000),
         ("opus", 10, 240, 8_000),
         ("pcm16", 10, 30, 0),
     ],

@@ -29,7 +29,6 @@ sender here makes.
 import ctypes
 import math
 import weakref
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
@@ -50,6 +49,10 @@ from tactophone.net.link.packet import (
     frame_length,
     split_streams,
 )
+
+LEAST_OF_DEFAULT = 0.75
+"""Share of a band's default bitrate that is enough for it: 2 dB less SNR, where the
+band below would leave out what the model hears."""
 
 NARROW_BAND = 4_000.0
 """The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz
@@ -140,20 +143,24 @@ class Codec:
 
         Opus has four bands. The result carries the narrowest one that holds
         ``bandwidth``, or the widest one below whose packets fit a datagram. A default
-        bitrate is adapted to the band. PCM carries every frequency already.
+        bitrate is adapted to the band, and to a datagram where it is hardly too large
+        for one. PCM carries every frequency already.
         """
         if self.name == "pcm16":
             return self
-        chosen = self.bitrate_bps != _default_bitrate(self)
-        bitrate = self.bitrate_bps if chosen else 0
+        most = PAYLOAD_SPACE * 8 * CLOCK_RATE // self.packet_size
+        default = _default_bitrate(self)
+        chosen = self.bitrate_bps not in (default, min(default, most))
         wanted = band_of(bandwidth)
         for band in sorted(BANDS, reverse=True):
             if band > wanted:
                 continue
-            # The narrowest band always fits: this codec was checked with at least its
-            # bitrate.
-            with suppress(ConfigError):
-                return replace(self, bandwidth=band, bitrate_bps=bitrate)
+            codec = replace(self, bandwidth=band)
+            if chosen:
+                return codec
+            default = _default_bitrate(codec)
+            if most >= LEAST_OF_DEFAULT * default:
+                return replace(codec, bitrate_bps=min(default, most))
         return self
 
 

@@ -6,9 +6,10 @@ remembers of a touch is an input and an output. What the network is trained for 
 window, hop, channels, gate) is stored in the file as a *card*, so that no flag of the
 live commands can disagree. docs/reference/model-files.md describes the format.
 
-A file may come from anywhere, so every number and every operator in it has bounds. A
-reader of protocol buffers, a few lines long, checks the operators before ONNX Runtime
-sees the file, because even loading a graph computes parts of it.
+A file may come from anywhere, so every number and every operator in it has bounds. Its
+table of contents is checked before ONNX Runtime sees it (`onnx_table`), because even
+loading a graph computes parts of it. A file that this package does not ship is then
+tried in a process with limits of memory and time (`model_trial`).
 """
 
 import hashlib
@@ -17,7 +18,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
 from pathlib import Path
@@ -33,6 +34,8 @@ from tactophone.core.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.core.types import FloatArray, Touch
 from tactophone.signal.perception.decision import DecisionRule, Probabilities
 from tactophone.signal.perception.levels import LOUDNESS, LoudnessRule
+from tactophone.signal.perception.model_trial import shipped_digests, try_in_child
+from tactophone.signal.perception.onnx_table import check_graph
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -256,6 +259,24 @@ def read_model(path: Path) -> Model:
         raise ModelError(
             f"{path}: not a whole ONNX model ({error}); copy or export it again"
         ) from None
+    if digest not in shipped_digests():
+        try_in_child(path, content)
+    return _OPEN_MODELS.setdefault(digest, load_model(path, content))
+
+
+def load_model(path: Path, content: bytes) -> Model:
+    """Load a model whose file is harmless: one that was shipped or tried; ``path`` is
+    for messages."""
+    session = _session(path, content)
+    return Model(_card(path, session), session)
+
+
+def probe_model(path: Path, content: bytes) -> None:
+    """Load a model and run it on noise; raises `ModelError` where it cannot be used.
+
+    Loading may take any memory and time: `try_in_child` calls this where both have
+    limits.
+    """
     # ONNX Runtime computes what is constant while it loads, without any limit of time.
     # So first everything is left to the inference that is checked, and has one; folding
     # its constants then takes no longer than that did.
@@ -265,7 +286,7 @@ def read_model(path: Path) -> Model:
         check_network(session, card)
     except ValueError as error:
         raise ModelError(f"{path}: cannot be used ({error}); export it again") from None
-    return _OPEN_MODELS.setdefault(digest, Model(card, _session(path, content)))
+    load_model(path, content)
 
 
 def _session(
@@ -337,93 +358,17 @@ MAX_DURATION = 10.0
 MODEL_PROBE_TIMEOUT = 5.0
 """Seconds for all inferences at reading."""
 
+PROBE_LEVELS = (0, 1e-4, 1e-3, 1e-2, 1e-1, 1)
+"""Levels of the noise that a model is tried with, as a share of full scale: silence,
+then from a quiet room at -80 dBFS to full scale."""
+
 SLOWEST = 0.25
 """Seconds of processor time for one inference; the live system has a hundredth of a
 second."""
 
 MODEL_TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 
-CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
-"""Operators that hold graphs of their own: how long they run cannot be known
-beforehand."""
-
 _FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
-
-_GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5
-_SUBGRAPHS = {6, 11}
-"""Field numbers of ONNX's ModelProto, GraphProto and NodeProto, and those of
-AttributeProto that hold graphs."""
-
-
-def check_graph(content: bytes) -> None:
-    """Raise `ValueError` for a file with control flow or functions, or one that is no
-    ONNX file."""
-    for number, value in _fields(memoryview(content)):
-        if number == _FUNCTION:
-            raise ValueError("it defines functions of its own")
-        if number != _GRAPH or value is None:
-            continue
-        for inner, node in _fields(value):
-            if inner == _NODE and node is not None:
-                _check_node(node)
-
-
-def _check_node(node: memoryview) -> None:
-    operators = [
-        bytes(value or b"").decode(errors="replace")
-        for number, value in _fields(node)
-        if number == _OPERATOR
-    ]
-    if forbidden := CONTROL_FLOW.intersection(operators):
-        raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
-    for attribute in (
-        value
-        for number, value in _fields(node)
-        if number == _ATTRIBUTE and value is not None
-    ):
-        # Also the runtime's own operators of this kind, such as searches, whatever
-        # their names will be.
-        if any(number in _SUBGRAPHS for number, _ in _fields(attribute)):
-            raise ValueError(
-                f"an operator with a graph of its own ({', '.join(operators)})"
-            )
-
-
-def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:
-    """Yield the fields of a protocol buffer: number, and content where it has a
-    length."""
-    at = 0
-    while at < len(message):
-        key, at = _varint(message, at)
-        match key & 7:
-            case 0:
-                _, at = _varint(message, at)
-                yield key >> 3, None
-                continue
-            case 1 | 5 as fixed:
-                size = 8 if fixed == 1 else 4
-            case 2:
-                size, at = _varint(message, at)
-            case wire:
-                raise ValueError(f"wire type {wire} at byte {at}")
-        if at + size > len(message):
-            raise ValueError(
-                f"{size} bytes announced at byte {at}, but only {len(message) - at} are left"
-            )
-        yield key >> 3, message[at : at + size] if key & 7 == 2 else None
-        at += size
-
-
-def _varint(message: memoryview, at: int) -> tuple[int, int]:
-    value = 0
-    for shift in range(0, 70, 7):
-        if at >= len(message):
-            raise ValueError("it ends within a number")
-        byte = message[at]
-        value, at = value | (byte & 0x7F) << shift, at + 1
-        if byte < 0x80:
-            return value, at
-    raise ValueError(f"a number of over ten bytes at byte {at}")
 
 
 def _fraction(kind: type, value: Any) -> Fraction:
@@ -516,7 +461,7 @@ def _probe(
         try:
             # A network may be quick on silence alone, and slow or of another shape once
             # something is touched.
-            for loudness in (0, 0.001, 0.01, 0.1, 1):
+            for loudness in PROBE_LEVELS:
                 noise = (loudness * rng.standard_normal(zeros[SOUND].shape)).astype(
                     np.float32
                 )

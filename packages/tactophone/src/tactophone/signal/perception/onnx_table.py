@@ -1,0 +1,228 @@
+"""Checks what an ONNX file says it holds, before any of it is loaded.
+
+A reader of protocol buffers, a few lines long, walks the messages in the file and
+allocates nothing by the numbers that they state. ONNX Runtime would do both at loading:
+it computes constants, fills sparse tensors up to their full size, and reads weights
+from other files by their names.
+
+The numbers of fields and types are those of ``onnx.proto3``.
+"""
+
+from collections.abc import Iterator
+from enum import IntEnum
+from math import prod
+from typing import Any
+
+import numpy as np
+
+CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
+"""Operators that hold graphs of their own: how long they run cannot be known
+beforehand."""
+
+MAX_NODES = 2_000
+"""Operators of a graph: ten times the largest of the shipped models. How long ONNX
+Runtime optimises a graph grows faster than its length."""
+
+MAX_TENSORS = 10_000
+"""Weights and constants of a graph."""
+
+
+class ModelField(IntEnum):
+    """Fields of a ModelProto."""
+
+    GRAPH = 7
+    FUNCTIONS = 25
+
+
+class GraphField(IntEnum):
+    """Fields of a GraphProto."""
+
+    NODE = 1
+    INITIALIZER = 5
+    SPARSE_INITIALIZER = 15
+
+
+class NodeField(IntEnum):
+    """Fields of a NodeProto."""
+
+    OPERATOR = 4
+    ATTRIBUTE = 5
+
+
+class AttributeField(IntEnum):
+    """Fields of an AttributeProto."""
+
+    TENSOR = 5
+    GRAPH = 6
+    TENSORS = 10
+    GRAPHS = 11
+    SPARSE_TENSOR = 22
+    SPARSE_TENSORS = 23
+
+
+class TensorField(IntEnum):
+    """Fields of a TensorProto."""
+
+    DIMS = 1
+    DATA_TYPE = 2
+    FLOAT_DATA = 4
+    RAW_DATA = 9
+    DOUBLE_DATA = 10
+    EXTERNAL_DATA = 13
+    DATA_LOCATION = 14
+
+
+_FLOATS: dict[int, np.dtype[Any]] = {
+    1: np.dtype("<f4"),
+    10: np.dtype("<f2"),
+    11: np.dtype("<f8"),
+}
+"""Data types of floating-point weights, as their raw data hold them."""
+
+Field = tuple[int, memoryview | int]
+"""Number of a field; its bytes where it has a length, else its value."""
+
+
+def check_graph(content: bytes) -> None:
+    """Raise `ValueError` for a file that is no ONNX file, or that holds what a model
+    has no use for.
+
+    That is control flow, graphs within operators, functions, weights in other files,
+    sparse weights, weights that are not finite, and more than `MAX_NODES` operators.
+    """
+    for number, value in _fields(memoryview(content)):
+        if number == ModelField.FUNCTIONS:
+            raise ValueError("it defines functions of its own")
+        if number == ModelField.GRAPH and isinstance(value, memoryview):
+            _check_graph(value)
+
+
+def _check_graph(graph: memoryview) -> None:
+    nodes = tensors = 0
+    for number, value in _fields(graph):
+        if number == GraphField.SPARSE_INITIALIZER:
+            raise ValueError("it has sparse weights, whose size no byte of it limits")
+        if not isinstance(value, memoryview):
+            continue
+        if number == GraphField.NODE:
+            nodes += 1
+            if nodes > MAX_NODES:
+                raise ValueError(f"it has over {MAX_NODES} operators")
+            _check_node(value)
+        elif number == GraphField.INITIALIZER:
+            tensors += 1
+            if tensors > MAX_TENSORS:
+                raise ValueError(f"it has over {MAX_TENSORS} weights")
+            _check_tensor(value, finite=True)
+
+
+def _check_node(node: memoryview) -> None:
+    entries = list(_fields(node))
+    operators = [
+        bytes(value).decode(errors="replace")
+        for number, value in entries
+        if number == NodeField.OPERATOR and isinstance(value, memoryview)
+    ]
+    if forbidden := CONTROL_FLOW.intersection(operators):
+        raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
+    for number, value in entries:
+        if number == NodeField.ATTRIBUTE and isinstance(value, memoryview):
+            _check_attribute(value, of=", ".join(operators))
+
+
+def _check_attribute(attribute: memoryview, *, of: str) -> None:
+    for number, value in _fields(attribute):
+        match number:
+            case AttributeField.GRAPH | AttributeField.GRAPHS:
+                # Also the runtime's own operators of this kind, such as searches,
+                # whatever their names will be.
+                raise ValueError(f"an operator with a graph of its own ({of})")
+            case AttributeField.SPARSE_TENSOR | AttributeField.SPARSE_TENSORS:
+                raise ValueError(f"an operator with a sparse constant ({of})")
+            case AttributeField.TENSOR | AttributeField.TENSORS:
+                if isinstance(value, memoryview):
+                    # A constant may be infinite: the bound of a comparison is no
+                    # weight.
+                    _check_tensor(value, finite=False)
+
+
+def _check_tensor(tensor: memoryview, *, finite: bool) -> None:
+    """Refuse weights that lie in another file, that claim another size than their bytes
+    have, or that are not finite."""
+    shape: list[int] = []
+    kind = 0
+    raw: memoryview | None = None
+    numbers: list[tuple[memoryview, np.dtype[Any]]] = []
+    for number, value in _fields(tensor):
+        match number, value:
+            case TensorField.EXTERNAL_DATA, _:
+                raise ValueError("its weights lie in another file")
+            case TensorField.DATA_LOCATION, location if location != 0:
+                raise ValueError("its weights lie in another file")
+            case TensorField.DIMS, int(size):
+                shape.append(size)
+            case TensorField.DIMS, memoryview() as packed:
+                shape += _varints(packed)
+            case TensorField.DATA_TYPE, int(kind):
+                pass
+            case TensorField.FLOAT_DATA, memoryview() as packed:
+                numbers.append((packed, _FLOATS[1]))
+            case TensorField.DOUBLE_DATA, memoryview() as packed:
+                numbers.append((packed, _FLOATS[11]))
+            case TensorField.RAW_DATA, memoryview() as raw:
+                pass
+    if raw is not None and kind in _FLOATS:
+        if len(raw) != prod(shape) * _FLOATS[kind].itemsize:
+            raise ValueError(f"weights of shape {shape} in {len(raw)} bytes")
+        numbers.append((raw, _FLOATS[kind]))
+    for packed, dtype in numbers if finite else ():
+        if (
+            len(packed) % dtype.itemsize
+            or not np.isfinite(np.frombuffer(packed, dtype)).all()
+        ):
+            raise ValueError("its weights are not all finite numbers")
+
+
+def _fields(message: memoryview) -> Iterator[Field]:
+    """Yield the fields of a protocol buffer."""
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        match key & 7:
+            case 0:
+                value, at = _varint(message, at)
+                yield key >> 3, value
+                continue
+            case 1:
+                size = 8
+            case 5:
+                size = 4
+            case 2:
+                size, at = _varint(message, at)
+            case wire:
+                raise ValueError(f"wire type {wire} at byte {at}")
+        if at + size > len(message):
+            raise ValueError(
+                f"{size} bytes announced at byte {at}, but only {len(message) - at} are left"
+            )
+        yield key >> 3, message[at : at + size]
+        at += size
+
+
+def _varints(packed: memoryview) -> Iterator[int]:
+    at = 0
+    while at < len(packed):
+        value, at = _varint(packed, at)
+        yield value
+
+
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        if at >= len(message):
+            raise ValueError("it ends within a number")
+        byte = message[at]
+        value, at = value | (byte & 0x7F) << shift, at + 1
+        if byte < 0x80:
+            return value, at
+    raise ValueError(f"a number of over ten bytes at byte {at}")
