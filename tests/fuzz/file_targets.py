@@ -40,8 +40,8 @@ from tactophone.signal.haptics.profiles import (
 )
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import ModelCard, read_model
-from tactophone.signal.perception.onnx_table import check_graph
 from tactophone.signal.perception.models import default_model, model_path
+from tactophone.signal.perception.onnx_table import check_graph
 from tactophone_lab.app import lerobot
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.roughness import measure_heights, read_heights
