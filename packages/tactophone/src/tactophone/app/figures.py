@@ -1,7 +1,7 @@
 """What all figures share, matplotlib and one set of colours; and a data set as a
 figure.
 
-The colours are those of Okabe and Ito (2008), which stay distinct for every kind of
+The colours come from Okabe and Ito (2008); they stay distinct for every kind of
 colour vision.
 """
 

@@ -60,7 +60,7 @@ class Hum:
 
     @property
     def mains(self) -> int:
-        """50 or 60 Hz: that of which more power is a harmonic."""
+        """Mains frequency, 50 or 60 Hz: whichever explains more of the harmonic power."""
         power = np.square(np.abs(self.amplitude)).mean(axis=-1).max(axis=-1)
         nearest = np.rint(self.frequency.max(axis=-1))
         return max(
@@ -137,7 +137,7 @@ def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hu
     """
     hop = (rate // 2) / rate
     frames = np.arange(amplitude.shape[-1])
-    # From the start of each frame to that of the recording, at the nominal frequency.
+    # From each frame's start back to the recording's, at the nominal frequency.
     still = amplitude * np.exp(-2j * np.pi * nominal[..., None] * hop * frames)
     turn = np.angle((still[..., 1:] * still[..., :-1].conj()).sum(axis=-1))
     off = turn / (2 * np.pi * hop)

@@ -128,8 +128,8 @@ class Preparation:
         return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
 
     def notes(self, channels: int, *, used: int = 2) -> list[str]:
-        """Return sentences on a recording of so many ``channels``, for a model that
-        uses so many."""
+        """Return sentences on a recording with ``channels`` channels, for a model that
+        takes ``used`` of them."""
         notes = []
         if len(self.channels) == channels:
             notes += [

@@ -80,7 +80,7 @@ class Replay:
     change: Change = lambda settings: settings
     """Changes the settings of each process in it."""
     ceiling: float = 1.0
-    """Bounds that of the log."""
+    """Upper limit for the ceiling recorded in the log."""
     comparison: Comparison = field(default_factory=Comparison)
     """With what was logged; complete when the steps have been computed."""
     role: str = ""

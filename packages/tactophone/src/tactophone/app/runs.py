@@ -75,7 +75,7 @@ def loopback(
 def wait_for_end(
     sides: "Sequence[Supervisor]", name: str, duration: float
 ) -> "Snapshot | None":
-    """Wait until a side ends, at most so many seconds from the start of the run of that
+    """Wait until a side ends, at most ``duration`` s from the start of the run of that
     name.
 
     Returns the last snapshot of the run; ``None`` if it never started.

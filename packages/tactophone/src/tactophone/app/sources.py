@@ -120,7 +120,7 @@ def source_of(
     """Return what opens the source in the robot's process, and where a page's sound
     goes; ``None`` for other sources.
 
-    Raises `ConfigError` if it is the microphone of a page, and there is none.
+    Raises `ConfigError` if the source is a page's microphone but no page is served.
     """
     if settings.capture.source != "browser":
         return open_source, None
@@ -172,7 +172,7 @@ class InstructedSource(Source, Protocol):
     """A source that obeys instructions as a person would."""
 
     def ask(self, act: SimulatedAct) -> None:
-        """Begin an act; the sound that follows is of it."""
+        """Begin an act; the sound that follows comes from it."""
 
 
 class AudioInput:

@@ -137,7 +137,7 @@ def classify(
     tip: str = DEFAULT_TIP,
     threshold_dbfs: float | None = None,
 ) -> Table:
-    """Return all predictions of a recording, the same as those of ``tactophone feel``.
+    """Return all predictions of a recording, as ``tactophone feel`` makes them.
 
     Parameters
     ----------

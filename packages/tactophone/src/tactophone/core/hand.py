@@ -49,7 +49,7 @@ _INPUTS = ("contact", "air")
 """Keys of a table that name an input: both take from the inputs of one device."""
 
 _UNSHARED = ("contact", "air", "port", "channel")
-"""Ports and channels, each of which serves one finger alone."""
+"""Ports and channels: each serves one finger alone."""
 
 _NO_PORT = ("", "-")
 """What stands for no port at all, which any number of fingers may share."""

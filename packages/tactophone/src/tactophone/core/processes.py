@@ -254,7 +254,7 @@ def orphaned() -> bool:
 def open_pool(
     workers: int, *, prepare: Callable[[], None] | None = None
 ) -> ProcessPoolExecutor:
-    """Return a pool of ``workers`` processes, each of which calls ``prepare`` first.
+    """Return a pool of ``workers`` processes; each calls ``prepare`` first.
 
     They are spawned, not forked: torch and BLAS do not survive a fork once their
     threads run. They end with the process that started them, however that ends.

@@ -142,7 +142,7 @@ class CaptureSettings:
     )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting(
-        "system:capture_2", "JACK port of the air microphone; empty: there is none"
+        "system:capture_2", "JACK port of the air microphone; empty without one"
     )
     block_size: int = _setting(
         128,
@@ -398,7 +398,7 @@ class ProcessSettings:
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """The page that --dashboard serves, and those of `play` and `try`."""
+    """The pages that --dashboard, `play` and `try` serve."""
 
     address: str = _setting(
         "", "HOST:PORT of the page; empty: any free port, for this machine only"

@@ -3,7 +3,7 @@
 **The authors'** is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
 ``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for
 training, is in their notebooks (github.com/AIS-Bonn/Roughness_Sensing) and repeated
-here. The tip is that of their finger, hard skin on a pad.
+here. The tip is their finger's, hard skin on a pad.
 """
 
 import re

@@ -106,7 +106,7 @@ class Recording:
 
     @property
     def labelled(self) -> bool:
-        """True if the whole recording is of one surface with a label."""
+        """True if the whole recording has one surface, and a label."""
         return self.label in SURFACE_LABELS
 
     @property

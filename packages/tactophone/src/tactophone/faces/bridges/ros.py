@@ -175,7 +175,7 @@ class RosBridge:
     `ROS_INTERVAL`.
 
     - ``name``: of a run that exists already.
-    - ``finger``: part of the topics; those of a hand have names.
+    - ``finger``: part of the topics, for an only finger; a hand's fingers have their own names.
     - ``publish``: whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
     - ``sinks``: devices to drive, as `open_sink` takes them.
     - ``domain``: of ROS; ``None`` takes ROS_DOMAIN_ID.

@@ -3,7 +3,7 @@ predictions become messages.
 
 A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a
 topic ``/name`` is ``rt/name`` (ROS 2 design, "Topic and Service name mapping to DDS").
-Fields and their order are those of ROS 2 Humble to Kilted.
+Fields and their order match ROS 2 Humble to Kilted.
 """
 
 import math

@@ -70,7 +70,7 @@ class ZenohTransport:
         return _Writer(publisher)
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a subscriber; the hash of the type may be that of any version of
+        """Return a subscriber; the type's hash may come from any version of
         ROS."""
         del latched
         return _Reader(

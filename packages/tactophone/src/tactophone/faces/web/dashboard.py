@@ -115,7 +115,7 @@ def dashboard(
 
     ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true
     begins one, false ends it, and each answer names the file of the log, empty while
-    there is none; this process writes no file.
+    without one; this process writes no file.
     """
     app = web.Application()
     run = WatchedRun(name)

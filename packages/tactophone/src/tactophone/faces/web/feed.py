@@ -117,7 +117,7 @@ class WatchedRun:
     def snapshot(
         self, since: Snapshot | None = None, *, finger: int = 0
     ) -> Snapshot | None:
-        """Read a finger of the run; ``None`` while there is none. Without such a
+        """Read a finger of the run; ``None`` before it exists. Without such a
         finger, it is the first."""
         watcher = self._watcher = self._watcher or Watcher.find(self.name)
         if watcher is None:

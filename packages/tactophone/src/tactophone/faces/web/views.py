@@ -136,7 +136,8 @@ async def admit(
         return None
     if request.query.get("v", PAGE_VERSION) != PAGE_VERSION:
         await view.close(
-            code=OTHER_VERSION, message=b"this page is of another version: reload it"
+            code=OTHER_VERSION,
+            message=b"this page comes from another version: reload it",
         )
     elif len(views) >= most:
         await view.close(

@@ -56,7 +56,7 @@ class GamepadDevice(ThreadedDevice):
 
     - ``process``: called each period of 5 ms; see `tactophone.live.audio.device.Process`.
     - ``device``: part of the pad's name, or its path under ``/dev/input``; empty for the first pad with motors.
-    - ``roughness``: returns that of the newest prediction, 0 to 1.
+    - ``roughness``: returns the newest prediction's, 0 to 1.
     - ``ceiling``: returns the greatest amplitude that is now allowed, 0 to 1 of full drive.
     - ``find``: returns the pads with motors; by default those that `evdev` lists.
     """

@@ -255,7 +255,9 @@ class JackClient:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
-        self._shutdowns = _Counter()  # its own: that of one which left may still count
+        self._shutdowns = (
+            _Counter()
+        )  # its own, as the counter of a client that left may still count
         self._xruns.count(client, "jack_set_xrun_callback")
         self._changes.count(client, "jack_set_graph_order_callback")
         self._shutdowns.count(

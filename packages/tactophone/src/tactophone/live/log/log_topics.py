@@ -21,7 +21,7 @@ from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is that of the
+    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is the encoding of the
     schema."""
 
     name: str
@@ -155,7 +155,7 @@ def _varint(value: int) -> bytes:
 
 
 _FIELD_TYPES = {"int64": 3, "int32": 5, "fixed32": 7, "string": 9, "bytes": 12}
-"""By their numbers in ``FieldDescriptorProto.Type``; every other name is that of a
+"""By their numbers in ``FieldDescriptorProto.Type``; every other name belongs to a
 message, number 11."""
 
 

@@ -326,7 +326,7 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
         data = _decompressed(record)
         if len(data) > LARGEST_CHUNK:
             raise DatasetError(
-                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but those of --record have 1 MB; was it changed?"
+                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but --record writes chunks of 1 MB; was it changed?"
             )
         with suppress(EndOfFile):
             # A message may be longer than all of a short log, which is compressed.

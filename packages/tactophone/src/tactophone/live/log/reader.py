@@ -302,7 +302,7 @@ class Passed:
 class PredictionReader:
     """Reads every prediction of a run, and of the processes that replace it.
 
-    ``finger`` names the finger of a run that has a single one; those of a hand have
+    ``finger`` names the finger of a run that has a single one; a hand's fingers have
     names.
 
     - ``fingers``: names of all fingers, in order.

@@ -62,7 +62,7 @@ class _Joined:
 
 
 class SoundMessages:
-    """Turns messages of a run into those of its sound.
+    """Turns a run's messages into messages of its sound.
 
     Packets of another number of fingers than ``names`` has are left out, as the
     operator refuses them.
