@@ -1,4 +1,3 @@
-import io
 import json
 import subprocess
 from collections import Counter
@@ -11,6 +10,7 @@ import pytest
 import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from msgspec.structs import astuple, replace
 
 from tactophone.app.logged_run import add_sound, write_sound
@@ -338,14 +338,15 @@ def test_a_message_longer_than_its_compressed_log_is_read(tmp_path: Path) -> Non
     assert end.complete
 
 
-def test_a_full_disk_ends_the_log_with_one_line(tmp_path: Path, model: Path) -> None:
-    class Full(io.BytesIO):
-        def flush(self) -> None:
-            raise OSError(28, "No space left on device")
+def test_a_full_disk_ends_the_log_with_one_line(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(writer: Writer) -> None:
+        raise OSError(28, "No space left on device")
 
     name = f"test-{tmp_path.name}"
     with Telemetry(name), McapLog(name, tmp_path / "a.mcap") as log:
-        log._log._file = Full()
+        monkeypatch.setattr(Writer, "flush", full)
         for _ in range(CHUNK_INTERVAL - 1):
             log.read()
         with pytest.raises(

@@ -38,7 +38,7 @@ class Actuator(AbstractContextManager["Actuator", None]):
     """Plays on a device what ``render`` writes. Once entered it never raises, and every
     fault is silence.
 
-    ``device``: with rate, delay, faults and counts.
+    ``device`` has its rate, delay, faults and counts.
     """
 
     def __init__(self, device: Device) -> None:
@@ -52,15 +52,18 @@ class Actuator(AbstractContextManager["Actuator", None]):
         self.device.close()
 
 
+LONGEST_CATCH_UP = 2.0
+"""Seconds of a stall that a `ClockedDevice` makes up for; after a longer one, the
+machine probably slept."""
+
+
 class ClockedDevice(ThreadedDevice):
     """A device without hardware that requests one period after another in step with the
-    clock; into a WAV file, if any.
+    clock, and writes it into a WAV file, if any.
 
-    After a stall it catches up, so that the waveform keeps its length; after one over
-    `_LONGEST_DELAY` s (the machine slept), the periods before are lost and counted.
+    After a stall it catches up, so that the waveform keeps its length. After a stall
+    longer than `LONGEST_CATCH_UP` its periods are lost and counted.
     """
-
-    _LONGEST_DELAY = 2.0
 
     def __init__(
         self,
@@ -93,23 +96,29 @@ class ClockedDevice(ThreadedDevice):
             )
         except (OSError, soundfile.LibsndfileError) as error:
             raise DeviceError(
-                f"{self._path} cannot be written ({error}): choose another file for output.device"
+                f"{self._path} cannot be written ({error}): "
+                "choose another file for output.device"
             ) from None
 
     def _run(self) -> None:
         waveform = np.zeros((self._outputs, self._period), np.float32)
         due = time.monotonic()
         while not self._ended.wait(max(0.0, due - time.monotonic())):
-            if time.monotonic() - due > self._LONGEST_DELAY:
-                self.xruns += int((time.monotonic() - due) / self.latency)
-                due = time.monotonic()
+            now = time.monotonic()
+            if now - due > LONGEST_CATCH_UP:
+                self.xruns += int((now - due) / self.latency)
+                due = now
             self._render(waveform)
             due += self.latency
             if self._file is not None and not self.fault:
                 try:
                     self._file.write(waveform.T)
-                except Exception as error:  # a full disk is not written to again
-                    self.fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"
+                except Exception as error:
+                    # The fault ends the writing: the file would have a gap.
+                    self.fault = (
+                        f"{self._path} can no longer be written ({error}): "
+                        "free the disk, and start again"
+                    )
         if self._file is not None:
             self._file.close()
 
@@ -132,14 +141,14 @@ def portaudio_hand_actuator(
     render: RenderHand, *, device: str = "", channels: Sequence[int]
 ) -> Actuator:
     """Play each finger on a channel of a PortAudio device, given by number or part of
-    its name; the others are silent.
+    its name; all other channels are silent.
 
     ``channels``: counted from 1. Beyond the first, channels are opened in pairs,
     because sound servers name them by their number: four are front and rear left and
     right, as a DualSense expects, but three would be left, right and bass.
     """
-    highest = max(channels)
     process = _outputs(render, channels)
+    highest = max(channels)
     opened = 1 if highest == 1 else highest + highest % 2
     return Actuator(PortAudioStream(process, "output", device=device, channels=opened))
 
@@ -152,7 +161,7 @@ def gamepad_actuator(
     ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
 ) -> Actuator:
-    """Turn the motors of a gamepad; arguments as of
+    """Turn the motors of a gamepad; for the arguments see
     `tactophone.live.audio.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
     return Actuator(

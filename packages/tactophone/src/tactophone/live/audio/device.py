@@ -38,7 +38,7 @@ class Device(Protocol):
     """
 
     process_faults: int
-    """Periods in which the process raised."""
+    """Periods in which the process raised an exception."""
 
     @property
     def xruns(self) -> int:
@@ -75,11 +75,12 @@ def open_at_live_rate(device: Device) -> None:
     """Open a device; raises `DeviceError`, with the device closed, if it does not run
     at `LIVE_SAMPLE_RATE`."""
     device.open()
-    if (found := device.sample_rate) != LIVE_SAMPLE_RATE:
+    found = device.sample_rate
+    if found != LIVE_SAMPLE_RATE:
         device.close()
         raise DeviceError(
-            f"the sound device runs at {found} Hz, but {LIVE_SAMPLE_RATE} Hz is needed: start it with that rate "
-            f"(jackd ... -r {LIVE_SAMPLE_RATE})"
+            f"the sound device runs at {found} Hz, but {LIVE_SAMPLE_RATE} Hz is "
+            f"needed: start it with that rate (jackd ... -r {LIVE_SAMPLE_RATE})"
         )
 
 
@@ -116,8 +117,8 @@ class ThreadedDevice:
         raise NotImplementedError
 
     def _render(self, waveform: FloatArray) -> None:
-        """Render a period, shape ``(outputs, samples)``: as of a sound card, one that
-        fails is silent and counted."""
+        """Render a period, shape ``(outputs, samples)``; one that fails is silent and
+        counted, as on a sound card."""
         try:
             self._process([], list(waveform))
         except Exception:
@@ -144,9 +145,8 @@ class StreamDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        return (
-            self._absent if time.monotonic() - self._received_at > SILENT_AFTER else ""
-        )
+        silence = time.monotonic() - self._received_at
+        return self._absent if silence > SILENT_AFTER else ""
 
     def open(self) -> None:
         """Start to read; sound that arrived before is out of date and dropped."""
@@ -160,7 +160,8 @@ class StreamDevice(ThreadedDevice):
                 if self._sound.poll(_WAIT):
                     self._take(self._sound.recv_bytes())
             except (EOFError, OSError):
-                return  # the page's process has ended: the fault says that no sound arrives
+                # The page's process has ended: the fault says that no sound arrives.
+                return
 
     def _take(self, message: bytes) -> None:
         position = int.from_bytes(message[:4], "little")
@@ -169,7 +170,8 @@ class StreamDevice(ThreadedDevice):
         if now - self._received_at > SILENT_AFTER:
             self.losses += self._received_at > 0
         elif position != self._next:
-            self.xruns += 1  # sound was dropped on the way; windows join what is left
+            # Sound was dropped on the way; windows join what is left.
+            self.xruns += 1
         self._next = (position + len(samples)) % (1 << 32)
         self._received_at = now
         self._process([samples], [])

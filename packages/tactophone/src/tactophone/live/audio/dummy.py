@@ -15,15 +15,18 @@ from tactophone.core.types import LIVE_SAMPLE_RATE
 from tactophone.live.audio.jack import JackClient
 
 _ATTEMPTS = 400
+"""Checks whether the server answers, before it is given up."""
+
 _BETWEEN_ATTEMPTS = 0.025
-"""Seconds; `jack_wait` checks only once a second."""
+"""Seconds between two checks; `jack_wait` checks only once a second."""
 
 _MOST_PORTS = "128"
 """Ports of all clients: a hand of ten fingers has 40 at both ends. JACK's default,
 2048, makes memory for 105 MB, which it locks in every client; this is 42 MB."""
 
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
-"""Linux alone has it; looked up here, as a forked child must not load libraries."""
+"""The C library's function; ``None`` elsewhere than on Linux. It is looked up here, as
+a forked child must not load libraries."""
 
 
 class DummyServer:
@@ -31,8 +34,9 @@ class DummyServer:
 
     - ``period``: samples a period.
     - ``outputs``: playback ports of the server.
-    - ``synchronous``: whether a period ends only when all clients are done. JACK's default is false: it goes on without
-      a late client, and repeats that client's last period.
+    - ``synchronous``: whether a period ends only when all clients are done. JACK's
+      default is false: it goes on without a late client, and repeats that client's last
+      period.
 
     The dummy driver delivers each period at its beginning, a sound card at its end. A
     process can be a client of only one server at a time: libjack keeps the server in
@@ -68,31 +72,16 @@ class DummyServer:
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
-        command = [
-            "jackd",
-            "-n",
-            self.name,
-            "-p",
-            _MOST_PORTS,
-            *schedule,
-            *self._mode,
-            "-d",
-            "dummy",
-        ]
+        server = ["jackd", "-n", self.name, "-p", _MOST_PORTS, *schedule, *self._mode]
+        driver = ["-d", "dummy", "-r", str(self.sample_rate), "-p", str(self.period)]
+        # In a session of its own, Ctrl-C does not reach the server: this process stops
+        # it. No other thread holds a lock that `_end_with_parent` needs.
         self._process = subprocess.Popen(
-            [
-                *command,
-                "-r",
-                str(self.sample_rate),
-                "-p",
-                str(self.period),
-                "-P",
-                str(self._outputs),
-            ],
+            [*server, *driver, "-P", str(self._outputs)],
             stdout=self._log,
             stderr=self._log,
-            start_new_session=True,  # Ctrl-C reaches this process alone, which stops the server
-            preexec_fn=_end_with_parent,  # noqa: PLW1509 - no other thread holds a lock that the call needs
+            start_new_session=True,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509
         )
         for _ in range(_ATTEMPTS):
             if self._process.poll() is not None:
@@ -102,7 +91,8 @@ class DummyServer:
             time.sleep(_BETWEEN_ATTEMPTS)
         self.stop()
         raise DeviceError(
-            f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}"
+            f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: "
+            f"{self._last_line()}"
         )
 
     def stop(self) -> None:
@@ -130,7 +120,8 @@ class DummyServer:
     def _reason(self) -> str:
         if "Too many servers" in self._output():
             return (
-                "JACK's list of 8 servers is full, as killed servers stay in it; end the servers that you do not need, "
+                "JACK's list of 8 servers is full, as killed servers stay in it; "
+                "end the servers that you do not need, "
                 "or, if none runs, delete /dev/shm/jack-shm-registry"
             )
         return self._last_line()

@@ -24,11 +24,14 @@ REFRESH = 0.05
 """Seconds between two effects; a motor takes about as long to change its speed."""
 
 EXPONENT = 0.4
-"""The faint end of the paper's profile, -25 dB of the ceiling, becomes -10 dB, a third
-of it, at which motors turn."""
+"""Compresses the range: the faint end of the paper's profile, -25 dB of the ceiling,
+becomes -10 dB, a third of it, at which motors turn."""
 
 _PERIOD = round(REFRESH * LIVE_SAMPLE_RATE / 10)
+"""Samples of a period: ten between two effects."""
+
 _FULL = 0xFFFF
+"""Level of a motor at full strength, in evdev's 16 bits."""
 
 
 def motor_levels(
@@ -54,11 +57,14 @@ def motor_levels(
 class GamepadDevice(ThreadedDevice):
     """A `tactophone.live.audio.device.Device` on a gamepad's motors.
 
-    - ``process``: called each period of 5 ms; see `tactophone.live.audio.device.Process`.
-    - ``device``: part of the pad's name, or its path under ``/dev/input``; empty for the first pad with motors.
-    - ``roughness``: returns the newest prediction's, 0 to 1.
-    - ``ceiling``: returns the greatest amplitude that is now allowed, 0 to 1 of full drive.
-    - ``find``: returns the pads with motors; by default those that `evdev` lists.
+    - ``process``: called each period of 5 ms; see
+      `tactophone.live.audio.device.Process`.
+    - ``device``: part of the pad's name, or its path under ``/dev/input``; empty for
+      the first pad with motors.
+    - ``roughness``: returns the roughness of the newest prediction, 0 to 1.
+    - ``ceiling``: returns the greatest amplitude that is now allowed, 0 to 1 of full
+      drive.
+    - ``find``: returns the pads with motors; by default the ones that `evdev` lists.
     """
 
     latency = REFRESH
@@ -82,11 +88,9 @@ class GamepadDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        return (
-            ""
-            if self._pad
-            else "the gamepad is gone: connect it again, and the vibration returns"
-        )
+        if self._pad:
+            return ""
+        return "the gamepad is gone: connect it again, and the vibration returns"
 
     def open(self) -> None:
         self._pad = self._choose()
@@ -112,12 +116,12 @@ class GamepadDevice(ThreadedDevice):
             if part in pad.name.lower() or self._device == pad.path:
                 self._effect = -1
                 return pad
-        listed = (
-            "; ".join(f"{pad.path} {pad.name}" for pad in pads)
-            or "none (may this user read /dev/input?)"
-        )
+        listed = "; ".join(f"{pad.path} {pad.name}" for pad in pads)
+        if not listed:
+            listed = "none (may this user read /dev/input?)"
         raise DeviceError(
-            f"no gamepad with motors matches {self._device or 'any'!r}; there are: {listed}"
+            f"no gamepad with motors matches {self._device or 'any'!r}; "
+            f"there are: {listed}"
         )
 
     def _run(self) -> None:
@@ -131,8 +135,8 @@ class GamepadDevice(ThreadedDevice):
                 self.xruns += 1
                 due = now
             self._render(waveform)
-            # A fault in the waveform is silence, as everywhere: `max` would keep what
-            # is not finite.
+            # A waveform that is not finite is a fault, and silent as everywhere; `max`
+            # would keep it.
             rendered = float(np.abs(waveform).max())
             peak = max(peak, rendered if np.isfinite(rendered) else 0.0)
             due += _PERIOD / LIVE_SAMPLE_RATE

@@ -17,22 +17,26 @@ others: so they are closed first.
 
 import contextlib
 import ctypes
-import functools
 import os
 import socket
 import sys
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tactophone.core.errors import DeviceError
-from tactophone.core.types import FloatArray
 from tactophone.live.audio.device import SILENT_AFTER, Process
+from tactophone.live.audio.jack_binding import (
+    PortArrays,
+    address,
+    handle_of,
+    jack_module,
+    keep_with,
+    library,
+)
 
 _OPEN: set["JackClient"] = set()
 """Clients of this process; kept until they are closed, as the binding would close them
@@ -79,9 +83,8 @@ class _Counter:
     lock."""
 
     def __init__(self) -> None:
-        self._memory = (
-            ctypes.c_int64 * 4
-        )()  # as long as a semaphore, which begins with its value
+        # As long as a semaphore, which begins with its value.
+        self._memory = (ctypes.c_int64 * 4)()
 
     @property
     def value(self) -> int:
@@ -90,15 +93,11 @@ class _Counter:
     def count(self, client: Any, registration: str) -> None:
         """Count what libjack calls back for a client; ``registration`` is libjack's
         function that registers it."""
-        jack = _jack()
-        increment = _address(
-            "OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post"
-        )
-        pointer = ctypes.c_void_p(int(jack._ffi.cast("uintptr_t", client._ptr)))
-        getattr(ctypes.CDLL(jack._libname), registration)(
-            pointer, increment, self._memory
-        )
-        client._keepalive.append(self)
+        on_macos = sys.platform == "darwin"
+        increment = address("OSAtomicIncrement32" if on_macos else "sem_post")
+        register = getattr(library(), registration)
+        register(handle_of(client), increment, self._memory)
+        keep_with(client, self)
 
 
 class JackClient:
@@ -106,10 +105,10 @@ class JackClient:
     free.
 
     - ``name``: its name in the JACK graph.
-    - ``process``: called each period, see `tactophone.live.audio.device.Process`; None for a client that only inspects
-      the graph.
-    - ``inputs``, ``outputs``: names of the client's ports, each with the port to connect it to; an empty text leaves it
-      free.
+    - ``process``: called each period, see `tactophone.live.audio.device.Process`;
+      ``None`` for a client that only inspects the graph.
+    - ``inputs``, ``outputs``: names of the client's ports, each with the port to
+      connect it to; an empty text leaves it free.
     - ``server``: the JACK server's name; empty for the default one.
     """
 
@@ -168,7 +167,10 @@ class JackClient:
         if self._lost or self._client is None:
             return f"{self._named()} is gone: start it again, and the client reconnects"
         if self._cycle and time.monotonic() - self._cycle.called_at > SILENT_AFTER:
-            return f"{self._named()} stands still: if it stays so, start it again, and the client reconnects"
+            return (
+                f"{self._named()} stands still: "
+                "if it stays so, start it again, and the client reconnects"
+            )
         return self._other_rate or self._unconnected
 
     def open(self) -> None:
@@ -177,18 +179,23 @@ class JackClient:
         Raises `DeviceError` when there is no server, or a port to connect to does not
         exist.
         """
-        jack = _jack()
+        jack = jack_module()
         self._rate = 0
         try:
             self._join(jack)
         except jack.JackError:
             self.close()
-            advice = "start one, such as `jackd -R -d alsa -r 48000 -p 128`; on PipeWire `pw-jack tactophone ...`"
-            found = f"{f'no JACK server {self._server}'.rstrip()}: {advice}"
+            found = f"no JACK server {self._server}".rstrip()
+            advice = (
+                "start one, such as `jackd -R -d alsa -r 48000 -p 128`; "
+                "on PipeWire `pw-jack tactophone ...`"
+            )
             if is_pipewire():
-                found = "PipeWire does not answer: start it (`systemctl --user start pipewire`)"
+                found = "PipeWire does not answer"
+                advice = "start it (`systemctl --user start pipewire`)"
             raise DeviceError(
-                f"{found}, or choose portaudio; no hardware: --source finger, --actuator none"
+                f"{found}: {advice}, or choose portaudio; "
+                "no hardware: --source finger, --actuator none"
             ) from None
         self._connect_ports()
         if self._unconnected:
@@ -204,13 +211,15 @@ class JackClient:
         """
         if self._lost:
             self.close()
-        with contextlib.suppress(_jack().JackError):
+        with contextlib.suppress(jack_module().JackError):
             if self._client is None:
-                self._join(_jack())
+                self._join(jack_module())
             if not self._other_rate and self._connected_at != self._changes.value:
                 self._connect_ports()
 
     def close(self) -> None:
+        """Leave the graph, in a thread that goes on if the server does not answer in
+        time."""
         client = self._client
         self._client = None
         _OPEN.discard(self)
@@ -225,7 +234,7 @@ class JackClient:
         leaving.join(_LEAVING_LIMIT)
 
     def ports(self) -> list[JackPort]:
-        """All ports of the graph except this client's, physical ones first."""
+        """Return all ports of the graph but this client's, physical ones first."""
         own = f"{self._client.name}:"
         ports = [
             JackPort(port.name, is_output=port.is_output, physical=port.is_physical)
@@ -239,7 +248,8 @@ class JackClient:
         return self._client is not None and self._shutdowns.value > 0
 
     def _join(self, jack: Any) -> None:
-        # libjack would close them while it joins again, see the top.
+        # libjack would close lost clients while this one joins, in the middle of Python
+        # (see the head of this file). So they leave by themselves first.
         for other in list(_OPEN):
             if other._lost:
                 other.close()
@@ -255,14 +265,13 @@ class JackClient:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
-        self._shutdowns = (
-            _Counter()
-        )  # its own, as the counter of a client that left may still count
+        # Each client has a counter of its own, as a client that is leaving may still
+        # count.
+        self._shutdowns = _Counter()
         self._xruns.count(client, "jack_set_xrun_callback")
         self._changes.count(client, "jack_set_graph_order_callback")
-        self._shutdowns.count(
-            client, "jack_on_shutdown"
-        )  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
+        # PipeWire 0.3.65 never calls what is registered by jack_on_info_shutdown.
+        self._shutdowns.count(client, "jack_on_shutdown")
         self._rate = self._rate or client.samplerate
         self._client = client
         self._cycle = None
@@ -271,17 +280,20 @@ class JackClient:
         if client.samplerate != self._rate:
             advice = f"start it with that rate (jackd ... -r {self._rate})"
             if is_pipewire():
-                advice = f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
+                advice = (
+                    f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets it"
+                )
             found = f"{self._named()} runs at {client.samplerate} Hz now"
             wanted = f"{self._rate} Hz is needed"
             self._other_rate = f"{found}, but {wanted}: {advice}"
             return
         if self._process is not None:
-            inputs = _Arrays(jack, client.inports)
-            outputs = _Arrays(jack, client.outports)
+            inputs = PortArrays(client.inports)
+            outputs = PortArrays(client.outports)
             self._cycle = _Cycle(self, self._process, inputs, outputs)
             client.set_process_callback(self._cycle)
         client.activate()
+        # No count of changes is negative: the ports are connected at the next look.
         self._connected_at = -1
 
     def _connect_ports(self) -> None:
@@ -296,7 +308,7 @@ class JackClient:
         ends = (target, port) if port.is_input else (port, target)
         try:
             self._client.connect(*ends)
-        except _jack().JackError:
+        except jack_module().JackError:
             candidates = [
                 other.name for other in self.ports() if other.is_output == port.is_input
             ]
@@ -307,9 +319,9 @@ class JackClient:
             self._connected_at = -1
 
     def _named(self) -> str:
-        return (
-            "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
-        )
+        if is_pipewire():
+            return "PipeWire"
+        return f"the JACK server {self._server}".rstrip()
 
 
 class _Cycle:
@@ -317,7 +329,11 @@ class _Cycle:
     and its thread ends."""
 
     def __init__(
-        self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays"
+        self,
+        owner: JackClient,
+        process: Process,
+        inputs: PortArrays,
+        outputs: PortArrays,
     ) -> None:
         self.asked = False
         self.called_at = time.monotonic()
@@ -335,97 +351,48 @@ class _Cycle:
             if not self.asked:
                 self._process(self._inputs.now(size), self._outputs.now(size))
                 return
-        except Exception:  # JACK must not see any exception: it would never call again
+        except Exception:
+            # JACK must not see any exception: it would never call again.
             self._owner.process_faults += 1
         for output in self._outputs.now(size):
             output[:] = 0.0
         if self.asked:
-            raise _jack().CallbackExit
+            raise jack_module().CallbackExit
 
     @property
     def lost(self) -> bool:
         return self._shutdowns.value > 0
 
     def outside(self) -> bool:
-        """Whether the thread has ended or, of a lost client, waits for the server:
-        anywhere but in Python (Linux)."""
+        """Return whether the thread is anywhere but in Python: it has ended or, in a
+        lost client, waits for the server (Linux)."""
         if not self._thread:
             return self.lost
         try:
             call = Path(f"/proc/self/task/{self._thread}/syscall").read_text().split()
         except OSError:
             return True  # it has ended
-        return self.lost and len(call) > 2 and not int(call[2], 16) & _FUTEX_PRIVATE
+        # The words are the number of the system call and its arguments; a thread that
+        # runs has one word, "running". The second argument of a wait holds its flags.
+        waits = len(call) > 2
+        return self.lost and waits and not int(call[2], 16) & _FUTEX_PRIVATE
 
 
 def _leave(client: Any, cycle: _Cycle | None) -> None:
     """Close a client once its thread is out of Python; PipeWire cancels no thread."""
-    checks = 0
     if cycle:
         cycle.asked = True
-        while not is_pipewire() and checks < (_QUIET_CHECKS if cycle.lost else 1):
+        quiet_checks = 0
+        while not is_pipewire() and quiet_checks < (_QUIET_CHECKS if cycle.lost else 1):
             time.sleep(_CHECK_INTERVAL)
-            checks = checks + 1 if cycle.outside() else 0
+            quiet_checks = quiet_checks + 1 if cycle.outside() else 0
     client.close()
 
 
-class _Arrays:
-    """The sound of some ports as arrays, in each period.
-
-    A port has one of a few buffers, which JACK names anew in each period. The array of
-    a buffer is made once: the binding's own call makes it each time and takes six times
-    as long.
-    """
-
-    def __init__(self, jack: Any, ports: Iterable[Any]) -> None:
-        self._ports = [port._ptr for port in ports]
-        self._ffi = jack._ffi
-        self._buffer_of = jack._lib.jack_port_get_buffer
-        self._arrays: dict[Any, FloatArray] = {}
-
-    def now(self, size: int) -> list[FloatArray]:
-        """Return an array of ``size`` samples for each port; call it in the process
-        callback only."""
-        found = []
-        for port in self._ports:
-            buffer = self._buffer_of(port, size)
-            array = self._arrays.get(buffer)
-            if array is None or len(array) != size:
-                array = self._arrays[buffer] = np.frombuffer(
-                    self._ffi.buffer(buffer, 4 * size), np.float32
-                )
-            found.append(array)
-        return found
-
-
-@functools.cache
-def _jack() -> Any:
-    """Import the JACK binding, which needs an extra and the system library, and silence
-    the library's messages."""
-    try:
-        import jack
-    except ImportError:
-        raise DeviceError(
-            "JACK-Client is not installed: `pip install 'tactophone[jack]'`, or choose portaudio"
-        ) from None
-    except OSError:
-        raise DeviceError(
-            "libjack is not installed: `apt install jackd2`, or choose portaudio"
-        ) from None
-    # A function of the C library that does nothing: libjack's threads call it too, and
-    # must not enter Python.
-    for name in ("jack_set_error_function", "jack_set_info_function"):
-        getattr(ctypes.CDLL(jack._libname), name)(_address("strlen"))
-    return jack
-
-
 def is_pipewire() -> bool:
-    """Whether its libjack is loaded in place of jackd's, as by ``pw-jack``."""
-    return "PipeWire" in _jack().version_string()
-
-
-def _address(name: str) -> ctypes.c_void_p:
-    return ctypes.cast(getattr(ctypes.CDLL(None), name), ctypes.c_void_p)
+    """Return whether PipeWire's libjack is loaded in place of jackd's, as by
+    ``pw-jack``."""
+    return "PipeWire" in jack_module().version_string()
 
 
 def disconnect_from_jack(pid: int) -> bool:
@@ -439,9 +406,9 @@ def disconnect_from_jack(pid: int) -> bool:
     after 6 to 20 ms. A client that goes on later finds its server gone, and joins it
     again (`JackClient.revive`).
 
-    The process must be of the same user, and this one or a child of it. If it was
-    stopped in the middle of its callback, it may later write the rest of one period
-    into memory that is another client's by then.
+    The process must belong to the same user, and be this one or a child of it. If it
+    was stopped in the middle of its callback, it may later write the rest of one period
+    into memory that belongs to another client by then.
     """
     if sys.platform != "linux":
         return False
@@ -450,7 +417,8 @@ def disconnect_from_jack(pid: int) -> bool:
         process = os.pidfd_open(pid)
         try:
             for name in os.listdir(f"/proc/{pid}/fd"):
-                with contextlib.suppress(OSError):  # closed meanwhile, or not connected
+                # The descriptor may be closed meanwhile, or not connected.
+                with contextlib.suppress(OSError):
                     done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}")
         finally:
             os.close(process)
@@ -467,10 +435,8 @@ def _shut_down(process: int, descriptor: int, link: str) -> bool:
     with socket.socket(fileno=copy) as shared:
         if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
             return False
-        if not any(
-            _SOCKET_NAME in str(name)
-            for name in (shared.getsockname(), shared.getpeername())
-        ):
+        names = (shared.getsockname(), shared.getpeername())
+        if not any(_SOCKET_NAME in str(name) for name in names):
             return False
         shared.shutdown(socket.SHUT_RDWR)
     return True

@@ -41,7 +41,11 @@ def paced(
     times belong to its labels. Otherwise the source goes on where it stopped, at later
     times: right for a simulation, which is slow to compute.
     """
-    due = asked = clock()
+    # ``due`` is when the newest block should be delivered, ``asked`` when it was asked
+    # for, ``moved`` by how many samples the times of the blocks have jumped, and
+    # ``slow`` how many reads in a row took longer than their sound.
+    due = clock()
+    asked = due
     moved = 0
     slow = 0
     skipping_until: float | None = None
@@ -60,7 +64,6 @@ def paced(
         elif late < 0:
             sleep(-late)
         yield replace(block, start=block.start + moved) if moved else block
-        asked, skipping_until = (
-            clock(),
-            None,
-        )  # the time that the caller took is no part of a read
+        # The time that the caller took is no part of a read.
+        asked = clock()
+        skipping_until = None

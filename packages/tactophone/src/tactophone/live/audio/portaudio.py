@@ -74,7 +74,8 @@ class PortAudioStream:
             stream.start()
         except sound.PortAudioError as error:
             raise DeviceError(
-                f"{chosen.name} does not support {self._channels} channels at {self.sample_rate} Hz ({error.args[0]}): "
+                f"{chosen.name} does not support {self._channels} channels "
+                f"at {self.sample_rate} Hz ({error.args[0]}): "
                 "choose another with `tactophone devices`"
             ) from None
         self._stream = stream
@@ -87,14 +88,15 @@ class PortAudioStream:
         On top of JACK this is impossible: PortAudio aborts the whole process when it
         ends after its JACK server.
         """
-        if (
-            self._stream is not None and self._stream.active
-        ) or self._system.startswith("JACK"):
+        running = self._stream is not None and self._stream.active
+        if running or self._system.startswith("JACK"):
             return
         if self._stream is not None:
             self.losses += 1
         self.close()
         sound = _sounddevice()
+        # sounddevice documents these two for this purpose, though their names are
+        # private.
         sound._terminate()
         sound._initialize()
         with contextlib.suppress(DeviceError):
@@ -120,13 +122,11 @@ class PortAudioStream:
             default = sound.default.device[self._direction]
             matching = [device for device in known if device.index == default]
         elif self._device.isdigit():
-            matching = [device for device in known if device.index == int(self._device)]
+            number = int(self._device)
+            matching = [device for device in known if device.index == number]
         else:
-            matching = [
-                device
-                for device in known
-                if self._device.lower() in device.name.lower()
-            ]
+            part = self._device.lower()
+            matching = [device for device in known if part in device.name.lower()]
         if len(matching) == 1:
             return matching[0]
         listed = "; ".join(
@@ -134,8 +134,9 @@ class PortAudioStream:
             for device in matching or known
         )
         raise DeviceError(
-            f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, but "
-            f"exactly one with {self._channels} channels must; there are: {listed or 'none'}"
+            f"{len(matching)} PortAudio devices for {self._direction} match "
+            f"{self._device or 'the default'!r}, but exactly one with "
+            f"{self._channels} channels must; there are: {listed or 'none'}"
         )
 
     def _make(self, sound: Any, index: int) -> Any:
@@ -153,8 +154,12 @@ class PortAudioStream:
     def _call(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
         self.xruns += bool(flags)
         playing = self._direction == "output"
+        channels = list(block.T)
         try:
-            self._process(*([], list(block.T)) if playing else (list(block.T), []))
+            if playing:
+                self._process([], channels)
+            else:
+                self._process(channels, [])
         except Exception:  # PortAudio would stop the stream
             self.process_faults += 1
             if playing:

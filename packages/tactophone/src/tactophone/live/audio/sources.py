@@ -41,10 +41,15 @@ LONGEST_WAIT = 0.06
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""
 
-ABSENT = "no page sends sound: open the page on the phone or laptop that listens, and press Use this microphone"
+ABSENT = (
+    "no page sends sound: open the page on the phone or laptop that listens, "
+    "and press Use this microphone"
+)
+"""Fault of a page's microphone while no sound arrives."""
 
 
 def _any() -> int:
+    """Return the samples that a reader needs which takes any."""
     return 1
 
 
@@ -52,9 +57,9 @@ class LiveSource:
     """A sound device at the live rate as a `tactophone.core.types.Source`.
 
     - ``open_device``: makes the device, given the process that takes its sound.
-    - ``channels``: 1 (contact) or 2 (contact, air); of a hand, two for each finger.
-    - ``order``: for each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their
-      order.
+    - ``channels``: 1 (contact) or 2 (contact, air); for a hand, two for each finger.
+    - ``order``: for each channel the input of the device, counted from 0; -1 is
+      silence. By default all inputs in their order.
     - ``overflows``: periods dropped because too many waited.
     - ``period``: samples of the newest period; 0 before the first.
     """
@@ -71,13 +76,16 @@ class LiveSource:
         self.overflows = 0
         self.period = 0
         self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
-        # Each is written by one thread alone: samples queued by the device's, samples
-        # taken by the reader's.
+        # Samples are counted by two threads, and each number is written by one alone:
+        # the device's thread counts what it queued, the reader's what it took.
         self._queued = 0
         self._taken = 0
         self._position = 0
+        """Samples that the device has delivered, dropped ones included."""
         self._held: list[AudioBlock] = []
+        """Blocks for which the reader is not woken yet."""
         self._idle = False
+        """Whether the reader waits."""
         self._needed = _any
         self.channels = channels
         self._open = False
@@ -107,12 +115,12 @@ class LiveSource:
             yield from blocks
 
     def joined(self, needed: Callable[[], int] = _any) -> Iterator[AudioBlock]:
-        """Iterate, with all blocks that wait in one: a reader that was late is in step
-        again at once.
+        """Iterate, with all blocks that wait joined into one: a reader that was late
+        catches up at once.
 
-        ``needed``: returns the samples without which the reader has nothing to do: it
-        is not woken for fewer. Called in the device's thread, and only while the reader
-        waits.
+        ``needed`` returns how many samples the reader needs to have anything to do: it
+        is not woken for fewer. It is called in the device's thread, and only while the
+        reader waits.
         """
         self._needed = needed
         for arrived in self._arrivals():
@@ -120,9 +128,9 @@ class LiveSource:
             while not self._queue.empty():
                 following = self._queue.get()
                 if following is None:
-                    self._queue.put(
-                        None
-                    )  # the end, which the iteration is to see after this sound
+                    # The end goes back into the queue: the iteration is to see it after
+                    # this sound.
+                    self._queue.put(None)
                     break
                 blocks = [*blocks, *self._take(following)]
             yield from joined(blocks)
@@ -160,7 +168,8 @@ class LiveSource:
         self._held.append(
             AudioBlock(samples, sample_rate=self.sample_rate, start=start)
         )
-        if not self._idle or self._position - self._held[0].start >= self._needed():
+        held = self._position - self._held[0].start
+        if not self._idle or held >= self._needed():
             self._queue.put(self._held)
             self._held = []
 
@@ -182,19 +191,23 @@ def jack_source(
     air
         Likewise; empty makes a one-channel source.
     fingers
-        Of a hand: contact and air of each finger by its name, in place of the two
+        For a hand: contact and air of each finger by its name, in place of the two
         above; an empty air port is silence.
     server
         The JACK server's name; empty for the default one.
     """
+    # The client's own ports, each with the port that it is connected to.
     targets = dict[str, str]()
     order = list[int]()
     for finger, ports in fingers.items() or [("", (contact, air))]:
         for port, kind in zip(ports, MICROPHONES, strict=True):
-            order.append(len(targets) if port or kind == "contact" else -1)
-            if order[-1] >= 0:
-                targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")
+            if not port and kind == "air":
+                order.append(-1)
+                continue
+            order.append(len(targets))
+            targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")
     if not fingers:
+        # A single finger without an air microphone has one channel, not a silent one.
         order = order[: len(targets)]
     return LiveSource(
         lambda process: JackClient(
@@ -217,12 +230,12 @@ def portaudio_source(
     channels
         How many of its first channels: 1 (contact) or 2 (contact, air).
     fingers
-        Of a hand: contact and air channel of each finger, counted from 1, in place of
+        For a hand: contact and air channel of each finger, counted from 1, in place of
         the first two; an air channel of 0 is silence.
     """
-    order = [channel - 1 for pair in fingers for channel in pair] or list(
-        range(channels)
-    )
+    order = [channel - 1 for pair in fingers for channel in pair]
+    if not fingers:
+        order = list(range(channels))
     return LiveSource(
         lambda process: PortAudioStream(
             process, "input", device=device, channels=max(order) + 1
@@ -244,7 +257,7 @@ def open_device(settings: Settings) -> Source:
     """Open the microphones; `tactophone.app.sources` opens recordings and the simulated
     finger too.
 
-    Those of a hand are at one JACK server, or on one PortAudio device.
+    The microphones of a hand are at one JACK server, or on one PortAudio device.
     """
     capture = settings.capture
     process = settings.process
@@ -274,10 +287,14 @@ def open_device(settings: Settings) -> Source:
             )
         case "microphone" if not hand:
             return portaudio_source(capture.device, channels=1)
+    if hand:
+        raise ConfigError(
+            f"capture.source = {capture.source!r} has one finger: "
+            "a hand's microphones are at jack or portaudio"
+        )
     raise ConfigError(
-        f"capture.source = {capture.source!r} has one finger: a hand's microphones are at jack or portaudio"
-        if hand
-        else f"capture.source = {capture.source!r} is not a device; devices are jack, portaudio and microphone"
+        f"capture.source = {capture.source!r} is not a device; "
+        "devices are jack, portaudio and microphone"
     )
 
 
@@ -287,6 +304,7 @@ def _channel(text: str) -> int:
     number = text.removeprefix("system:capture_")
     if not number.isdecimal() or not int(number):
         raise ConfigError(
-            f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3"
+            f"{text!r} is no channel of a PortAudio device: "
+            "write its number, as in contact = 3"
         )
     return int(number)

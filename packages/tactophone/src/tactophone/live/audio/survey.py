@@ -12,15 +12,17 @@ from tactophone.live.audio.jack import JackClient, is_pipewire
 from tactophone.live.audio.portaudio import PortAudioDevice, devices
 
 SURVEY_TOO_SLOW = 0.02
-"""Delay of a device in s above which it is called slow: a third of what is noticed in
-texture."""
+"""Delay of a device in s above which it is called slow: a third of the delay that is
+noticed in texture."""
 
 DUALSENSE = re.compile(r"dual[ _-]?sense|wireless controller", re.IGNORECASE)
 """Names under which ALSA, PipeWire and JACK list Sony's DualSense gamepad over USB."""
 
 DUALSENSE_CHANNEL = 3
-"""Left voice coil: of its four channels the front pair is the headphone jack, the rear
-pair the two voice coils."""
+"""Channel of a DualSense's left voice coil, counted from 1: the front pair of its four
+channels is the headphone jack, the rear pair the two voice coils."""
+
+_DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +35,9 @@ class SurveyedDevice:
     outputs: int
     sample_rate: int
     microphones: str
+    """Why it is unsuitable for microphones; empty when it is suitable."""
     actuator: str
-    """`microphones` and `actuator`: why it is unsuitable; empty when it is suitable."""
+    """Why it is unsuitable for an actuator; empty when it is suitable."""
     settings: tuple[str, ...] = ()
     """Assignments for ``--set`` that use it."""
     note: str = ""
@@ -64,6 +67,10 @@ def _jack(server: str) -> SurveyedDevice:
         f"capture.{name}={port}"
         for name, port in zip(MICROPHONES, outputs, strict=False)
     ]
+    actuators = [f"output.port={port}" for port in inputs[:1]]
+    if coil:
+        actuators = [f"output.port={coil}", "rendering.profile=dualsense"]
+    note = f"periods of {period} samples, {1000 * period / rate:.1f} ms"
     return SurveyedDevice(
         system,
         server or "default server",
@@ -76,11 +83,9 @@ def _jack(server: str) -> SurveyedDevice:
             "capture.source=jack",
             *microphones,
             "output.actuator=jack",
-            *(f"output.port={port}" for port in ([coil] if coil else inputs[:1])),
-            *(["rendering.profile=dualsense"] if coil else []),
+            *actuators,
         ),
-        note=f"periods of {period} samples, {1000 * period / rate:.1f} ms"
-        + (_DUALSENSE_NOTE if coil else ""),
+        note=note + (_DUALSENSE_NOTE if coil else ""),
     )
 
 
@@ -101,14 +106,23 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         device.input_latency * bool(device.inputs),
         device.output_latency * bool(device.outputs),
     )
-    dualsense = (
-        bool(DUALSENSE.search(device.name)) and device.outputs > DUALSENSE_CHANNEL
+    note = f"adds {1000 * latency:.1f} ms"
+    if latency > SURVEY_TOO_SLOW:
+        note = f"slow: adds {1000 * latency:.0f} ms"
+    settings: tuple[str, ...] = (
+        f"capture.device={device.index}",
+        f"output.device={device.index}",
     )
-    slow = (
-        f"slow: adds {1000 * latency:.0f} ms"
-        if latency > SURVEY_TOO_SLOW
-        else f"adds {1000 * latency:.1f} ms"
-    )
+    if DUALSENSE.search(device.name) and device.outputs > DUALSENSE_CHANNEL:
+        note += _DUALSENSE_NOTE
+        settings = (
+            "output.actuator=portaudio",
+            f"output.device={device.index}",
+            f"output.channel={DUALSENSE_CHANNEL}",
+            "rendering.profile=dualsense",
+        )
+    if device.system.startswith("JACK"):
+        note = "use source jack instead"
     return SurveyedDevice(
         f"PortAudio, {device.system}",
         device.name,
@@ -117,21 +131,9 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         rate,
         microphones=_microphones_problem(device.inputs),
         actuator="" if device.outputs else "no outputs",
-        settings=(
-            "output.actuator=portaudio",
-            f"output.device={device.index}",
-            f"output.channel={DUALSENSE_CHANNEL}",
-            "rendering.profile=dualsense",
-        )
-        if dualsense
-        else (f"capture.device={device.index}", f"output.device={device.index}"),
-        note="use source jack instead"
-        if device.system.startswith("JACK")
-        else slow + (_DUALSENSE_NOTE if dualsense else ""),
+        settings=settings,
+        note=note,
     )
-
-
-_DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
 
 
 def _dualsense_port(names: Sequence[str]) -> str:
@@ -144,11 +146,9 @@ def _dualsense_port(names: Sequence[str]) -> str:
 
 
 def _rate_problem(rate: int) -> str:
-    return (
-        ""
-        if rate == LIVE_SAMPLE_RATE
-        else f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
-    )
+    if rate == LIVE_SAMPLE_RATE:
+        return ""
+    return f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
 
 
 def _microphones_problem(inputs: int) -> str:

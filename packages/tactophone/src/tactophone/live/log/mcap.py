@@ -45,19 +45,12 @@ FORMAT = "tactophone 5"
 
 MAGIC = b"\x89MCAP0\r\n"
 
+CHUNK_SIZE = 1 << 20
+"""Bytes after which the writer ends a chunk by itself."""
+
 LARGEST_CHUNK = 64 << 20
 """Bytes of a chunk once it is decompressed, and of a record outside of chunks; the
 writer's own have 1 MB or little more. Nothing of a larger one is made."""
-
-
-class _ChunkSize(int):
-    """The library's limit of a chunk in bytes, which a chunk also passes once it is
-    ``due``."""
-
-    due = False
-
-    def __lt__(self, size: int) -> bool:
-        return self.due or int(self) < size
 
 
 class LogFile(AbstractContextManager["LogFile", None]):
@@ -74,9 +67,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         make_room(path)
         path.touch(0o600)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
-        self._chunk_size = _ChunkSize(1 << 20)
-        self._newest: Message | None = None
-        self._writer: Any = Writer(self._file, chunk_size=self._chunk_size)
+        self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE)
         self._writer.start(profile=FORMAT, library="tactophone")
         schemas = {topic.schema.name: topic.schema for topic in written}
         numbers = {
@@ -98,32 +89,20 @@ class LogFile(AbstractContextManager["LogFile", None]):
         # A full disk has been reported by `end_chunk`; the index is then missing, and
         # the chunks are there.
         with suppress(OSError, ValueError):
-            self._add_newest()
             self._writer.add_metadata("tactophone", self.metadata)
             self._writer.finish()
         with suppress(OSError, ValueError):
             self._file.close()
 
     def write(self, message: Message) -> None:
-        self._add_newest()
-        self._newest = message
+        nanoseconds = round(message.time * 1e9)
+        channel = self._channels[message.topic.name]
+        self._writer.add_message(channel, nanoseconds, message.data, nanoseconds)
 
     def end_chunk(self) -> None:
         """Hand what was written so far to the system, so that it outlives this
         process."""
-        # The library ends a chunk only when a message makes it too long, so the newest
-        # one is kept for that.
-        self._chunk_size.due = True
-        self._add_newest()
-        self._chunk_size.due = False
-        self._file.flush()
-
-    def _add_newest(self) -> None:
-        if message := self._newest:
-            self._newest, time = None, round(message.time * 1e9)
-            self._writer.add_message(
-                self._channels[message.topic.name], time, message.data, time
-            )
+        self._writer.flush()
 
 
 class McapLog:
