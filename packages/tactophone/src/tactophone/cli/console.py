@@ -17,6 +17,7 @@ import numpy as np
 from rich.text import Text
 
 from tactophone.cli import output
+from tactophone.core.settings import DEFAULT_CEILING
 from tactophone.core.types import Touch
 from tactophone.live.telemetry.layout import Action, RunState
 from tactophone.live.telemetry.watcher import Snapshot, Watcher
@@ -163,12 +164,12 @@ class _ConsoleView:
 
 def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
     """Draw the vibration of each update: a bar from 1/8 at -30 dB to the whole height
-    at -6 dB, the usual ceiling."""
+    at the default ceiling."""
     strip = Text(no_wrap=True)
+    full_db = 20 * np.log10(DEFAULT_CEILING)
     for touch, amplitude in felt:
-        height = round(
-            np.interp(20 * np.log10(max(amplitude, 1e-6)), (-30, -6), (1, 8))
-        )
+        level_db = 20 * np.log10(max(amplitude, 1e-6))
+        height = round(np.interp(level_db, (-30, full_db), (1, 8)))
         strip.append(
             "▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", TOUCH_STYLES.get(touch, "dim")
         )

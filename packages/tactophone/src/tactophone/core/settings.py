@@ -19,6 +19,7 @@ import msgspec
 from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.core.plugins import ACTUATORS, registered
 from tactophone.core.tips import DEFAULT_TIP, TIP_NAMES
+from tactophone.core.types import MOST_OPERATORS
 
 DEFAULT_CEILING = 0.5
 """Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this
@@ -159,7 +160,8 @@ class LinkSettings:
 
     peer: str = _setting(
         "",
-        "operator that the robot calls, host or host:port; up to four, with commas or an option each",
+        "operator that the robot calls, host or host:port; "
+        f"up to {MOST_OPERATORS}, with commas or an option each",
         flag="--peer",
         verbs="send",
     )

@@ -208,6 +208,10 @@ MOST_FINGERS = 10
 """Fingers of one hand, or of a pair of them: the link has a payload type for each
 number."""
 
+MOST_OPERATORS = 4
+"""Operators of one robot: trainer, trainee and two who watch. Each further one costs
+the robot an encryption a packet."""
+
 EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 """Kinds of touch events; telemetry counts them from 1."""
 

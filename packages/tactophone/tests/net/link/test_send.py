@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
-from tactophone.core.types import AudioBlock, Prediction, Touch
+from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction, Touch
 from tactophone.net.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.codec import Codec
@@ -25,7 +25,7 @@ from tactophone.net.link.rtcp import (
     ReceiverRequest,
     SenderReport,
 )
-from tactophone.net.link.send import MOST_OPERATORS, SendGroup
+from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.pipeline import Hand, open_pipeline

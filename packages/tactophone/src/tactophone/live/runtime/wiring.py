@@ -21,6 +21,7 @@ from tactophone.core.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.core.settings import LinkSettings, Settings
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
+    MOST_OPERATORS,
     AudioBlock,
     Detector,
     FloatArray,
@@ -36,7 +37,7 @@ from tactophone.net.link.codec import NARROW_BAND, Codec, open_decoder, open_enc
 from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
 from tactophone.net.link.packet import Address, split_address
 from tactophone.net.link.receive import ReceiveSession
-from tactophone.net.link.send import MOST_OPERATORS, SendGroup
+from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import RedundancyRule
 from tactophone.net.link.udp import UdpSocket, resolve

@@ -1,4 +1,4 @@
-"""The robot's end of the link: one encoder, and a session with each of one to four
+"""The robot's end of the link: one encoder, and a session with each of one or more
 operators. No socket, no clock."""
 
 import math
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 from tactophone.core.errors import PacketError
-from tactophone.core.types import AudioBlock, Prediction, ignore
+from tactophone.core.types import MOST_OPERATORS, AudioBlock, Prediction, ignore
 from tactophone.net.link.codec import NARROW_BAND, Codec, band_of
 from tactophone.net.link.events import (
     Connected,
@@ -30,10 +30,6 @@ from tactophone.net.link.stream import (
     Redundancy,
     RedundancyRule,
 )
-
-MOST_OPERATORS = 4
-"""Operators of one robot: trainer, trainee and two who watch. Each one more costs the
-robot an encryption a packet."""
 
 REPORT_INTERVAL = 0.2
 """Seconds between reports, both ways: a fifth of the time after which a silent operator
