@@ -17,7 +17,7 @@ const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; feed.py sends 4 kHz
 const CALM = 250; // ms between frames when the system asks for reduced motion
 const IMMEDIATE = 0.025; // s: a hand does not notice less
 const VIEW = "tactophone-view";
-const STAGES = ["capture", "encode", "network", "playout", "decode", "detect", "render", "device"];
+const LATENCY = "latency_"; // begins the name of each stage's gauge, and of the total's
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 
 const $ = (id) => document.getElementById(id);
@@ -198,7 +198,10 @@ function showHealth(node, { link, output, role }, counters, gauges) {
 
 /** The latency budget: a bar of stages, its key, and the end-to-end latency, which is measured independently. */
 function showLatency({ stack, stages, total }, gauges) {
-  const budget = STAGES.map((stage) => [stage, gauges[`latency_${stage}`]]);
+  // The gauges come in the order of the stages, from microphone to actuator.
+  const budget = Object.entries(gauges)
+    .filter(([name]) => name.startsWith(LATENCY) && name !== "latency_total")
+    .map(([name, seconds]) => [name.slice(LATENCY.length), seconds]);
   const known = budget.filter(([, seconds]) => seconds !== null);
   const sum = known.reduce((subtotal, [, seconds]) => subtotal + seconds, 0);
   put(total, gauges.latency_total === null ? "not measured yet" : `${milliseconds(gauges.latency_total)} end to end`);
