@@ -154,7 +154,7 @@ class FoxgloveBridge:
 
         if refused := self._refusal(request):
             return web.Response(status=403, text=f"Refused: {refused}.\n")
-        self._acceptor.known.add(request.protocol)
+        self._acceptor.admit(request.protocol)
         if len(self._viewers) >= FOXGLOVE_VIEWERS:
             return web.Response(
                 status=503,

@@ -48,84 +48,177 @@ def listen(address: str, what: str, *, example: str) -> socket.socket:
         ) from None
 
 
+KEPT_PLACES = 8
+"""Connections that a known address keeps while they show no token: a browser opens six
+at once."""
+
+KNOWN_ADDRESSES = 32
+"""Addresses that are remembered: of 16 viewers and 16 fingertips."""
+
+
+class _Guest:
+    """A connection that was accepted.
+
+    - ``address``: of its other end, without the port.
+    - ``spoke``: whether a byte has come.
+    - ``handler``: the server's end of the connection, after the TLS handshake.
+    """
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.spoke = False
+        self.handler: Any = None
+        self.task: asyncio.Task[None] | None = None
+
+    @property
+    def lasts(self) -> bool:
+        if self.handler is not None:
+            return self.handler.transport is not None
+        return self.task is not None and not self.task.done()
+
+    def drop(self) -> None:
+        if self.task is not None:
+            self.task.cancel()
+        if self.handler is not None and self.handler.transport is not None:
+            self.handler.transport.abort()
+
+
 class Acceptor:
     """Accepts the connections of a web server.
 
-    When there are `MOST`, the oldest goes that has shown no token; when all have, the
-    new one.
+    When there are `MOST`, one goes that has shown no token. First go those that have
+    sent nothing, then those from strange addresses, then those from addresses that have
+    shown the token before; among equals the address with the most connections loses its
+    oldest. When all have shown the token, the new one goes.
 
-    - ``known``: of the server's connections (``request.protocol``) those that have shown the token; the server adds
-      them.
+    - ``accepted``: connections accepted until now.
     """
 
     def __init__(self, tls: ssl.SSLContext | None = None) -> None:
-        self.known: set[Any] = set()
+        self.accepted = 0
         self._tls = tls
-        # In order of age. Each task makes the TLS handshake; its result is the server's
-        # end of the connection.
-        self._open: list[asyncio.Task[Any]] = []
+        self._guests: list[_Guest] = []  # in order of age
+        self._admitted: set[Any] = set()
+        # In order of use, as a dictionary keeps it.
+        self._addresses: dict[str, None] = {}
+
+    def admit(self, handler: Any) -> None:
+        """Note that a connection (``request.protocol``) has shown the token."""
+        self._admitted.add(handler)
+        for guest in self._guests:
+            if guest.handler is handler:
+                self._addresses.pop(guest.address, None)
+                self._addresses[guest.address] = None
+        while len(self._addresses) > KNOWN_ADDRESSES:
+            del self._addresses[next(iter(self._addresses))]
 
     async def serve(self, runner: "web.AppRunner", listener: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
-        if hasattr(
-            socket, "TCP_DEFER_ACCEPT"
-        ):  # Linux then holds a connection until its first byte
+        if hasattr(socket, "TCP_DEFER_ACCEPT"):
+            # Linux then holds a connection until its first byte.
             listener.setsockopt(
                 socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, round(CONNECTION_TIMEOUT)
             )
         while True:
             try:
-                connection, _ = await loop.sock_accept(listener)
-            except (
-                OSError
-            ):  # no descriptor is left: something else in this process has taken them
-                self._drop_oldest()
+                connection, origin = await loop.sock_accept(listener)
+            except OSError:
+                # No descriptor is left: something else in this process has taken them.
+                self._drop_one()
                 await asyncio.sleep(0.1)
                 continue
-            if len(self._open) >= MOST:
-                self._open = [task for task in self._open if _lasts(task)]
-                self.known = {
-                    handler for handler in self.known if handler.transport is not None
-                }
-            if len(self._open) >= MOST and not self._drop_oldest():
+            self.accepted += 1
+            self._forget_ended()
+            if len(self._guests) >= MOST and not self._drop_one():
                 connection.close()
             else:
-                self._open.append(
-                    asyncio.create_task(self._connect(runner, connection))
+                guest = _Guest(str(origin[0]))
+                guest.task = asyncio.create_task(
+                    self._connect(runner, connection, guest)
                 )
+                self._guests.append(guest)
             await asyncio.sleep(0)  # the others' turn, also while more are waiting
 
-    def _drop_oldest(self) -> bool:
-        for task in self._open:
-            handler = task.result() if task.done() and not task.cancelled() else None
-            if handler is None or handler not in self.known:
-                task.cancel()
-                if handler is not None and handler.transport is not None:
-                    handler.transport.abort()
-                self._open.remove(task)
-                return True
-        return False
+    def _forget_ended(self) -> None:
+        if len(self._guests) >= MOST:
+            self._guests = [guest for guest in self._guests if guest.lasts]
+            self._admitted = {
+                handler for handler in self._admitted if handler.transport is not None
+            }
 
-    async def _connect(self, runner: "web.AppRunner", connection: socket.socket) -> Any:
+    def _drop_one(self) -> bool:
+        """Drop the connection that is missed least; false if all have shown the
+        token."""
+        strangers = [
+            guest
+            for guest in self._guests
+            if guest.handler is None or guest.handler not in self._admitted
+        ]
+        if not strangers:
+            return False
+        crowd = Counter(guest.address for guest in strangers)
+        places: Counter[str] = Counter()
+
+        def worth(guest: _Guest) -> tuple[bool, bool, int]:
+            if guest.spoke:
+                places[guest.address] += 1
+            kept = (
+                guest.spoke
+                and guest.address in self._addresses
+                and places[guest.address] <= KEPT_PLACES
+            )
+            return guest.spoke, kept, -crowd[guest.address]
+
+        # `min` takes the first of equals, which is the oldest.
+        missed_least = min(strangers, key=worth)
+        missed_least.drop()
+        self._guests.remove(missed_least)
+        return True
+
+    async def _connect(
+        self, runner: "web.AppRunner", connection: socket.socket, guest: _Guest
+    ) -> None:
         assert runner.server is not None
+        loop = asyncio.get_running_loop()
         try:
-            _, handler = await asyncio.get_running_loop().connect_accepted_socket(
+            async with asyncio.timeout(CONNECTION_TIMEOUT):
+                await _first_byte(connection)
+            guest.spoke = True
+            _, guest.handler = await loop.connect_accepted_socket(
                 runner.server,
                 connection,
                 ssl=self._tls,
                 ssl_handshake_timeout=CONNECTION_TIMEOUT if self._tls else None,
             )
-        except OSError:  # no TLS, or none in time
-            return None
-        return handler
+        except (OSError, TimeoutError):  # no TLS, or none in time
+            connection.close()
+        except asyncio.CancelledError:
+            connection.close()
+            raise
 
 
-def _lasts(task: "asyncio.Task[Any]") -> bool:
-    if not task.done():
-        return True
-    handler = None if task.cancelled() else task.result()
-    return handler is not None and handler.transport is not None
+async def _first_byte(connection: socket.socket) -> None:
+    """Wait until a byte has come, which is left where it is; `OSError` if none ever
+    will."""
+    loop = asyncio.get_running_loop()
+    connection.setblocking(False)
+    came = loop.create_future()
+
+    def note() -> None:
+        if not came.done():
+            came.set_result(None)
+
+    try:
+        loop.add_reader(connection, note)
+    except NotImplementedError:  # the event loop of Windows cannot wait for this
+        return
+    try:
+        await came
+    finally:
+        loop.remove_reader(connection)
+    if not connection.recv(1, socket.MSG_PEEK):
+        raise ConnectionResetError("closed before it sent anything")
 
 
 class FloodGate:

@@ -75,7 +75,7 @@ def protect(
         )
         if reason:
             return web.Response(status=403, text=f"Refused: {reason}.\n")
-        acceptor.known.add(request.protocol)
+        acceptor.admit(request.protocol)
         return await handler(request)
 
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:

@@ -1,0 +1,169 @@
+"""Who keeps a place when more strangers connect than a server holds: counted in
+connections, not in seconds."""
+
+import asyncio
+import socket
+import ssl
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import pytest
+from aiohttp import web
+
+from tactophone.faces.web.connections import MOST, Acceptor, listen
+from tests.faces.web.test_strangers import certificate
+
+__all__ = ["certificate"]
+
+CROWD = 3 * MOST
+
+
+class Server:
+    """A server that admits whoever asks for ``/token``."""
+
+    def __init__(self, acceptor: Acceptor, port: int) -> None:
+        self.acceptor, self.port = acceptor, port
+
+    async def stranger(self, first: bytes = b"", *, host: str = "127.0.0.1"):
+        """Connect, and return when the server has accepted."""
+        before = self.acceptor.accepted
+        reader, writer = await asyncio.open_connection(
+            "127.0.0.1", self.port, local_addr=(host, 0)
+        )
+        writer.write(first)
+        while self.acceptor.accepted == before:
+            await asyncio.sleep(0)
+        # The server's turn to see the first byte.
+        for _ in range(20):
+            await asyncio.sleep(0)
+        return reader, writer
+
+
+@asynccontextmanager
+async def serving(tls: ssl.SSLContext | None = None) -> AsyncIterator[Server]:
+    acceptor = Acceptor(tls)
+
+    async def answer(request: web.Request) -> web.Response:
+        if request.path == "/token":
+            acceptor.admit(request.protocol)
+        return web.Response(text="welcome")
+
+    app = web.Application()
+    app.router.add_get("/{path:.*}", answer)
+    runner = web.AppRunner(app)
+    await runner.setup()
+    listener = listen("127.0.0.1:0", "the test", example="")
+    task = asyncio.create_task(acceptor.serve(runner, listener))
+    try:
+        yield Server(acceptor, listener.getsockname()[1])
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        listener.close()
+        await runner.cleanup()
+
+
+def run(work: Callable[[], Awaitable[None]]) -> None:
+    async def bounded() -> None:
+        async with asyncio.timeout(60):
+            await work()
+
+    asyncio.run(bounded())
+
+
+@pytest.fixture(autouse=True)
+def accepted_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the server see silent connections too, which Linux would hold back."""
+    monkeypatch.delattr(socket, "TCP_DEFER_ACCEPT", raising=False)
+
+
+def test_those_who_have_sent_nothing_go_before_a_viewer_in_its_first_request() -> None:
+    async def work() -> None:
+        async with serving() as server:
+            reader, writer = await server.stranger(b"GET / HTTP/1.1\r\n")
+            crowd = [await server.stranger() for _ in range(CROWD)]
+            writer.write(b"Host: a\r\n\r\n")
+            assert (await reader.readline()).split()[1] == b"200"
+            for _, other in crowd:
+                other.close()
+
+    run(work)
+
+
+def test_those_who_have_sent_nothing_go_before_a_viewer_in_its_tls_handshake(
+    certificate: tuple[Path, Path],
+) -> None:
+    server_side = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server_side.load_cert_chain(*certificate)
+    client_side = ssl._create_unverified_context()
+
+    async def work() -> None:
+        async with serving(server_side) as server:
+            incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+            tls = client_side.wrap_bio(incoming, outgoing)
+            with suppress(ssl.SSLWantReadError):
+                tls.do_handshake()
+            reader, writer = await server.stranger(outgoing.read())
+            crowd = [await server.stranger() for _ in range(CROWD)]
+            answer = b""
+            requested = False
+            while not answer:
+                incoming.write(await reader.read(65_536))
+                assert incoming.pending, "the server dropped the viewer"
+                with suppress(ssl.SSLWantReadError):
+                    if not requested:
+                        tls.do_handshake()
+                        tls.write(b"GET / HTTP/1.1\r\nHost: a\r\n\r\n")
+                        requested = True
+                    answer = tls.read(100)
+                writer.write(outgoing.read())
+            assert answer.split()[1] == b"200"
+            for _, other in crowd:
+                other.close()
+
+    run(work)
+
+
+@pytest.mark.skipif(
+    not hasattr(socket, "SO_PEERCRED"), reason="only Linux has the host 127.0.0.2"
+)
+def test_an_address_that_has_shown_the_token_keeps_places_among_strangers_who_speak() -> (
+    None
+):
+    async def work() -> None:
+        async with serving() as server:
+            for path, answered in (("token", True), ("", True)):
+                request = f"GET /{path} HTTP/1.1\r\n".encode()
+                reader, writer = await server.stranger(request, host="127.0.0.2")
+                crowd = (
+                    []
+                    if path
+                    else [await server.stranger(b"GET") for _ in range(CROWD)]
+                )
+                writer.write(b"Host: a\r\n\r\n")
+                line = await reader.readline()
+                assert (line.split()[1:2] == [b"200"]) == answered
+                for _, other in crowd:
+                    other.close()
+
+    run(work)
+
+
+@pytest.mark.skipif(
+    not hasattr(socket, "SO_PEERCRED"), reason="only Linux has the host 127.0.0.2"
+)
+def test_a_crowd_from_one_address_takes_no_place_of_another() -> None:
+    async def work() -> None:
+        async with serving() as server:
+            reader, writer = await server.stranger(
+                b"GET / HTTP/1.1\r\n", host="127.0.0.2"
+            )
+            crowd = [await server.stranger(b"GET") for _ in range(CROWD)]
+            writer.write(b"Host: a\r\n\r\n")
+            assert (await reader.readline()).split()[1] == b"200"
+            for _, other in crowd:
+                other.close()
+
+    run(work)
