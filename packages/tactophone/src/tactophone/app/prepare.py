@@ -76,6 +76,7 @@ class Preparation:
             health.FaultDetector(source.sample_rate),
         )
         faults: dict[health.SensorFault, None] = {}
+        sounding = frozenset[int]()
         with source:
             for block in source:
                 peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
@@ -89,12 +90,21 @@ class Preparation:
                 if source.sample_rate >= health.TREBLE_LOWEST_RATE and detector.push(
                     block
                 ):
+                    sounding |= detector.sounding
                     faults |= dict.fromkeys(
                         fault
                         for fault in detector.faults
                         if fault.kind not in _MEASURED
                     )
-        live = tuple(np.flatnonzero(peak >= SILENT_CHANNEL).tolist())
+        # An input is open where nothing but its own noise came from it in the whole
+        # recording, while the other one sounded.
+        silent_kinds = (health.FaultKind.DEAD, health.FaultKind.OPEN)
+        opened = {fault.channel for fault in faults if fault.kind in silent_kinds}
+        live = tuple(
+            channel
+            for channel in np.flatnonzero(peak >= SILENT_CHANNEL).tolist()
+            if channel in sounding or channel not in opened
+        )
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
         offset = tuple(
@@ -139,7 +149,7 @@ class Preparation:
             ]
         else:
             notes.append(
-                f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel"
+                f"channel {2 - self.channels[0]} of 2 has no microphone: taken as a recording of one channel"
             )
         if self.invalid:
             notes.append(

@@ -229,6 +229,11 @@ class ContactGate:
         self.reset()
 
     @property
+    def is_shared(self) -> bool:
+        """Whether its levels are measured together with those of other fingers."""
+        return self._shared
+
+    @property
     def quiet(self) -> bool:
         """Whether the level says of what was heard and not pushed what it said before;
         then it may wait `patience`."""

@@ -94,10 +94,20 @@ def _fallback_for(fault: SensorFault, card: ModelCard, channels: int) -> Fallbac
     return FallbackMode.SILENCE
 
 
+_SILENT_KINDS = (FaultKind.DEAD, FaultKind.OPEN)
+"""Faults by which no microphone can be told from none."""
+
+
 class FallbackDetector:
     """A detector that never relies on a faulty microphone.
 
     ``fault_detector`` watches the sound, of so many ``channels``.
+
+    One microphone on an interface of two inputs is sound of one channel, whichever input
+    it is on. So where no sound came from the contact input since the run began, and the
+    other one sounds, that one is the contact microphone. A contact microphone that has
+    sounded and fell silent is broken, and then the air microphone never takes its place:
+    it hears people talk.
 
     - ``main``: the detector of the model.
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
@@ -117,6 +127,10 @@ class FallbackDetector:
         # Samples until the fault detector measures again, and the sample that is due.
         self._left = fault_detector.cell_size
         self._next = 0
+        # Channels that have ever sounded, so that a microphone must be there; and the
+        # only channel that is heard, where it is one.
+        self._sounded: frozenset[int] = frozenset()
+        self._only: int | None = None
         self._choose()
 
     @property
@@ -128,7 +142,20 @@ class FallbackDetector:
         """Choose the fallback for the faults that are present now."""
         card = self.main.detector.card
         faults = self._fault_detector.faults
-        self.mode = fallback_mode(faults, card, channels=self._channels)
+        if self._has_one_microphone_on_the_second_input(faults):
+            # Its faults are those of a contact microphone.
+            own = [
+                SensorFault(fault.kind, CONTACT)
+                for fault in faults
+                if fault.channel == AIR
+            ]
+            mode = fallback_mode(own, card, channels=1)
+            self._hear_only(AIR)
+            self.mode = max(FallbackMode.ONE_CHANNEL, mode)
+        else:
+            self.mode = fallback_mode(faults, card, channels=self._channels)
+            alone = self.mode is FallbackMode.ONE_CHANNEL
+            self._hear_only(CONTACT if alone else None)
         # Two equal channels are no fault where the model hears one of them.
         self.sensor_faults = tuple(
             fault
@@ -136,10 +163,35 @@ class FallbackDetector:
             if not (card.channels == 1 and fault.kind is FaultKind.ALIKE)
         )
 
+    def _has_one_microphone_on_the_second_input(
+        self, faults: Iterable[SensorFault]
+    ) -> bool:
+        if self._fault_detector.calibrated or self._shares_levels:
+            return False
+        silent = {fault.channel for fault in faults if fault.kind in _SILENT_KINDS}
+        return CONTACT in silent and self._sounded == {AIR}
+
+    @property
+    def _shares_levels(self) -> bool:
+        # The fingers of a hand have their levels measured together, from the contact
+        # inputs.
+        return self.main.gate is not None and self.main.gate.is_shared
+
+    def _hear_only(self, channel: int | None) -> None:
+        """Hear one channel from now on, or both where it is none."""
+        if channel != self._only and AIR in (channel, self._only):
+            # Another microphone decides on contact: nothing that is known of the noise
+            # and of the touch holds for it.
+            self.main.reset()
+            self._floors.clear()
+        self._only = channel
+
     @property
     def consequence(self) -> str:
         """What the present fallback does, for people."""
         message = FALLBACK_MESSAGES[self.mode]
+        if self._only == AIR:
+            return f"{message}, which is on input 2"
         card = self.main.detector.card
         air_alone = all(fault.channel == AIR for fault in self.sensor_faults)
         if self.mode is FallbackMode.CONTACT_ONLY and air_alone:
@@ -190,6 +242,7 @@ class FallbackDetector:
         """Return to the initial state; fault counts stay."""
         self._fault_detector.reset()
         self._floors.clear()
+        self._sounded = frozenset()
         self._left, self._next = self._fault_detector.cell_size, 0
         self._choose()
         self.main.reset()
@@ -206,10 +259,10 @@ class FallbackDetector:
 
     def _process(self, part: AudioBlock) -> Processing:
         heard = part
-        if self.mode is FallbackMode.ONE_CHANNEL:
+        if self._only is not None:
             # From here on it is sound of one channel, which the model knows with
             # silence for the other. Once the fault has healed it gets both again.
-            heard = part.select([CONTACT])
+            heard = part.select([self._only])
         predictions = yield from self.main.process(heard)
         revised = (
             [self._revised(prediction) for prediction in predictions]
@@ -218,6 +271,7 @@ class FallbackDetector:
         )
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed and self._fault_detector.push(part):
+            self._sounded |= self._fault_detector.sounding
             self._choose()
             # While the contact microphone is faulty, the noise floor stays what it was
             # before the fault was found.

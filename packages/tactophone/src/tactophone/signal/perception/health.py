@@ -257,6 +257,7 @@ class FaultKind(enum.StrEnum):
     """What can be wrong with a microphone."""
 
     DEAD = "dead"
+    OPEN = "open"
     CLIPPED = "clipped"
     OFFSET = "offset"
     HUM = "hum"
@@ -299,6 +300,10 @@ class SensorFault(msgspec.Struct, frozen=True, order=True):
 _MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
     {
         FaultKind.DEAD: ("no sound comes from it", "check its plug, cable and supply"),
+        FaultKind.OPEN: (
+            "nothing but an input's own noise comes from it while the other sounds",
+            "plug it in, or choose one input",
+        ),
         FaultKind.CLIPPED: ("its loud parts are cut off", "turn its gain down"),
         FaultKind.OFFSET: (
             "its sound has a constant part (DC)",
@@ -327,7 +332,13 @@ _MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
 FAULTS = (
     *(
         SensorFault(kind, channel)
-        for kind in (FaultKind.DEAD, FaultKind.CLIPPED, FaultKind.OFFSET, FaultKind.HUM)
+        for kind in (
+            FaultKind.DEAD,
+            FaultKind.OPEN,
+            FaultKind.CLIPPED,
+            FaultKind.OFFSET,
+            FaultKind.HUM,
+        )
         for channel in (0, 1)
     ),
     SensorFault(FaultKind.COVERED, AIR),
@@ -360,6 +371,16 @@ DEAD_DBFS = -90.0
 """No microphone and preamplifier is so quiet, but three steps of a 16-bit converter
 are."""
 
+OPEN_DBFS = -78.0
+"""Level, under 4 kHz, that an input without a microphone stays under: converters and
+preamplifiers have noise of -80 to -120 dBFS. A microphone beside a touch is louder: the
+quieter of a simulated pair has -54 dBFS at least."""
+
+OPEN_CONTRAST_DB = 30.0
+"""By how much the other microphone has to be louder before an input that stays under
+`OPEN_DBFS` is open: in a quiet room a working microphone may be as quiet. Two simulated
+microphones on one touch differ by 19 dB at most."""
+
 DEAD_DROP_DB = 20.0
 """Under the calibrated floor: a room may fall silent, but a microphone's own noise does
 not."""
@@ -388,6 +409,8 @@ class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
     - ``faults``: present now. Read at every block, found at every eighth of a second.
+    - ``calibrated``: whether there is a reference, so that each microphone is known to have been there.
+    - ``sounding``: channels that the newest measure heard more of than an open input's noise.
 
     >>> import numpy as np
     >>> detector = FaultDetector(48_000, Reference())
@@ -403,7 +426,9 @@ class FaultDetector:
         self.sample_rate = sample_rate
         self._statistics = SignalStatistics(sample_rate)
         self._reference = reference or UNCALIBRATED
+        self.calibrated = self._reference != UNCALIBRATED
         self.faults: tuple[SensorFault, ...] = ()
+        self.sounding: frozenset[int] = frozenset()
         self.reset()
 
     @property
@@ -418,6 +443,11 @@ class FaultDetector:
         for statistics in measured:
             for fault, sign in find_signs(statistics, self._reference).items():
                 self._update(fault, sign)
+            self.sounding = frozenset(
+                channel
+                for channel, level_dbfs in enumerate(statistics.level_dbfs)
+                if level_dbfs >= OPEN_DBFS
+            )
             # Where one concerns both channels, those of single channels are left out.
             present = tuple(fault for fault in FAULTS if self._present[fault])
             self.faults = (
@@ -428,7 +458,7 @@ class FaultDetector:
     def reset(self) -> None:
         """Return to the initial state: no faults."""
         self._statistics.reset()
-        self.faults = ()
+        self.faults, self.sounding = (), frozenset()
         self._present = dict.fromkeys(FAULTS, False)
         self._streak = dict.fromkeys(FAULTS, 0)
 
@@ -462,6 +492,9 @@ def find_signs(
         dead = statistics.level_dbfs[channel] < DEAD_DBFS
         clipped = statistics.clipped[channel] > reference.clipped
         found[SensorFault(FaultKind.DEAD, channel)] = dead
+        found[SensorFault(FaultKind.OPEN, channel)] = (
+            None if dead else _open(statistics, channel)
+        )
         found[SensorFault(FaultKind.CLIPPED, channel)] = None if dead else clipped
         found[SensorFault(FaultKind.OFFSET, channel)] = (
             None if clipped else abs(statistics.offset[channel]) > FAULT_OFFSET
@@ -493,6 +526,17 @@ def find_signs(
     return found
 
 
+def _open(statistics: ChannelStatistics, channel: int) -> bool | None:
+    """Whether an input gives nothing but its own noise while the other one sounds;
+    hidden while both are quiet."""
+    levels_dbfs = statistics.level_dbfs
+    if levels_dbfs[channel] >= OPEN_DBFS:
+        return False
+    if max(levels_dbfs) >= levels_dbfs[channel] + OPEN_CONTRAST_DB:
+        return True
+    return None
+
+
 def _shows_hum(
     statistics: ChannelStatistics, reference: Reference, channel: int
 ) -> bool | None:
@@ -507,12 +551,14 @@ def _shows_hum(
 
 def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None:
     """Whether the air microphone is under its floor, or a touch leaves it there or
-    reaches it only as a thud.
+    reaches it only as a thud; hidden where it may be an input without a microphone.
 
     A thud is duller than the same touch on the contact microphone: by 1.9 dB at least
     over simulated objects, while a free microphone is brighter, or on a glazed tile up
     to 0.4 dB duller.
     """
+    if statistics.level_dbfs[AIR] < OPEN_DBFS and reference == UNCALIBRATED:
+        return None
     touch_db = statistics.level_dbfs[CONTACT] - reference.threshold_dbfs
     air_db = statistics.level_dbfs[AIR] - reference.floor_dbfs[AIR]
     # A room may have become quieter since it was calibrated; but not while something in
