@@ -62,7 +62,7 @@ tips: sets
 
 # Tables I to III and the ablations, trained as the paper trains, as its authors' code does, and fast: 4 h on two idle
 # cores. Every training is kept by hash and goes on after a stop. PAPER_DATA takes real recordings in the authors' layout
-# (`python examples/published_sets.py authors OUT`) in place of both simulated tasks, PAPER_PAGE another file for the page.
+# (`tactophone fetch authors OUT`) in place of both simulated tasks, PAPER_PAGE another file for the page.
 # `make paper PAPER_SECONDS=4 PAPER_RECIPES='examples/recipes/tables/fast-*.toml'` is a small one.
 PAPER         = build/paper
 PAPER_SECONDS = 30

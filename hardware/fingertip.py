@@ -54,6 +54,7 @@ from dimensions import (
     stick_length,
     underside,
 )
+from source_hash import source_hash
 
 STANDING = (Align.CENTER, Align.CENTER, Align.MIN)
 
@@ -326,14 +327,6 @@ def parts() -> dict[str, Part]:
         "glove_plate": glove_plate(case),
         "soft_pad": soft_pad(finger),
     }
-
-
-def source_hash() -> str:
-    """Hash of what the parts are made from."""
-    here = Path(__file__).parent
-    return hashlib.sha256(
-        b"".join((here / f"{n}.py").read_bytes() for n in ("dimensions", "fingertip"))
-    ).hexdigest()
 
 
 def assembly(made: dict[str, Part]) -> Compound:

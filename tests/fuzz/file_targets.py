@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from examples.published_sets import import_biotac
 from tactophone.core.errors import TactophoneError
 from tactophone.core.hand import each_finger, with_fingers
 from tactophone.core.settings import Settings, change, read_settings
@@ -43,6 +42,7 @@ from tactophone.signal.perception.model_file import ModelCard, read_model
 from tactophone.signal.perception.models import default_model, model_path
 from tactophone.signal.perception.onnx_table import check_graph
 from tactophone_lab.app import lerobot
+from tactophone_lab.datasets.biotac import import_biotac
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.roughness import measure_heights, read_heights
 from tactophone_lab.game.rules import read_results

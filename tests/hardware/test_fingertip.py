@@ -80,10 +80,7 @@ def clearance(points: np.ndarray, pitch: float, roll: float) -> float:
 
 
 def test_the_files_are_those_that_the_source_makes() -> None:
-    source = b"".join(
-        (HARDWARE / f"{name}.py").read_bytes() for name in ("dimensions", "fingertip")
-    )
-    assert hashlib.sha256(source).hexdigest() == KEPT["source"], (
+    assert load("source_hash").source_hash() == KEPT["source"], (
         "run python hardware/fingertip.py"
     )
     for name, part in KEPT["parts"].items():

@@ -45,6 +45,21 @@ VERBS = (
         "and saved at once",
     ),
     Verb(
+        "bench",
+        "tactophone_lab.cli.bench",
+        "finger",
+        "test a finished finger with a ball, a pencil and a weight",
+        special=True,
+    ),
+    Verb(
+        "fetch",
+        "tactophone_lab.cli.fetch",
+        "sound",
+        "download the recordings of the paper's authors, or convert another published "
+        "set",
+        special=True,
+    ),
+    Verb(
         "export",
         "tactophone_lab.cli.export",
         "sound",

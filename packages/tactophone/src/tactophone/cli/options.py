@@ -105,13 +105,6 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         return super()._fill_text(text, width, indent)
 
 
-ELSEWHERE = {
-    "'fetch'": "examples/published_sets.py authors OUT",
-    ": bench": "hardware/bench.py",
-}
-"""What is no verb, by words of the error, and the program of the repository that does
-it."""
-
 FIRST_OPTIONS = (
     "out",
     "plot",
@@ -227,11 +220,6 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and how to get help, and exit with 2."""
-        message += "".join(
-            f"; run `python {where}`"
-            for words, where in ELSEWHERE.items()
-            if words in message
-        )
         self.exit(
             2, f"{self.prog}: {message}\n`{self.prog} --help` shows what there is\n"
         )

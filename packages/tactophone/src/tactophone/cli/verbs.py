@@ -167,11 +167,13 @@ OWN = (
 """The verbs of this package, in the order of the help."""
 
 LABORATORY = (
+    "bench",
     "benchmark",
     "dataset",
     "demo",
     "evaluate",
     "export",
+    "fetch",
     "finetune",
     "import-model",
     "latency",

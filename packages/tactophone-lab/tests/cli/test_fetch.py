@@ -1,5 +1,4 @@
-"""examples/published_sets.py: fetches from a local server, converts made-up files in
-the layouts of published sets."""
+"""Published sets are fetched from a local server, or made up in their layouts."""
 
 import functools
 import hashlib
@@ -14,18 +13,15 @@ import numpy as np
 import pytest
 import soundfile
 
-from examples import published_sets
-from examples.published_sets import ARCHIVE, PAC, fetch, import_biotac, import_cluster
+from tactophone.cli import main
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import Touch
+from tactophone_lab.app.fetch import ARCHIVE, fetch_authors
+from tactophone_lab.datasets.biotac import PAC, import_biotac
 from tactophone_lab.datasets.checks import check
+from tactophone_lab.datasets.cluster import import_cluster
 from tactophone_lab.datasets.open import open_dataset
 from tests.folders import write_text
-
-
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    monkeypatch.setattr("sys.argv", ["published_sets.py", *words])
-    return published_sets.main()
 
 
 @pytest.fixture
@@ -54,15 +50,12 @@ def archive(path: Path, *, name: str = "share/opus/stereo/00_long_light.wav") ->
 
 @pytest.mark.slow
 def test_the_authors_share_is_fetched_checked_and_read(
-    server: tuple[Path, str],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    server: tuple[Path, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, address = server
     sha256 = archive(folder / "share.zip")
     words = ["authors", str(tmp_path / "out"), "--archive", f"{address}/share.zip"]
-    assert run(monkeypatch, *words, "--sha256", sha256) == 0
+    assert main(["fetch", *words, "--sha256", sha256]) == 0
     shown = capsys.readouterr()
     assert "BSD 3-Clause" in shown.err + shown.out
     (recording,) = open_dataset(shown.out.strip().splitlines()[-1]).recordings
@@ -78,14 +71,14 @@ def test_a_wrong_checksum_a_page_in_place_of_an_archive_and_a_dead_server_are_to
     archive(folder / "share.zip")
     (folder / "page.zip").write_text("<html>moved</html>")
     with pytest.raises(DatasetError, match="its SHA-256 is"):
-        fetch(tmp_path / "one", archive=f"{address}/share.zip", sha256="0" * 64)
+        fetch_authors(tmp_path / "one", archive=f"{address}/share.zip", sha256="0" * 64)
     with pytest.raises(DatasetError, match="is no zip archive"):
-        fetch(tmp_path / "two", archive=f"{address}/page.zip")
+        fetch_authors(tmp_path / "two", archive=f"{address}/page.zip")
     with pytest.raises(DatasetError, match="cannot be downloaded"):
-        fetch(tmp_path / "three", archive=f"{address}/missing.zip")
+        fetch_authors(tmp_path / "three", archive=f"{address}/missing.zip")
     archive(folder / "evil.zip", name="../../evil.wav")
     with pytest.raises(DatasetError, match="outside its folder"):
-        fetch(tmp_path / "four", archive=f"{address}/evil.zip")
+        fetch_authors(tmp_path / "four", archive=f"{address}/evil.zip")
     assert not list(tmp_path.rglob("evil.wav"))
 
 
@@ -116,14 +109,12 @@ def cluster(folder: Path) -> Path:
     return folder
 
 
-def test_the_cluster_set_becomes_slides_of_one_air_microphone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_cluster_set_becomes_slides_of_one_air_microphone(tmp_path: Path) -> None:
     theirs = cluster(tmp_path / "theirs")
     (theirs / "labels.csv").write_text(
         "surface,label\nNyatoh,rough\nStainless steel,smooth\n"
     )
-    assert run(monkeypatch, "cluster", str(theirs), str(tmp_path / "ours")) == 0
+    assert main(["fetch", "cluster", str(theirs), str(tmp_path / "ours")]) == 0
     made = open_dataset(tmp_path / "ours")
     assert {(each.surface, each.label) for each in made.recordings} == {
         ("Nyatoh", Touch.ROUGH),
@@ -166,30 +157,30 @@ def biotac(root: Path) -> Path:
 
 
 def test_the_vibration_of_a_biotac_becomes_sound(tmp_path: Path) -> None:
-    made, problems = import_biotac(biotac(tmp_path / "theirs"), tmp_path / "ours")
-    assert [problem.path.name for problem in problems] == ["notes.csv"]
+    made = import_biotac(biotac(tmp_path / "theirs"), tmp_path / "ours")
+    assert [problem.path.name for problem in made.problems] == ["notes.csv"]
     opened = open_dataset(tmp_path / "ours")
     assert check(opened) == ()
     labels = {take.surface: take.label for take in opened.recordings}
     assert labels == {"mat1": Touch.ROUGH, "mat2": Touch.SMOOTH}
-    sound, rate = soundfile.read(made[0].path)
+    sound, rate = soundfile.read(made.recordings[0].path)
     assert (rate, sound.shape) == (2200, (2200,))
     assert np.abs(np.fft.rfft(sound)).argmax() == 110
     assert np.abs(sound).max() == pytest.approx(200 / 2048, rel=0.01)
 
 
 def test_the_program_says_how_many_it_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     theirs, ours = str(biotac(tmp_path / "theirs")), str(tmp_path / "ours")
-    assert run(monkeypatch, "biotac", theirs, ours) == 0
+    assert main(["fetch", "biotac", theirs, ours]) == 0
     assert capsys.readouterr().out.startswith("2 recordings in")
 
 
 def test_a_folder_without_such_files_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(monkeypatch, "biotac", str(tmp_path), str(tmp_path / "ours")) == 1
+    assert main(["fetch", "biotac", str(tmp_path), str(tmp_path / "ours")]) == 1
     assert "nothing to import" in capsys.readouterr().err
     with pytest.raises(DatasetError, match="nothing to import"):
         import_biotac(tmp_path, tmp_path / "ours")

@@ -1,0 +1,44 @@
+"""``tactophone bench``: the sounds of the bench test, recorded or simulated, and what
+they say of the finger."""
+
+from collections.abc import Callable
+
+from tactophone.app.check import CHECKED_OBJECT, Step, record_act
+from tactophone.app.sources import AudioInput, SimulatedAct
+from tactophone.core.settings import Settings
+from tactophone.core.types import LIVE_SAMPLE_RATE, ignore
+from tactophone_lab.measurement.bench import (
+    STEPS,
+    WEIGHT,
+    BenchResult,
+    measure_bench,
+)
+
+
+def run_bench(
+    settings: Settings,
+    *,
+    step: Step = record_act,
+    begin: Callable[[int, AudioInput], None] = ignore,
+) -> BenchResult:
+    """Record the steps of the bench test and measure them.
+
+    ``begin`` is called before the first step, with its number. A simulated finger is
+    not asked for anything: its sounds are rendered.
+    """
+    if settings.capture.source == "finger":
+        from tactophone_lab.simulation.built_finger import BuiltFinger, bench_sounds
+
+        seed = settings.simulation.seed
+        sounds = bench_sounds(BuiltFinger(), weight=WEIGHT, seed=seed)
+        return measure_bench(sounds, LIVE_SAMPLE_RATE)
+    with AudioInput(settings, CHECKED_OBJECT) as audio:
+        begin(1, audio)
+        blocks = iter(audio)
+        sounds = {
+            each.name: step(
+                audio, blocks, SimulatedAct("rest", each.seconds), each.instruction
+            )
+            for each in STEPS
+        }
+        return measure_bench(sounds, audio.source.sample_rate)
