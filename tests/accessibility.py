@@ -21,9 +21,13 @@ SIZES = (390, 768, 1280)
 
 _RUN = """
 const done = arguments[0];
-axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => done(violations
-  .filter(({ impact }) => ["serious", "critical"].includes(impact))
-  .map(({ id, nodes }) => [id, nodes.map(({ html, failureSummary }) => [html.slice(0, 80), failureSummary])])), String);
+const described = ({ html, failureSummary }) => [html.slice(0, 80), failureSummary];
+axe.run(document, { resultTypes: ["violations"] }).then(
+  ({ violations }) => done(violations
+    .filter(({ impact }) => ["serious", "critical"].includes(impact))
+    .map(({ id, nodes }) => [id, nodes.map(described)])),
+  String,
+);
 """
 
 
@@ -54,16 +58,20 @@ def outside(browser: webdriver.Chrome) -> int:
 
 
 _CONTROLS = """
-return [...document.querySelectorAll("summary, a[href], button, input, select, [tabindex='0']")]
-  .filter((node) => !node.disabled && node.checkVisibility({ visibilityProperty: true }))
+const usable = "summary, a[href], button, input, select, [tabindex='0']";
+const visible = (node) => node.checkVisibility({ visibilityProperty: true });
+return [...document.querySelectorAll(usable)]
+  .filter((node) => !node.disabled && visible(node))
   .filter((node) => node.type !== "radio" || node.checked).length;
 """
 _FOCUSED = """
 const node = document.activeElement;
 if (node === document.body) return null;
 const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(node);
-const seen = (outlineStyle !== "none" && parseFloat(outlineWidth) >= 1) || boxShadow !== "none";
-return [[...document.querySelectorAll("*")].indexOf(node) + " " + node.outerHTML.slice(0, 80), seen];
+const outlined = outlineStyle !== "none" && parseFloat(outlineWidth) >= 1;
+const seen = outlined || boxShadow !== "none";
+const place = [...document.querySelectorAll("*")].indexOf(node);
+return [place + " " + node.outerHTML.slice(0, 80), seen];
 """
 
 
@@ -77,7 +85,8 @@ def reached_by_tab(browser: webdriver.Chrome) -> tuple[int, dict[str, bool]]:
     # Tab goes on from the element that had the focus last; so the page itself has it
     # first.
     browser.execute_script(
-        "document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex');"
+        "document.body.tabIndex = -1; document.body.focus(); "
+        "document.body.removeAttribute('tabindex');"
     )
     reached: dict[str, bool] = {}
     for _ in range(60):

@@ -42,8 +42,9 @@ def audiofolder(root: Path, *, surfaces: int = 4, takes: int = 2) -> Path:
                 level=0.3 if surface % 2 == 0 else 0.05,
             )
             label = "rough" if surface % 2 == 0 else "smooth"
+            scenario = "table" if take else "hand"
             lines.append(
-                f"{name},stone {surface:02},{label},contact|air,{take},{'table' if take else 'hand'},light"
+                f"{name},stone {surface:02},{label},contact|air,{take},{scenario},light"
             )
     write_text(root / "metadata.csv", *lines)
     return root

@@ -1,5 +1,5 @@
-"""No module of either package imports itself through others, not even lazily or for types
-alone."""
+"""No module of either package imports itself through others, not even lazily or for
+types alone."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter

@@ -11,8 +11,15 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PYTHON = """#!/bin/sh
 case "$1" in
-  -) exec {python} -c 'import platform, sys; {other}; sys.argv = sys.argv[1:]; exec(sys.stdin.read())' "$@" ;;
-  -m) i=0; while [ $i -lt 185 ]; do echo "WARNING: $i" >&2; i=$((i + 1)); done; echo "{said}"; exit {code} ;;
+  -)
+    exec {python} -c 'import platform, sys; {other}
+sys.argv = sys.argv[1:]
+exec(sys.stdin.read())' "$@" ;;
+  -m)
+    i=0
+    while [ $i -lt 185 ]; do echo "WARNING: $i" >&2; i=$((i + 1)); done
+    echo "{said}"
+    exit {code} ;;
 esac
 """
 

@@ -22,19 +22,31 @@ class Hidden:
 
 UNIX = {"fcntl", "termios", "tty", "pty", "resource", "pwd", "grp", "syslog"}
 PROCESSES = sys.argv[1] in ("train", "setup", "simulate", "evaluate")
-if not PROCESSES:  # the library of this system needs that, and a mask of signals, where processes are started
+# To start processes, this system's library needs shared memory, and signal masks below.
+if not PROCESSES:
     UNIX.add("_posixshmem")
 for name in UNIX:
     sys.modules.pop(name, None)
 sys.meta_path.insert(0, Hidden())
 import subprocess  # which itself looks for what is taken away now
 if PROCESSES:
-    import torch  # which asks for the system, and does without mmap's names where that is Windows
+    # Asks for the system; on Windows it does without mmap's names.
+    import torch
 NAMES = {
-    os: ("getuid", "geteuid", "nice", "sched_setscheduler", "sched_getscheduler", "sched_getaffinity", "fork"),
-    signal: ("SIGUSR1", "SIGHUP", "SIGALRM", *(() if PROCESSES else ("pthread_sigmask",))),
+    os: (
+        "getuid",
+        "geteuid",
+        "nice",
+        "sched_setscheduler",
+        "sched_getscheduler",
+        "sched_getaffinity",
+        "fork",
+    ),
+    signal: ("SIGUSR1", "SIGHUP", "SIGALRM"),
     mmap: ("MAP_SHARED", "MAP_PRIVATE", "PROT_READ", "PROT_WRITE"),
 }
+if not PROCESSES:
+    NAMES[signal] += ("pthread_sigmask",)
 for module, names in NAMES.items():
     for name in names:
         if hasattr(module, name):
@@ -47,7 +59,8 @@ def refuse(event, args):
 sys.addaudithook(refuse)
 # Windows reads and writes text as its language wants it, unless an encoding is named.
 warnings.simplefilter("ignore", EncodingWarning)
-warnings.filterwarnings("error", category=EncodingWarning, module=r"tactophone|__main__")
+ours = r"tactophone|__main__"
+warnings.filterwarnings("error", category=EncodingWarning, module=ours)
 """
 
 RUN = """
@@ -116,10 +129,12 @@ def test_the_modules_and_the_api_load_without_a_warning(folder: Path) -> None:
     [
         "feel stroke.wav --out felt --plot",
         "dataset check set",
-        "simulate dataset simulated --objects 0,1,2,3,4,5 --takes long_light --seconds 2; "
-        "train simulated --out new.onnx --recipe level; evaluate new.onnx --data simulated",
+        "simulate dataset simulated --objects 0,1,2,3,4,5 --takes long_light --seconds "
+        "2; train simulated --out new.onnx --recipe level; evaluate new.onnx --data "
+        "simulated",
         "model show texture",
-        "setup --source finger --set simulation.gain_db=-20 --seconds 3 --yes --out own.onnx",
+        "setup --source finger --set simulation.gain_db=-20 --seconds 3 --yes --out "
+        "own.onnx",
         "check --source finger --yes",
         "settings",
     ],

@@ -46,7 +46,10 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 def test_importing_the_package_loads_no_model_runtime_and_no_network_library() -> None:
     heavy = ("onnxruntime", "OpenSSL", "pylibsrtp", "soundfile", "rich")
-    code = f"import sys, tactophone; print([name for name in {heavy} if name in sys.modules])"
+    code = (
+        "import sys, tactophone; "
+        f"print([name for name in {heavy} if name in sys.modules])"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

@@ -15,7 +15,8 @@ from tests.surfaces import surfaces
 def test_an_ablation_predicts_at_the_live_times(tmp_path: Path, change: str) -> None:
     dataset, file = surfaces(tmp_path, each=1), tmp_path / "a.toml"
     file.write_text(
-        f'recipe = "paper-fast"\nepochs = 1\nleast_steps = 2\nbatch_size = 100\ncontact_threshold = "off"\n{change}\n'
+        'recipe = "paper-fast"\nepochs = 1\nleast_steps = 2\nbatch_size = '
+        f'100\ncontact_threshold = "off"\n{change}\n'
     )
     ablation = Ablation.read(file)
     assert ablation.name.startswith("paper/general, ")

@@ -128,10 +128,9 @@ def launch(name: str, seconds: float) -> int:
         for line in (done.stdout + done.stderr).splitlines()
         if "DONE" in line or " exec/s" in line
     ]
-    print(
-        f"{name}: {lines[-1].strip() if lines else ''}{'' if done.returncode == 0 else ' CRASHED'}",
-        flush=True,
-    )
+    last = lines[-1].strip() if lines else ""
+    crashed = " CRASHED" if done.returncode else ""
+    print(f"{name}: {last}{crashed}", flush=True)
     if done.returncode:
         print(done.stderr[-1_500:], flush=True)
     return int(done.returncode != 0)

@@ -110,7 +110,10 @@ def page_requests() -> tuple[Sequence[bytes], Run]:
 
 
 def settings() -> tuple[Sequence[bytes], Run]:
-    toml = b'[link]\nport = 48471\npacket_duration = 0.005\nhost = ""\n[rendering]\nceiling = 0.5\nmuted = true\n'
+    toml = (
+        b'[link]\nport = 48471\npacket_duration = 0.005\nhost = ""\n'
+        b"[rendering]\nceiling = 0.5\nmuted = true\n"
+    )
     return [toml], _file("settings.toml", read_settings)
 
 
@@ -122,7 +125,10 @@ def assignments() -> tuple[Sequence[bytes], Run]:
 
 
 def calibrations() -> tuple[Sequence[bytes], Run]:
-    toml = b'made = "2026-01-01"\nsource = "x"\nsample_rate = 48000\nthreshold_dbfs = -50.0\n'
+    toml = (
+        b'made = "2026-01-01"\nsource = "x"\n'
+        b"sample_rate = 48000\nthreshold_dbfs = -50.0\n"
+    )
     return [toml], _file("calibration.toml", Calibration.read)
 
 
@@ -137,7 +143,8 @@ def cards() -> tuple[Sequence[bytes], Run]:
 def metadata() -> tuple[Sequence[bytes], Run]:
     table = (
         b"file_name,surface,label,channels,take,scenario,session,segments\n"
-        b"a.wav,slate,rough,contact|air,long,table,d,0.30-5.17=rough 6-7=none\nsub/b.wav,glass,smooth,contact,,,,\n"
+        b"a.wav,slate,rough,contact|air,long,table,d,0.30-5.17=rough 6-7=none\n"
+        b"sub/b.wav,glass,smooth,contact,,,,\n"
     )
     return [table], _file("metadata.csv", lambda path: open_dataset(path.parent))
 
@@ -261,7 +268,8 @@ def labs() -> tuple[Sequence[bytes], Run]:
 
 def hands() -> tuple[Sequence[bytes], Run]:
     toml = (
-        b'[thumb]\ncontact = 1\nair = "system:capture_2"\nprofile = "dualsense"\nceiling = 0.4\n[index]\n'
+        b'[thumb]\ncontact = 1\nair = "system:capture_2"\nprofile = "dualsense"\n'
+        b"ceiling = 0.4\n[index]\n"
         b'threshold_dbfs = -34\nport = "x"\nchannel = 2\nmodel = "paper"\n'
     )
     return [toml], _file(

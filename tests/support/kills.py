@@ -268,13 +268,15 @@ def check_log(log: Path, finding: Finding, killed: float) -> None:
     finding.equal += replay.comparison.equal
     if replay.comparison.different:
         finding.wrong.append(
-            f"{log.name}: {replay.comparison.different} predictions differ from {finding.victim}"
+            f"{log.name}: {replay.comparison.different} predictions differ from "
+            f"{finding.victim}"
         )
     if not replay.complete and last:
         finding.behind = max(finding.behind, killed - last)
         if finding.victim.startswith(("robot", "operator", "command")):
             finding.wrong.append(
-                f"{log.name} has no end, though {finding.victim} was killed and not its recorder"
+                f"{log.name} has no end, though {finding.victim} was killed and not "
+                "its recorder"
             )
 
 

@@ -108,7 +108,8 @@ class Cable:
     def _plug(self) -> None:
         self._ip(
             "robot",
-            f"link add eth0 type veth peer name eth0 netns {self.namespaces['operator']}",
+            "link add eth0 type veth peer name eth0 netns "
+            f"{self.namespaces['operator']}",
         )
         for side, address in ADDRESSES.items():
             self._ip(side, f"addr add {address}/24 dev eth0", "link set eth0 up")

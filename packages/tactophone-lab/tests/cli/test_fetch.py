@@ -96,9 +96,10 @@ def cluster(folder: Path) -> Path:
         for text in ("id", "name", "Nyatoh", "Stainless steel")
     )
     rows = (
-        '<row r="1"><c r="A1" t="s"><v>0</v></c><c r="B1" t="s"><v>1</v></c></row>'
-        '<row r="2"><c r="A2"><v>0</v></c><c r="B2" t="s"><v>2</v></c><c r="C2"><v>0.4</v></c></row>'
-        '<row r="3"><c r="A3"><v>65</v></c><c r="B3" t="s"><v>3</v></c></row>'
+        '<row r="1"><c r="A1" t="s"><v>0</v></c><c r="B1" t="s"><v>1</v></c></row><row '
+        'r="2"><c r="A2"><v>0</v></c><c r="B2" t="s"><v>2</v></c><c '
+        'r="C2"><v>0.4</v></c></row><row r="3"><c r="A3"><v>65</v></c><c r="B3" '
+        't="s"><v>3</v></c></row>'
     )
     with zipfile.ZipFile(folder / "texture_list.xlsx", "w") as book:
         book.writestr("xl/sharedStrings.xml", f"<sst {space}>{texts}</sst>")

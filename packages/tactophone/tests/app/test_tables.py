@@ -23,7 +23,9 @@ from tactophone import ContactThreshold, Prediction, Touch
 class Loud:
     name, latency, bandwidth = "loud", 0.0, 8000.0
     def __init__(self, sample_rate, channels):
-        self.faults, self.threshold, self.given = Counter(), ContactThreshold(-40.0), (sample_rate, channels)
+        self.faults = Counter()
+        self.threshold = ContactThreshold(-40.0)
+        self.given = (sample_rate, channels)
     def push(self, block):
         end = block.end / block.sample_rate
         return [Prediction((0.0, 0.0, 1.0), Touch.ROUGH, 0.9, -10.0, block.time, end)]
@@ -61,7 +63,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         "Metadata-Version: 2.1\nName: loud-touch\nVersion: 1.0\n"
     )
     (metadata / "entry_points.txt").write_text(
-        "[tactophone.detectors]\nloud = loud_touch:Loud\n[tactophone.actuators]\nglove = loud_touch:Silent\n"
+        "[tactophone.detectors]\nloud = loud_touch:Loud\n[tactophone.actuators]\nglove "
+        "= loud_touch:Silent\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     yield

@@ -76,8 +76,8 @@ def test_who_answers_reads_whether_the_caller_s_key_is_known(
         shown.split()
     )
     assert (
-        "connected directly to 203.0.113.7 in 0.4 s, encrypted, 23 ms there and back; you are the robot"
-        in shown
+        "connected directly to 203.0.113.7 in 0.4 s, encrypted, 23 ms there and back; "
+        "you are the robot" in shown
     )
     assert (person.answered, person.begun) == ([True], ["robot"])
 

@@ -344,8 +344,8 @@ def test_a_low_rate_is_said_once(
     )
     (result,) = json.loads(capsys.readouterr().out)
     assert [note for note in result["notes"] if "Hz" in note and "hum" not in note] == [
-        "recorded at 4000 Hz, so without sound over 2000 Hz, but the model uses up to 8000: rough may be "
-        "rendered smooth; record at a higher rate"
+        "recorded at 4000 Hz, so without sound over 2000 Hz, but the model uses up to "
+        "8000: rough may be rendered smooth; record at a higher rate"
     ]
 
 

@@ -35,9 +35,9 @@ def test_the_help_begins_with_what_it_is_in_one_sentence(
         main(["--help"])
     before = capsys.readouterr().out.partition("options:")[0]
     whole = " ".join(before.split("VERB ...")[1].split())
-    assert (
-        whole
-        == "A telephone for touch: microphones on a robot's fingertip, vibration on an operator's."
+    assert whole == (
+        "A telephone for touch: microphones on a robot's fingertip, vibration on an "
+        "operator's."
     )
 
 
@@ -53,7 +53,8 @@ def test_output_that_cannot_be_written_is_reported_in_one_line(closed: str) -> N
     else:
         assert (done.returncode, done.stderr) == (
             1,
-            "tactophone: cannot read or write: No space left on device; free some space, or write elsewhere\n",
+            "tactophone: cannot read or write: No space left on device; free some "
+            "space, or write elsewhere\n",
         )
 
 

@@ -56,7 +56,10 @@ def test_training_needs_no_codec(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_setting_up_a_finger_needs_no_codec(tmp_path: Path) -> None:
-    words = "setup --source finger --set simulation.gain_db=-20 --seconds 2 --yes --set process.name=setup-no-link"
+    words = (
+        "setup --source finger --set simulation.gain_db=-20 --seconds 2 --yes "
+        "--set process.name=setup-no-link"
+    )
     done = run_without_link(tmp_path, *words.split())
     assert done.returncode == 0, done.stderr
     assert "written: finger.onnx" in done.stdout

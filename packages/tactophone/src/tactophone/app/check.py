@@ -22,8 +22,8 @@ SILENCE = 5.0
 
 MOTION = (
     SimulatedAct("move", 10.0),
-    "Motion: move the robot in the air all the time, with three starts and stops, grippers and wrists too. "
-    "Touch nothing",
+    "Motion: move the robot in the air all the time, with three starts and stops, "
+    "grippers and wrists too. Touch nothing",
 )
 CHECK_STEPS = (
     (SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still"),
@@ -66,7 +66,8 @@ def record_act(
             if (block := next(blocks, None)) is None:
                 seconds = left / audio.source.sample_rate
                 raise DatasetError(
-                    f"the sound ended {seconds:.1f} s too early; use a source that goes on until the last step"
+                    f"the sound ended {seconds:.1f} s too early; use a source that "
+                    "goes on until the last step"
                 )
             parts.append(block.samples[:left])
             left -= len(parts[-1])

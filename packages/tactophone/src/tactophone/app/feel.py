@@ -90,8 +90,10 @@ def feel(
 ) -> Felt:
     """Process a recording and write its vibration, timeline and, if wanted, a figure.
 
-    - ``folder``, ``stem``: where the files go, and how their names begin: by default as the recording's.
-    - ``settings``: model, contact, threshold, events, tip, profile and ceiling are used.
+    - ``folder``, ``stem``: where the files go, and how their names begin: by default as
+      the recording's.
+    - ``settings``: model, contact, threshold, events, tip, profile and ceiling are
+      used.
     - ``report``: called with the samples processed and their number.
 
     Raises `DatasetError` if the recording cannot be read, `ModelError` if the model
@@ -141,7 +143,10 @@ def feel(
             timeline=outputs.timeline,
             microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
+            title=(
+                f"{path.name}{labelled}; model {pipeline.detector.name}, profile "
+                f"{pipeline.profile.name}"
+            ),
             truth=truth,
         )
     return Felt(
@@ -184,7 +189,8 @@ def sounds_of(
     paths = [sound for sounds in found.values() for sound in sounds]
     if finger and not any(map(is_mcap, paths)):
         raise ConfigError(
-            "--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out"
+            "--finger chooses one of the fingers of a log, an MCAP file of --record: "
+            "leave it out"
         )
     for path in paths:
         if not is_mcap(path):

@@ -178,7 +178,8 @@ def _draw_spectrogram(axes: Any, recording: Recording) -> Any:
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
     axes.set_title(
-        f"{recording.surface} {recording.take}\n{recording.known('label')} {recording.scenario}",
+        f"{recording.surface} {recording.take}\n{recording.known('label')} "
+        f"{recording.scenario}",
         fontsize=10,
     )
     axes.tick_params(labelsize=8)

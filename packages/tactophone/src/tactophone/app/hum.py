@@ -60,7 +60,7 @@ class Hum:
 
     @property
     def mains(self) -> int:
-        """Mains frequency, 50 or 60 Hz: whichever explains more of the harmonic power."""
+        """Mains frequency, 50 or 60 Hz, whichever explains more of the harmonics."""
         power = np.square(np.abs(self.amplitude)).mean(axis=-1).max(axis=-1)
         nearest = np.rint(self.frequency.max(axis=-1))
         return max(

@@ -205,7 +205,8 @@ class LoggedEndpoint:
         """
         if not 0 <= controls.finger < len(self._outputs):
             raise DatasetError(
-                f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
+                f"controls of finger {controls.finger}, but the run has "
+                f"{len(self._outputs)}: a changed log"
             )
         output = self._outputs[controls.finger]
         chosen = self._chosen[controls.finger]
@@ -268,7 +269,8 @@ def _with(settings: Settings, values: dict[str, Any]) -> Settings:
             continue
         if isinstance(value, str) and not value.isprintable():
             raise ConfigError(
-                f"the log: {name} = {value!r} holds what is no text; was the log changed?"
+                f"the log: {name} = {value!r} holds what is no text; was the log "
+                "changed?"
             )
         if (
             name == _MODEL
@@ -277,7 +279,8 @@ def _with(settings: Settings, values: dict[str, Any]) -> Settings:
             and Path(value).suffix != ".onnx"
         ):
             raise ConfigError(
-                f"the log: {name} = {value!r}, but a model is shipped or a file that ends in .onnx"
+                f"the log: {name} = {value!r}, but a model is shipped or a file that "
+                "ends in .onnx"
             )
         settings = set_value(settings, name, value, where="the log")
     return settings
@@ -383,7 +386,9 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
         blocks = (block for _, block in group)
         first = next(blocks)
         if max(1, first.channels // 2) != len(names):
-            continue  # of a robot with another number of fingers, which the operator refused
+            # The sound of a robot with another number of fingers, which the operator
+            # refused.
+            continue
         with ExitStack() as stack:
             files = []
             for place, (name, count) in enumerate(zip(names, channels, strict=True)):
@@ -403,7 +408,8 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                     file.write(samples[:, columns])
     if not written:
         raise DatasetError(
-            f"{log}: no sound in it; was it recorded with predictions sent in place of sound?"
+            f"{log}: no sound in it; was it recorded with predictions sent in place of "
+            "sound?"
         )
     return written
 

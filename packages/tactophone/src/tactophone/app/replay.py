@@ -143,7 +143,8 @@ class Replay:
     def _process(self, wake_up: WakeUp) -> Iterator[PipelineStep]:
         if self.endpoint is None:
             raise DatasetError(
-                "the log begins within a run: packets before its start cannot be replayed"
+                "the log begins within a run: packets before its start cannot be "
+                "replayed"
             )
         for step, certain in self.endpoint.process(wake_up):
             for number, prediction in enumerate(step.predictions):
@@ -168,7 +169,8 @@ class Replay:
         self.gaps += 1
         if self.gaps <= MOST_NOTED:
             self.notes.append(
-                f"{gap / rate:.0f} s without sound at {self._end / rate:.2f} s are left out"
+                f"{gap / rate:.0f} s without sound at {self._end / rate:.2f} s are "
+                "left out"
             )
         elif self.gaps == MOST_NOTED + 1:
             self.notes.append("further long gaps are left out too")
@@ -234,7 +236,10 @@ def write_replay(
             timeline=files["timeline"],
             microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
+            title=(
+                f"{name}, replayed; model {pipeline.detector.name}, profile "
+                f"{pipeline.profile.name}"
+            ),
         )
     return [
         RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)
@@ -293,8 +298,10 @@ def replay_log(
 ) -> ReplayedLog:
     """Compute a log again, compare it, and write what is wanted.
 
-    - ``changes``: ``NAME=VALUE`` of settings of the detector and of rendering, for every finger.
-    - ``out``: folder for vibration and timeline of each finger, and with ``plot`` a figure.
+    - ``changes``: ``NAME=VALUE`` of settings of the detector and of rendering, for
+      every finger.
+    - ``out``: folder for vibration and timeline of each finger, and with ``plot`` a
+      figure.
     - ``bag``: new folder for a ROS 2 bag, in place of ``out``.
     - ``audio``: file for a copy of the log with its sound.
     - ``follow``: is given the entries, and passes them on.
@@ -323,7 +330,8 @@ def replay_log(
         replay = Replay(read_log(log), changed)
         deque(replay.steps(), maxlen=0)
         replay.notes.append(
-            f"the ceiling of the run was above {ceiling:g}, to which what is written is bounded: --ceiling raises that"
+            f"the ceiling of the run was above {ceiling:g}, to which what is written "
+            "is bounded: --ceiling raises that"
         )
     if audio:
         files["audio"] = add_sound(log, audio)

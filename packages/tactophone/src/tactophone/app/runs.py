@@ -52,7 +52,8 @@ def loopback(
     """Run both sides on this machine, and return the last snapshot of the operator:
     counters, gauges, state.
 
-    - ``duration``: longest time, in s, once the run has started; it ends before if its sound does.
+    - ``duration``: longest time, in s, once the run has started; it ends before if its
+      sound does.
     - ``record``, ``bridges``, ``report``: as for `observed`.
 
     Raises `ConfigError` if a setting does not fit, and `TactophoneError` if no side
@@ -167,11 +168,12 @@ def observed(
 ) -> Iterator[None]:
     """Record the run of that name meanwhile, and show it elsewhere.
 
-    - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for predictions and commands alone.
+    - ``record``: Files: ``.mcap`` for `tactophone.app.replay`, or ``.csv`` for
+      predictions and commands alone.
     - ``bridges``: each a name of `BRIDGES`, or ``NAME=ADDRESS``.
     - ``sends``: whether the run is a robot's side alone.
-    - ``report``, ``warn``: called with what people should know, and with what has gone wrong in a run that goes on;
-      from any thread.
+    - ``report``, ``warn``: called with what people should know, and with what has gone
+      wrong in a run that goes on; from any thread.
 
     Raises `ConfigError` if something asked for would be ignored.
     """
@@ -200,20 +202,22 @@ def _check(
             )
         if path.suffix == ".csv" and sends and not settings.link.send_predictions:
             raise ConfigError(
-                f"send --record {path} needs predictions on this side: add --send-predictions, or record at the "
-                "operator's with receive --record"
+                f"send --record {path} needs predictions on this side: add "
+                "--send-predictions, or record at the operator's with receive --record"
             )
     names = [text.partition("=")[0] for text in bridges]
     for name in names:
         if name not in BRIDGES:
             raise ConfigError(
-                f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}"
+                f"--bridge {name}: one of "
+                f"{', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}"
             )
     chosen = settings.bridges
     usual = Settings().bridges
     if chosen.finger != usual.finger and settings.is_hand:
         raise ConfigError(
-            "bridges.finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
+            "bridges.finger names the only finger in OSC and ROS, but those of "
+            "--fingers have names: leave it out"
         )
     ros = {"ros", "zenoh"}
     for setting, needed in {
@@ -228,11 +232,13 @@ def _check(
         ):
             words = " or ".join(f"--bridge {name}" for name in sorted(needed))
             raise ConfigError(
-                f"bridges.{setting} does nothing without {words}: add that, or leave it out"
+                f"bridges.{setting} does nothing without {words}: add that, or leave "
+                "it out"
             )
     if chosen.osc_listen and sends:
         raise ConfigError(
-            "bridges.osc_listen stops the operator's vibration: set it for `tactophone receive`"
+            "bridges.osc_listen stops the operator's vibration: set it for `tactophone "
+            "receive`"
         )
 
 
@@ -259,7 +265,8 @@ def _bridges(
 
             if address.endswith(":0"):
                 raise ConfigError(
-                    f"--bridge {text}: a viewer has to know the port: name one, such as {FOXGLOVE_ADDRESS}"
+                    f"--bridge {text}: a viewer has to know the port: name one, such "
+                    f"as {FOXGLOVE_ADDRESS}"
                 )
 
             token = secrets.token_urlsafe(24)
@@ -288,7 +295,8 @@ def _bridges(
 
             if address and not address.isdecimal():
                 raise ConfigError(
-                    f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0"
+                    f"--bridge {text}: wanted the number of a ROS domain, such as "
+                    f"{bridge}=0"
                 )
             sinks = tuple(
                 sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip()

@@ -60,11 +60,13 @@ def open_source(settings: Settings) -> Source:
         if not own.capture.device and settings.is_hand:
             name = settings.fingers[place].name
             raise ConfigError(
-                f'no recording is named for the finger {name}: write device = "FILE" under [{name}]'
+                f'no recording is named for the finger {name}: write device = "FILE" '
+                f"under [{name}]"
             )
         if not own.capture.device:
             raise ConfigError(
-                "capture.source = 'file', but no file is named: give --source file:RECORDING"
+                "capture.source = 'file', but no file is named: give --source "
+                "file:RECORDING"
             )
     sources = [
         recorded(file, file.path, file.duration)
@@ -109,7 +111,8 @@ def _ros_source(topic: str) -> Source:
     source = RosSource(topic)
     if source.sample_rate != LIVE_SAMPLE_RATE:
         raise ConfigError(
-            f"--source ros:{topic}: {source.sample_rate} Hz, but {LIVE_SAMPLE_RATE} Hz is needed; set its node so"
+            f"--source ros:{topic}: {source.sample_rate} Hz, but {LIVE_SAMPLE_RATE} Hz "
+            "is needed; set its node so"
         )
     return source
 
@@ -126,7 +129,8 @@ def source_of(
         return open_source, None
     if not page:
         raise ConfigError(
-            "--source browser takes the microphone of a page: add --dashboard, or --lan for a phone"
+            "--source browser takes the microphone of a page: add --dashboard, or "
+            "--lan for a phone"
         )
     inbox, microphone = Pipe(duplex=False)
     return partial(_open_browser, inbox), microphone

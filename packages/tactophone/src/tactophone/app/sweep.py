@@ -86,8 +86,9 @@ def fit(recorded: FloatArray, *, duration: float = SWEEP_DURATION) -> MeasuredRe
     snr_db = 20 * math.log10(max(float(amplitudes[peak]), 1e-12) / floor)
     if snr_db < LEAST_SNR_DB:
         raise DeviceError(
-            f"the sweep stands only {snr_db:.0f} dB over the noise, but {LEAST_SNR_DB:.0f} are needed: press the "
-            "microphone on the actuator, or raise --amplitude"
+            f"the sweep stands only {snr_db:.0f} dB over the noise, but "
+            f"{LEAST_SNR_DB:.0f} are needed: press the microphone on the actuator, or "
+            "raise --amplitude"
         )
     levels = 20 * np.log10(np.maximum(amplitudes, 1e-12) / amplitudes[peak])
     inside = np.flatnonzero(levels >= -BAND_DB)

@@ -48,7 +48,8 @@ class Table:
         fields = {field.name: field for field in PREDICTION_FIELDS}
         if name not in fields:
             raise ConfigError(
-                f"no column {name}: there are {', '.join(fields)}{did_you_mean(name, fields)}"
+                f"no column {name}: there are "
+                f"{', '.join(fields)}{did_you_mean(name, fields)}"
             )
         field = fields[name]
         pairs = zip(self.predictions, self.commands, strict=True)

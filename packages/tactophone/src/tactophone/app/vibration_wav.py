@@ -304,7 +304,8 @@ def process_recording(
         folder = outputs.waveform.parent
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(
-            f"the results cannot be written to {folder} ({reason}); choose another folder"
+            f"the results cannot be written to {folder} ({reason}); choose another "
+            "folder"
         ) from error
 
 

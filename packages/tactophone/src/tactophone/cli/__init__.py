@@ -57,9 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             or (full and next(filter(None, given), None))
             or "cannot read or write"
         )
-        output.print_error(
-            f"{where}: {error.strerror or error}{'; free some space, or write elsewhere' * full}"
-        )
+        advice = "; free some space, or write elsewhere" if full else ""
+        output.print_error(f"{where}: {error.strerror or error}{advice}")
         return 1
     except RuntimeError as error:
         # By name: the library of sound files takes long to import, and tells nobody
@@ -67,7 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if type(error).__name__ != "LibsndfileError":
             raise
         output.print_error(
-            f"{error} A sound file cannot be read or written: is the disk full? Free some space"
+            f"{error} A sound file cannot be read or written: is the disk full? Free "
+            "some space"
         )
         return 1
 

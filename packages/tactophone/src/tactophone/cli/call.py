@@ -96,7 +96,8 @@ def run(args: argparse.Namespace) -> int:
     answers = args.verb == "answer"
     if answers and not args.yes and not sys.stdin.isatty():
         raise ConfigError(
-            "nobody can accept the call, as there is no terminal: add --yes to accept whoever has the code"
+            "nobody can accept the call, as there is no terminal: add --yes to accept "
+            "whoever has the code"
         )
     identity = _identity(folder)
     spoken = bool(re.match(r"\d+-", args.code))
@@ -154,7 +155,8 @@ def _found(
         elif step == "asked":
             caller, role, version, fingerprint = content
             output.note(
-                f"{caller} calls, the {role}, with tactophone {version}; {_known(folder, fingerprint)}"
+                f"{caller} calls, the {role}, with tactophone {version}; "
+                f"{_known(folder, fingerprint)}"
             )
             side.begin("operator" if role == "robot" else "robot")
             process.answer(
@@ -283,7 +285,8 @@ def _identity(folder: Path) -> "Identity":
 def _secret_path(folder: Path, name: str) -> Path:
     if not re.fullmatch(r"[A-Za-z][\w.+-]{0,63}", name, flags=re.ASCII):
         raise ConfigError(
-            f"{name!r} is neither a code, such as 3-escapade-peachy, nor a name: letters first, no spaces"
+            f"{name!r} is neither a code, such as 3-escapade-peachy, nor a name: "
+            "letters first, no spaces"
         )
     return folder / "calls" / name
 
@@ -296,7 +299,8 @@ def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
         if secrets := tuple(map(bytes.fromhex, path.read_text().split())):
             return secrets
     raise ConfigError(
-        f"{path} holds no secret of an earlier call: call once with a code and --remember {name}"
+        f"{path} holds no secret of an earlier call: call once with a code and "
+        f"--remember {name}"
     )
 
 
@@ -320,7 +324,8 @@ def _remember(folder: Path, name: str, found: "Found") -> None:
         != found.fingerprint
     ):
         output.warn(
-            f"not remembered: {name} is the name of another machine in peers.txt; choose another name"
+            f"not remembered: {name} is the name of another machine in peers.txt; "
+            "choose another name"
         )
         return
     path = _secret_path(folder, name)
@@ -330,5 +335,6 @@ def _remember(folder: Path, name: str, found: "Found") -> None:
     draft.replace(path)
     Peers.load(folder).trusting(name, found.fingerprint).save(folder)
     output.note(
-        f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no code"
+        f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no "
+        "code"
     )

@@ -143,13 +143,15 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         for channel, name in enumerate(MICROPHONES[: calibration.channels])
     ]
     yield (
-        f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
-        f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
+        f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: "
+        f"{calibration.window_dbfs:.1f} dBFS): at most "
+        f"{calibration.false_alarms_per_minute:g} false contacts a minute"
     )
     if not math.isnan(found.motion_db):
         yield (
-            f"motion: {found.motion_db:.1f} dB over rest under 500 Hz; fainter touches are missed while it lasts. "
-            f"Bands count from {calibration.margin_db:g} dB over noise (--set detector.margin_db=5 overrules that)"
+            f"motion: {found.motion_db:.1f} dB over rest under 500 Hz; fainter touches "
+            f"are missed while it lasts. Bands count from {calibration.margin_db:g} dB "
+            "over noise (--set detector.margin_db=5 overrules that)"
         )
     yield from findings_in_words(found.findings)
     if found.passed:
@@ -157,7 +159,8 @@ def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
         yield output.styled(
             "green",
             "good:",
-            f" written to {name}; use it as --calibration of `record`, `train` and `receive`",
+            f" written to {name}; use it as --calibration of `record`, `train` and "
+            "`receive`",
         )
     else:
         yield "nothing was written: correct what is refused above, and check again"

@@ -185,7 +185,8 @@ def _line(snapshot: Snapshot) -> Text:
     if snapshot.steps.size and snapshot.state.role == "operator":
         step = snapshot.steps[-1]
         parts.append(
-            f"{Touch(step['touch']).name.lower():6} {step['frequency']:3.0f} Hz {step['amplitude']:4.2f}"
+            f"{Touch(step['touch']).name.lower():6} {step['frequency']:3.0f} Hz "
+            f"{step['amplitude']:4.2f}"
         )
     counters = snapshot.counters
     packets = counters["packets_received"] or counters["packets_sent"]

@@ -32,7 +32,10 @@ EXAMPLES = {
     "devices": (
         "tactophone devices --json",
         "tactophone devices feel --actuator jack",
-        "tactophone devices measure --actuator portaudio:DualSense --source portaudio:2",
+        (
+            "tactophone devices measure --actuator portaudio:DualSense "
+            "--source portaudio:2"
+        ),
     ),
     "settings": (
         "tactophone settings > robot.toml",
@@ -49,8 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "step",
         nargs="?",
         choices=("feel", "measure"),
-        help="feel: play bursts that grow until you feel them; measure: play a sweep on the actuator, record it with "
-        "the contact microphone, write actuator.toml",
+        help=(
+            "feel: play bursts that grow until you feel them; measure: play a sweep on "
+            "the actuator, record it with the contact microphone, write actuator.toml"
+        ),
     )
     add(
         "--amplitude",
@@ -95,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
             )
         except EOFError:
             raise ConfigError(
-                "devices feel asks what you felt, but nobody can answer: run it on a terminal"
+                "devices feel asks what you felt, but nobody can answer: run it on a "
+                "terminal"
             ) from None
     found = survey(jack_server=settings.process.jack_server)
     output.show(found, map(_card, found), as_json=args.json)
@@ -103,7 +109,8 @@ def run(args: argparse.Namespace) -> int:
         device.microphones and device.actuator for device in found
     ):
         output.log().print(
-            "No device here is suitable. `tactophone loopback --source finger --actuator none` needs no device."
+            "No device here is suitable. `tactophone loopback --source finger "
+            "--actuator none` needs no device."
         )
     return 0
 
@@ -163,7 +170,8 @@ def _feel(settings: Settings) -> int:
         ).strip().lower() in ("y", "yes")
 
     print(
-        f"Bursts of {BURST:g} s, from faint to at most {oscillator.limits.ceiling:.0%} of full drive; Ctrl-C ends them."
+        f"Bursts of {BURST:g} s, from faint to at most {oscillator.limits.ceiling:.0%} "
+        "of full drive; Ctrl-C ends them."
     )
     input("Lay a finger on the actuator, and press Enter. ")
     lacking_db: list[float] = []
@@ -178,7 +186,8 @@ def _feel(settings: Settings) -> int:
             lacking_db.append(first - now.level_dbfs)
             found = f"from {first} dB on" if first < 1 else "not at all"
             print(
-                f"{word}: {found}; the profile graded renders it at {now.level_dbfs:.0f} dB"
+                f"{word}: {found}; the profile graded renders it at "
+                f"{now.level_dbfs:.0f} dB"
             )
     more = (
         f"by {max(lacking_db):.0f} dB"
@@ -198,10 +207,12 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
 
     if settings.output.actuator not in ("jack", "portaudio"):
         raise ConfigError(
-            "devices measure needs an actuator that plays any waveform: --actuator jack or portaudio"
+            "devices measure needs an actuator that plays any waveform: --actuator "
+            "jack or portaudio"
         )
     output.log().print(
-        "Hold the contact microphone against the actuator; take the finger away. A sweep of 8 s follows."
+        "Hold the contact microphone against the actuator; take the finger away. A "
+        "sweep of 8 s follows."
     )
     found = fit(_record(args.amplitude, settings))
     make_room(args.out)
@@ -212,7 +223,8 @@ def _measure(args: argparse.Namespace, settings: Settings) -> int:
     )
     print(f"over noise: {found.snr_db:.0f} dB")
     print(
-        f"written:    {args.out}; use it with `tactophone receive --settings {args.out}`"
+        f"written:    {args.out}; use it with `tactophone receive --settings "
+        f"{args.out}`"
     )
     return 0
 
@@ -262,5 +274,6 @@ def _input(process: Process, settings: Settings) -> Device:
     if capture.source in ("portaudio", "microphone"):
         return PortAudioStream(process, "input", device=capture.device)
     raise ConfigError(
-        f"capture.source = {capture.source!r} is no input of this machine: --source jack or portaudio"
+        f"capture.source = {capture.source!r} is no input of this machine: --source "
+        "jack or portaudio"
     )

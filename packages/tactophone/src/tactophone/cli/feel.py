@@ -28,17 +28,26 @@ def _parts(felt: Felt) -> Iterator[output.Part]:
     summary = felt.summary
     label = f"; labelled {felt.label}" if felt.label else ""
     yield output.styled("bold", f"{felt.path!s}", f": {summary.duration:.1f} s{label}")
-    yield f"  model      {felt.pipeline.detector.name}{', for one channel' if felt.chosen_for_mono else ''}"
+    for_one_channel = ", for one channel" if felt.chosen_for_mono else ""
+    yield f"  model      {felt.pipeline.detector.name}{for_one_channel}"
     if felt.chosen_for_mono:
-        yield "  (mono: treated as the contact microphone; for a rod with its own microphone, pass --tip stylus)"
+        yield (
+            "  (mono: treated as the contact microphone; for a rod with its own "
+            "microphone, pass --tip stylus)"
+        )
     shares = (summary.contact, summary.rough, summary.unknown)
     contact, rough, unknown = (
         output.percent(share, unknown="none") for share in shares
     )
-    yield f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"
+    yield (
+        f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"
+    )
     yield f"  threshold  {_threshold(felt)}"
     if felt.scores:
-        yield f"  felt       false bumps: {felt.scores.false_bumps}; dips: {felt.scores.dips}"
+        yield (
+            f"  felt       false bumps: {felt.scores.false_bumps}; dips: "
+            f"{felt.scores.dips}"
+        )
     for note in felt.notes:
         yield output.styled("yellow", "  note", f"       {note}")
     if felt.events:
@@ -69,7 +78,10 @@ def _threshold(result: Felt) -> str:
         words = (
             ", louder than any threshold: all of it is taken as touch" if over else ""
         )
-        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS{words}"
+        return (
+            f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} "
+            f"dBFS{words}"
+        )
     if floor.loudest_dbfs < FLOOR_SILENT_DBFS:
         why = (
             "too short to show its noise"
@@ -77,7 +89,10 @@ def _threshold(result: Felt) -> str:
             else "digital silence"
         )
         return f"none: the recording is {why}"
-    return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
+    return (
+        "none: the recording holds no steady silence, so all of it is taken as touch; "
+        "--threshold DBFS if it is not"
+    )
 
 
 def _no_contact(result: Felt) -> tuple[str, str]:
@@ -110,7 +125,10 @@ def _no_contact(result: Felt) -> tuple[str, str]:
             f"loudest window: {loudest:.1f} dBFS, under the threshold that was given",
             f"{again} {loudest - 10:.0f}",
         )
-    found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
+    found = (
+        f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; "
+        "if all of it is touch:"
+    )
     return found, f"{again} {floor.floor_dbfs - 6:.0f}"
 
 
@@ -121,8 +139,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="RECORDING",
-        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; a "
-        "folder of them; or the sound of a run, an MCAP file of --record",
+        help=(
+            "WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, "
+            "air microphone; a folder of them; or the sound of a run, an MCAP file of "
+            "--record"
+        ),
     )
     add(
         "--finger",

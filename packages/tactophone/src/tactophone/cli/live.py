@@ -30,12 +30,21 @@ EXAMPLES = {
     ),
     "receive": (
         "tactophone receive --calibration calibration.toml --dashboard",
-        "tactophone receive --actuator portaudio:DualSense --profile dualsense --ceiling 0.3",
-        "tactophone receive --settings operator.toml --record run.csv --bridge foxglove",
+        (
+            "tactophone receive --actuator portaudio:DualSense "
+            "--profile dualsense --ceiling 0.3"
+        ),
+        (
+            "tactophone receive --settings operator.toml "
+            "--record run.csv --bridge foxglove"
+        ),
     ),
     "loopback": (
         "tactophone loopback --source finger --actuator none --dashboard",
-        "tactophone loopback --source file:stroke.wav --actuator file:vibration.wav --network wifi",
+        (
+            "tactophone loopback --source file:stroke.wav "
+            "--actuator file:vibration.wav --network wifi"
+        ),
         "tactophone loopback --source finger --actuator none --duration 1",
     ),
 }
@@ -70,8 +79,12 @@ def add_record(parser: argparse.ArgumentParser, *, bridge: bool = True) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
-        "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
+        help=(
+            "RUN.mcap: packets, sound, predictions, commands and settings, for "
+            "`tactophone replay`; or RUN.csv: each prediction and command, as "
+            "`tactophone feel` writes them; repeatable; complete up to 1 s if a "
+            "process dies"
+        ),
     )
     if not bridge:
         parser.set_defaults(bridge=())
@@ -82,7 +95,10 @@ def add_record(parser: argparse.ArgumentParser, *, bridge: bool = True) -> None:
         action="append",
         default=[],
         metavar="NAME[=FOXGLOVE_ADDRESS]",
-        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`",
+        help=(
+            f"show the run elsewhere, repeatable. {words}. Details: [bridges] in "
+            "`tactophone settings`"
+        ),
     )
 
 
@@ -181,4 +197,7 @@ def counts_and_budget(
         yield [
             {stage: f"{1000 * gauges[f'latency_{stage}']:.2f} ms" for stage in stages}
         ]
-        yield "total: from the middle of a packet's sound to its vibration (`latency` measures a touch's first one)"
+        yield (
+            "total: from the middle of a packet's sound to its vibration (`latency` "
+            "measures a touch's first one)"
+        )

@@ -51,23 +51,28 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ("model", f"{card.name}, of kind {card.kind}"),
         (
             "input",
-            f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz",
+            f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} "
+            "Hz",
         ),
         (
             "window",
-            f"{card.window_size} samples, {1000 * duration:.1f} ms; one every {1000 * hop:.2f} ms",
+            f"{card.window_size} samples, {1000 * duration:.1f} ms; one every "
+            f"{1000 * hop:.2f} ms",
         ),
         (
             "delay",
-            f"of {card.name}: a change fills its window after {1000 * duration:.0f} ms; {confirming}",
+            f"of {card.name}: a change fills its window after {1000 * duration:.0f} "
+            f"ms; {confirming}",
         ),
         (
             "contact",
-            f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window",
+            f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over "
+            "the window",
         ),
         (
             "rough",
-            f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row",
+            f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after "
+            f"{rule.confirm} in a row",
         ),
     ]
     known = {name: getattr(card, name) for name in ("settings", "training", "scores")}

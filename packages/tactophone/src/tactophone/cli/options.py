@@ -21,10 +21,14 @@ class Within:
     range as ``%(type)s`` in its help.
 
     ``kind`` is ``int`` or ``float``; with ``over``, ``low`` itself is out of the range.
-    Called with a text, it raises `ConfigError` if that is no number within the range.
+    Called with a text, it raises `ConfigError` unless that is a number in the range.
 
-    >>> str(Within(float, 0, 1, unit="of full drive")), str(Within(int, 1)), str(Within(float, 0, over=True, unit="s"))
-    ('0 to 1 of full drive', '1 or more', 'over 0 s')
+    >>> str(Within(float, 0, 1, unit="of full drive"))
+    '0 to 1 of full drive'
+    >>> str(Within(int, 1))
+    '1 or more'
+    >>> str(Within(float, 0, over=True, unit="s"))
+    'over 0 s'
     """
 
     kind: type[int] | type[float]
@@ -201,7 +205,8 @@ class Parser(argparse.ArgumentParser):
                 (name for action in self._actions for name in action.option_strings),
             )
             self.error(
-                f"unrecognized arguments: {' '.join(unknown)}{near if option.startswith('-') else ''}"
+                "unrecognized arguments: "
+                f"{' '.join(unknown)}{near if option.startswith('-') else ''}"
             )
         return found, unknown
 
@@ -312,7 +317,8 @@ def add_actions(
 def add_fingers(parser: argparse.ArgumentParser) -> None:
     words = (
         "a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
-        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)"
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no "
+        "file)"
     )
     parser.add_argument("--fingers", metavar="N|FILE", help=words)
 
@@ -391,7 +397,8 @@ def _assignments(name: str, value: Any) -> Iterable[str]:
         return [f"{name}={text}"]
     if kind == "jack" and name == "capture.source":
         raise ConfigError(
-            f"{setting.flag} {text}: JACK has ports: --set capture.contact=PORT --set capture.air=PORT"
+            f"{setting.flag} {text}: JACK has ports: --set capture.contact=PORT --set "
+            "capture.air=PORT"
         )
     return [
         f"{name}={kind}",

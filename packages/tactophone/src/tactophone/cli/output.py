@@ -262,7 +262,8 @@ def make_folder(path: Path, option: str = "--out") -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(
-            f"{option} {path}: cannot be made ({error.strerror}); name a folder of your own"
+            f"{option} {path}: cannot be made ({error.strerror}); name a folder of "
+            "your own"
         ) from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise ConfigError(

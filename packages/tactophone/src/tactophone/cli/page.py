@@ -134,13 +134,15 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
     # Black on white in any terminal: not every camera reads an inverted code.
     output.log().print(qr_code(address), style="black on white", end="", soft_wrap=True)
     output.note(
-        "A phone in the same network scans the code, or opens the address above. Whoever has the address sees this "
-        "run, feels it, and can stop, mute and weaken it; only a page on this machine arms it."
+        "A phone in the same network scans the code, or opens the address above. "
+        "Whoever has the address sees this run, feels it, and can stop, mute and "
+        "weaken it; only a page on this machine arms it."
     )
     if page.access.scheme == "http":
         output.note(
-            "The page's traffic, its token too, can be read on the network: use a trusted one, or --https. "
-            "Without --https a phone has neither sound nor microphone there, only vibration."
+            "The page's traffic, its token too, can be read on the network: use a "
+            "trusted one, or --https. Without --https a phone has neither sound nor "
+            "microphone there, only vibration."
         )
 
 
@@ -185,6 +187,7 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     fingerprint = Identity.load(folder).fingerprint
     output.note(f"certificate (SHA-256): {fingerprint}")
     output.note(
-        "Your browser will call this certificate untrusted. Check that the fingerprint matches, then continue."
+        "Your browser will call this certificate untrusted. Check that the fingerprint "
+        "matches, then continue."
     )
     return folder / CERTIFICATE_FILE, folder / KEY_FILE

@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
         extras.require_modules("cyclonedds", "rosbags")
         if args.out:
             raise ConfigError(
-                "--to-rosbag writes no other files: leave --out away, or call replay twice"
+                "--to-rosbag writes no other files: leave --out away, or call replay "
+                "twice"
             )
     if args.plot and args.out is None:
         raise ConfigError("--plot needs a folder for its file: add --out DIR")
@@ -123,23 +124,44 @@ def _parts(
     comparison = replay.comparison
     total = comparison.equal + comparison.different
     if replay.role == "robot":
-        yield "the robot's side: its packets computed as an operator without losses would; nothing to compare with"
+        yield (
+            "the robot's side: its packets computed as an operator without losses "
+            "would; nothing to compare with"
+        )
     elif changed:
-        yield f"{comparison.different} of {total} predictions or commands differ from those logged"
+        yield (
+            f"{comparison.different} of {total} predictions or commands differ from "
+            "those logged"
+        )
     elif comparison.different:
-        yield f"{comparison.different} of {total} predictions or commands differ from those logged; the first:"
+        yield (
+            f"{comparison.different} of {total} predictions or commands differ from "
+            "those logged; the first:"
+        )
         for name, entry in zip(
             ("logged", "computed"), comparison.first or (), strict=False
         ):
             yield f"  {name:9}{entry.prediction} {entry.command}"
     else:
-        yield f"{comparison.equal} predictions and commands, equal to the bit to those logged"
+        yield (
+            f"{comparison.equal} predictions and commands, equal to the bit to those "
+            "logged"
+        )
     if comparison.uncertain:
-        yield f"{comparison.uncertain} were made while a control changed, and are not compared"
+        yield (
+            f"{comparison.uncertain} were made while a control changed, and are not "
+            "compared"
+        )
     if not replay.complete:
-        yield "the log has no end: its writer was killed or its disk was full; read to its last part"
+        yield (
+            "the log has no end: its writer was killed or its disk was full; read to "
+            "its last part"
+        )
     if replay.missed:
-        yield f"the recorder missed {replay.missed} bytes or predictions on a busy machine"
+        yield (
+            f"the recorder missed {replay.missed} bytes or predictions on a busy "
+            "machine"
+        )
     for note in replay.notes:
         yield f"! {note}"
     for kind, path in files.items():

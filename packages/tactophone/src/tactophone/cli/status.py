@@ -44,8 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "name",
         nargs="?",
-        help="name of the run, as `tactophone status` shows it (default: every run here that can vibrate; arm takes "
-        "the only one)",
+        help=(
+            "name of the run, as `tactophone status` shows it (default: every run here "
+            "that can vibrate; arm takes the only one)"
+        ),
     )
 
 
@@ -77,7 +79,8 @@ def run(args: argparse.Namespace) -> int:
     if not watchers:
         others = f"; of {', '.join(names)} none is an operator's" if names else ""
         raise TactophoneError(
-            f"no operator process here to ask: start `tactophone receive` or loopback{others}"
+            "no operator process here to ask: start `tactophone receive` or "
+            f"loopback{others}"
         )
     if args.verb == "arm" and len(watchers) > 1:
         found = ", ".join(watcher.name for watcher in watchers)
@@ -109,7 +112,8 @@ def _ask(watcher: Watcher, action: Action) -> int:
     while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:
             output.print_error(
-                f"{watcher.name} did not {action} within {STATUS_TIMEOUT:g} s: end process {watcher.pid}"
+                f"{watcher.name} did not {action} within {STATUS_TIMEOUT:g} s: end "
+                f"process {watcher.pid}"
             )
             return 1
         time.sleep(0.01)

@@ -1,9 +1,9 @@
 """The verbs of the command line: one file each, and those that other packages add.
 
-A verb's module has ``EXAMPLES``, ``add_arguments(parser)`` and ``run(args) -> int``; one
-with several actions sets the default ``run`` of each action's parser instead. It is
-imported only when its verb is called, and imports heavy libraries inside ``run``, so
-that ``--help`` answers in under 0.4 s.
+A verb's module has ``EXAMPLES``, ``add_arguments(parser)`` and ``run(args) -> int``. A
+verb with several actions sets the default ``run`` of each action's parser instead. The
+module is imported only when its verb is called, and imports heavy libraries inside
+``run``, so that ``--help`` answers in under 0.4 s.
 """
 
 import functools

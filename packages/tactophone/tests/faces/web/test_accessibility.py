@@ -1,4 +1,4 @@
-"""The operator's page and that of `try`, by axe-core and by the keyboard alone."""
+"""The pages of the operator and of `try`, by axe-core and by the keyboard alone."""
 
 import pytest
 from selenium import webdriver

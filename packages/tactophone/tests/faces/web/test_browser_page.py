@@ -77,9 +77,12 @@ const [rate, threshold, sound, done] = arguments;
   const { openDetector } = await import("./page.js");
   const detector = await openDetector(rate);
   detector.thresholdDbfs = threshold;
-  const samples = new Float32Array(Uint8Array.from(atob(sound), (c) => c.charCodeAt(0)).buffer);
+  const bytes = Uint8Array.from(atob(sound), (c) => c.charCodeAt(0));
+  const samples = new Float32Array(bytes.buffer);
   const found = [];
-  for (let k = 0; k < samples.length; k += 256) found.push(...await detector.push(samples.slice(k, k + 256)));
+  for (let k = 0; k < samples.length; k += 256) {
+    found.push(...await detector.push(samples.slice(k, k + 256)));
+  }
   done(found);
 })().catch((error) => done(String(error)));
 """
@@ -134,7 +137,8 @@ def test_no_vibration_is_over_half_of_full_drive(
     browser.get(address)
     strongest = browser.execute_async_script(
         "const done = arguments[0]; import('./page.js').then(({ vibration }) =>"
-        "done([vibration({ touch: 'rough', roughness: 1 }, 5), vibration({ touch: 'none', roughness: 1 }, 0.5)]));"
+        "done([vibration({ touch: 'rough', roughness: 1 }, 5), "
+        "vibration({ touch: 'none', roughness: 1 }, 0.5)]));"
     )
     assert [each["amplitude"] for each in strongest] == [0.5, 0]
 
@@ -169,7 +173,8 @@ def listener(tmp_path: Path) -> Iterator[webdriver.Chrome]:
 
 def history(browser: webdriver.Chrome) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = browser.execute_async_script(
-        "const done = arguments[0]; import('./page.js').then(({ history }) => done(history));"
+        "const done = arguments[0]; "
+        "import('./page.js').then(({ history }) => done(history));"
     )
     return found
 

@@ -17,19 +17,24 @@ from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime
 
-RECORD = "window.calls = []; const note = (...call) => window.calls.push([performance.now(), ...call]);"
+RECORD = (
+    "window.calls = []; "
+    "const note = (...call) => window.calls.push([performance.now(), ...call]);"
+)
 PHONE = (
-    RECORD
-    + "Object.defineProperty(navigator, 'userAgentData', { get: () => ({ mobile: true }) });"
+    RECORD + "const data = { get: () => ({ mobile: true }) };"
+    "Object.defineProperty(navigator, 'userAgentData', data);"
     "navigator.vibrate = (pattern) => { note(pattern); return true; };"
 )
 PAD = (
     RECORD + "const pad = { connected: true, vibrationActuator: {"
-    "playEffect: async (kind, effect) => { note(kind, effect); }, reset: async () => { note('reset'); } } };"
+    "playEffect: async (kind, effect) => { note(kind, effect); }, "
+    "reset: async () => { note('reset'); } } };"
     "navigator.getGamepads = () => [null, pad];"
 )
 IPHONE = (
-    "Object.defineProperty(navigator, 'userAgent', { get: () => 'Mozilla/5.0 (iPhone; CPU iPhone OS 18_0)' });"
+    "const agent = { get: () => 'Mozilla/5.0 (iPhone; CPU iPhone OS 18_0)' };"
+    "Object.defineProperty(navigator, 'userAgent', agent);"
     "delete Navigator.prototype.vibrate;"
 )
 
@@ -128,7 +133,8 @@ def test_the_motor_rests_whatever_ends_the_vibration(
     run.touch = Touch.ROUGH
     wait(browser, lambda: calls(browser))
     script = {
-        "hidden": "Object.defineProperty(document, 'hidden', { get: () => true, configurable: true });"
+        "hidden": "const hidden = { get: () => true, configurable: true };"
+        "Object.defineProperty(document, 'hidden', hidden);"
         "document.dispatchEvent(new Event('visibilitychange'));",
         "stop": "document.getElementById('feel').click();",
         "mute": "document.getElementById('mute').click();",
@@ -206,10 +212,13 @@ def test_silence_that_piled_up_does_not_delay_a_vibration(
         (async () => {
           const context = new OfflineAudioContext(1, 48000, 48000);
           await context.audioWorklet.addModule("static/vibration.js");
-          const node = new AudioWorkletNode(context, "vibration", { numberOfInputs: 0, outputChannelCount: [1] });
+          const options = { numberOfInputs: 0, outputChannelCount: [1] };
+          const node = new AudioWorkletNode(context, "vibration", options);
           node.connect(context.destination);
-          for (let k = 0; k < 10; k++) node.port.postMessage(new Float32Array(480));
-          for (let k = 0; k < 5; k++) node.port.postMessage(new Float32Array(480).fill(0.5));
+          const silence = new Float32Array(480);
+          const sound = new Float32Array(480).fill(0.5);
+          for (let k = 0; k < 10; k++) node.port.postMessage(silence);
+          for (let k = 0; k < 5; k++) node.port.postMessage(sound);
           await new Promise((settled) => setTimeout(settled, 200));
           const [played] = [(await context.startRendering()).getChannelData(0)];
           done(played.findIndex((sample) => sample !== 0));
@@ -239,11 +248,13 @@ def test_the_buffer_of_the_sound_grows_while_a_connection_stalls_and_shrinks_aft
           const node = new Vibration();
           const out = new Float32Array(128);
           let sent = 0, time = 0;
-          const delay = (seconds, stalls) => { // ms in the last second, in the middle of all
+          // Median delay in the last second, in ms.
+          const delay = (seconds, stalls) => {
             const found = [];
             for (const end = time + seconds * 48000; time < end; time += 128) {
               while (sent + 240 <= time && !(stalls && time % 24000 < 1680)) {
-                node.port.onmessage({ data: Float32Array.from({ length: 240 }, (_, k) => sent + k + 1) });
+                const data = Float32Array.from({ length: 240 }, (_, k) => sent + k + 1);
+                node.port.onmessage({ data });
                 sent += 240;
               }
               out.fill(0);
@@ -266,7 +277,8 @@ def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
 ) -> None:
     inject(
         "window.nodes = 0; const Node = AudioWorkletNode;"
-        "window.AudioWorkletNode = class extends Node { constructor(...all) { super(...all); window.nodes++; } };"
+        "window.AudioWorkletNode = class extends Node { "
+        "constructor(...all) { super(...all); window.nodes++; } };"
     )
     browser.get(page.url)
     wait(browser, lambda: text(browser, "life") == "live")

@@ -179,7 +179,7 @@ def test_a_laptop_shows_fingertip_timeline_and_controls_without_scrolling(
         ), selector
 
 
-def test_a_phone_shows_fingertip_stop_and_timeline_without_scrolling_and_controls_fit_a_thumb(
+def test_a_phone_shows_all_but_the_log_without_scrolling_and_controls_fit_a_thumb(
     browser: webdriver.Chrome, page: Page
 ) -> None:
     resize(browser, 390, 844)
@@ -227,7 +227,8 @@ def test_it_draws_at_the_screen_s_pace(browser: webdriver.Chrome, page: Page) ->
     open_page(browser, page)
     drawn = browser.execute_async_script(
         "const done = arguments[0], times = []; const note = (t) => { times.push(t);"
-        "times.length < 61 ? requestAnimationFrame(note) : done(times); }; requestAnimationFrame(note);"
+        "times.length < 61 ? requestAnimationFrame(note) : done(times); }; "
+        "requestAnimationFrame(note);"
     )
     steps = sorted(later - earlier for earlier, later in itertools.pairwise(drawn))
     assert (

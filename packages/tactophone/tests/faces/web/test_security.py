@@ -98,9 +98,7 @@ def test_nothing_but_the_page_itself_may_run_or_be_loaded() -> None:
     assert "http" not in policy
 
 
-def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_the_address() -> (
-    None
-):
+def test_every_answer_forbids_sniffing_caching_and_other_pages_and_hides_url() -> None:
     assert {
         name: value
         for name, value in HEADERS.items()

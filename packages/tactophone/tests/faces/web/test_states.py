@@ -25,10 +25,14 @@ pytestmark = pytest.mark.realtime
 PAGES = {"dashboard": "", "try": "try", "play": ""}
 SEEN = """
 const box = arguments[0].getBoundingClientRect();
-const over = document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
+const [x, y] = [box.left + box.width / 2, box.top + box.height / 2];
+const over = document.elementFromPoint(x, y);
 return box.width > 0 && arguments[0].contains(over);
 """
-COLOUR = "return getComputedStyle(document.querySelector('#state')).getPropertyValue('--state')"
+COLOUR = (
+    "const state = document.querySelector('#state');"
+    "return getComputedStyle(state).getPropertyValue('--state')"
+)
 
 
 @pytest.fixture(params=PAGES)
@@ -182,7 +186,7 @@ def test_a_stop_is_released_by_holding_a_key(
     wait(browser, lambda: run.state.armed)
 
 
-def test_the_stone_box_is_starting_until_sound_arrives_and_begins_muted_only_when_told_twice(
+def test_the_stone_box_starts_until_sound_arrives_and_is_muted_only_when_told_twice(
     browser: webdriver.Chrome, run: Run, tmp_path: Path
 ) -> None:
     _, finger = Pipe(duplex=False)

@@ -79,11 +79,9 @@ def _first_answer(page: Page) -> int:
 @pytest.fixture
 def certificate(tmp_path: Path) -> tuple[Path, Path]:
     key, own = tmp_path / "key.pem", tmp_path / "own.pem"
-    subprocess.run(
-        f"openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=x -keyout {key} -out {own}".split(),
-        check=True,
-        capture_output=True,
-    )
+    command = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=x"
+    files = ["-keyout", str(key), "-out", str(own)]
+    subprocess.run([*command.split(), *files], check=True, capture_output=True)
     return own, key
 
 
@@ -116,7 +114,8 @@ MALFORMED = {
     "a header of 100 kB": b"GET / HTTP/1.1\r\nHost: a\r\nX: "
     + bytes(100_000).replace(b"\0", b"x")
     + b"\r\n\r\n",
-    "two lengths": b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+    "two lengths": b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 5\r\n"
+    b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
 }
 
 

@@ -226,7 +226,7 @@ class FloodGate:
     one second of it.
 
     >>> gate = FloodGate(10.0)
-    >>> [gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=1.0)]
+    >>> [gate.overflows(4, now=time) for time in (0.0, 0.0, 0.0, 1.0)]
     [False, False, True, False]
     """
 

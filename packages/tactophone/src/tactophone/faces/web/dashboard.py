@@ -42,16 +42,18 @@ def parse_request(
 ) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
-    - ``state``: settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier
-      value. The run itself refuses any ceiling above the local machine's; this check is
-      the stricter.
+    - ``state``: settings of the run now: a page may lower the ceiling and never raises
+      it, not even to an earlier value. The run itself refuses any ceiling above the
+      local machine's; this check is the stricter.
     - ``finger``: whose settings the request is for.
-    - ``local``: whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken
-      the vibration; it never arms, strengthens or changes what is detected.
+    - ``local``: whether the page is open on the machine of the run. A page on another
+      machine may stop, mute and weaken the vibration; it never arms, strengthens or
+      changes what is detected.
 
     >>> parse_request('{"action": "mute"}', RunState()).action
     'mute'
-    >>> parse_request('{"action": "ceiling", "value": 0.9}', RunState(fingers=(FingerState(ceiling=0.5),)))
+    >>> state = RunState(fingers=(FingerState(ceiling=0.5),))
+    >>> parse_request('{"action": "ceiling", "value": 0.9}', state)
     'a page can lower the ceiling (0.5 now), never raise it: raise it at the machine'
     """
     own = (state.fingers[finger:] or state.fingers)[0]
@@ -69,7 +71,10 @@ def parse_request(
     )
     if not local and not weaker and action not in ("stop", "mute", "ceiling"):
         name = str(action)[:20]
-        return f"only a page on the run's own machine may do that ({name}): this one may stop, mute and weaken"
+        return (
+            f"only a page on the run's own machine may do that ({name}): this one may "
+            "stop, mute and weaken"
+        )
     if action in _WITHOUT_VALUE:
         return Request(action)
     if action == "record":
@@ -104,7 +109,10 @@ def _number(action: Any, value: Any, own: FingerState) -> Request | str:
     if not low <= value <= high:
         return f"{action} must be from {low:g} to {high:g}"
     if action == "ceiling" and value > own.ceiling:
-        return f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: raise it at the machine"
+        return (
+            f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: "
+            "raise it at the machine"
+        )
     return Request(action, float(value))
 
 

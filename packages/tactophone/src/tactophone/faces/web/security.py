@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 HEADERS = {
     # 'self' covers the page's own WebSocket too (CSP level 3).
     "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        "img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",  # the address holds the token
@@ -56,7 +56,9 @@ class AccessControl:
         """The address to open; with the machine's name if it listens on all
         interfaces."""
         host = socket.gethostname() if _everywhere(self.host) else self.host
-        return f"{self.scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
+        if ":" in host:  # an IPv6 address
+            host = f"[{host}]"
+        return f"{self.scheme}://{host}:{self.port}/{self.token}/"
 
     @property
     def private(self) -> bool:

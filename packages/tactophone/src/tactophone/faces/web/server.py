@@ -31,10 +31,11 @@ class Page(AbstractContextManager["Page", None]):
     page: print(page.url)``.
 
     - ``build``: makes the application in that process; must be picklable.
-    - ``address``: host and port to listen at, port 0 for any free one; `PAGE_ADDRESS` if ``None``. An address of the
-      local network is served at this machine's loopback address too, where browsers
-      allow a page its microphone.
-    - ``certificate``: files of a certificate and its private key, for https; plain http if ``None``.
+    - ``address``: host and port to listen at, port 0 for any free one; `PAGE_ADDRESS`
+      if ``None``. An address of the local network is served at this machine's loopback
+      address too, where browsers allow a page its microphone.
+    - ``certificate``: files of a certificate and its private key, for https; plain http
+      if ``None``.
     - ``names``: further names of this machine under which the page may be opened.
 
     Raises `TactophoneError` when the address is not available, or the web server is not
