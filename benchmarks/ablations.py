@@ -33,7 +33,7 @@ from tactophone_lab.training.options import (
 )
 from tactophone_lab.training.recipes import RecipeFile
 from tactophone_lab.training.tracks import read_signals
-from tactophone_lab.training.trainer import NetworkRecipe, Run
+from tactophone_lab.training.trainer import NetworkRecipe, TrainingRun
 
 CHANGES = ("rate", "window", "residual", "normalised")
 """Entries of a file beside those of a recipe file."""
@@ -145,7 +145,9 @@ class Ablation:
         windows = find_windows(
             signals, labels, rule=recipe.settings.labelling, size=self.size
         )
-        run = Run(windows, recipe.settings, seed=recipe.seed, make_network=self.network)
+        run = TrainingRun(
+            windows, recipe.settings, seed=recipe.seed, make_network=self.network
+        )
         run.complete()
         threshold, hop = (
             recipe.effective_gate.threshold_dbfs,

@@ -72,7 +72,7 @@ def printed(modulus: float, mass: float) -> finger.Tip:
     assert spec.loader is not None
     dimensions = sys.modules["dimensions"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(dimensions)
-    bed, parts = dimensions.Finger(), TRAINED.finger
+    bed, parts = dimensions.FingerDimensions(), TRAINED.finger
     along, across = bed.bed_stiffness * modulus, bed.bed_shear * modulus
     lighter = mass / parts.pad_mass
     parts = parts._replace(

@@ -28,7 +28,7 @@ FIT = 0.25
 
 
 @dataclass(frozen=True)
-class Finger:
+class FingerDimensions:
     """The robot's fingertip: a round pad on a ring, and a phalanx whose core the
     silicone holds in that ring.
 
@@ -196,16 +196,16 @@ class Board:
     along = np.array([0.0, -1.0, 1.0]) / np.sqrt(2)
     """Along the facet, towards the tip."""
 
-    def facet(self, finger: Finger) -> float:
+    def facet(self, finger: FingerDimensions) -> float:
         """Distance of the facet from the disc's centre."""
         corner = -finger.ring * finger.axis + finger.width / 2 * finger.forward
         return float(corner @ self.out) + finger.clearance
 
-    def port_place(self, finger: Finger) -> Vector:
+    def port_place(self, finger: FingerDimensions) -> Vector:
         over = self.facet(finger) + self.tape + self.thickness + self.capsule
         return over * self.out + (self.front - self.port) * self.along
 
-    def corners(self, finger: Finger) -> Vector:
+    def corners(self, finger: FingerDimensions) -> Vector:
         """Return the corners of the board, its tape and the microphone, shape ``(16,
         3)``."""
         low = self.facet(finger)
@@ -297,7 +297,7 @@ def towards(pitch: float, roll: float = 0.0) -> Vector:
 
 def placed(name: str, points: Vector) -> Vector:
     """Move points from a part as it is printed to its place in the finger."""
-    finger = Finger()
+    finger = FingerDimensions()
     across = np.array([1.0, 0.0, 0.0])
     pad = np.column_stack((across, finger.forward, finger.axis))
     turned, moved = {
@@ -319,18 +319,18 @@ def placed(name: str, points: Vector) -> Vector:
     return np.asarray(points @ turned.T + moved)
 
 
-def bore_height(finger: Finger) -> float:
+def bore_height(finger: FingerDimensions) -> float:
     """Return y of the axis of the phalanx' bore."""
     return (underside(finger) + finger.nail) / 2
 
 
-def underside(finger: Finger) -> float:
+def underside(finger: FingerDimensions) -> float:
     """Return y of the phalanx' underside: it begins where the ring's lower edge
     ends."""
     return float((-finger.flange * finger.axis - finger.width / 2 * finger.forward)[1])
 
 
-def stick_length(finger: Finger) -> float:
+def stick_length(finger: FingerDimensions) -> float:
     """Return the length of the stick's adapter without its pin."""
     outer = STICK / 2 + 2.4
     return 20 + outer - finger.pin / 2

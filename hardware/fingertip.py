@@ -47,7 +47,7 @@ from dimensions import (
     STICK,
     Board,
     CoilCase,
-    Finger,
+    FingerDimensions,
     Plate,
     bore_height,
     cap_height,
@@ -71,12 +71,12 @@ def cap(radius: float, nose: float, slope: float, land: float) -> Part:
     return revolve(Plane.XZ * outline, Axis.Z)
 
 
-def pad(finger: Finger) -> Part:
+def pad(finger: FingerDimensions) -> Part:
     """Return the pad that touches; its flat back carries the piezo disc."""
     return cap(finger.width / 2, finger.nose, finger.slope, finger.land)
 
 
-def ring(finger: Finger) -> Part:
+def ring(finger: FingerDimensions) -> Part:
     """Return the ring that is glued to the pad's back, that side up, with six holes and
     a notch for the leads."""
     part = Cylinder(finger.width / 2, finger.ring, align=STANDING) - Cylinder(
@@ -91,7 +91,7 @@ def ring(finger: Finger) -> Part:
     return part - Pos(0, -finger.width / 2, finger.ring) * Box(3, 6, 5)
 
 
-def phalanx(finger: Finger, board: Board) -> Part:
+def phalanx(finger: FingerDimensions, board: Board) -> Part:
     """Return the phalanx, nail down: its core reaches into the ring, its facet takes
     the microphone's board."""
     facet, low, half = board.facet(finger), underside(finger), finger.width / 2
@@ -136,7 +136,7 @@ def phalanx(finger: Finger, board: Board) -> Part:
     return Location((0, -finger.end, finger.nail), (-90, 0, 0)) * body
 
 
-def _rounded(finger: Finger, low: float) -> Part:
+def _rounded(finger: FingerDimensions, low: float) -> Part:
     """Return a bar along the finger with bevelled edges: 3 mm on the side that touches,
     1.5 mm at the nail."""
     half, nail = finger.width / 2, finger.nail
@@ -179,7 +179,7 @@ def _bore(radius: float, depth: float) -> Part:
     )
 
 
-def pouring_jig(finger: Finger) -> Part:
+def pouring_jig(finger: FingerDimensions) -> Part:
     """Return a block that holds pad, ring and phalanx in line while the silicone sets;
     its walls stop the phalanx."""
     half, deep = finger.width / 2, finger.height + 3.5 + finger.flange
@@ -203,13 +203,13 @@ def pouring_jig(finger: Finger) -> Part:
     return block
 
 
-def _pin(finger: Finger) -> Part:
+def _pin(finger: FingerDimensions) -> Part:
     return Cylinder(finger.pin / 2, finger.pin_length, align=STANDING) - Pos(
         0, 0, 5
     ) * across(1.6, 40)
 
 
-def stick_adapter(finger: Finger) -> Part:
+def stick_adapter(finger: FingerDimensions) -> Part:
     """Return a sleeve on a round stick with the phalanx' pin on top, for trials by
     hand."""
     outer, height = STICK / 2 + 2.4, stick_length(finger)
@@ -228,7 +228,7 @@ def stick_adapter(finger: Finger) -> Part:
     )
 
 
-def hand_adapter(finger: Finger) -> Part:
+def hand_adapter(finger: FingerDimensions) -> Part:
     """Return a flange with the phalanx' pin, for a servo's horn: measure the bolt
     circle of yours."""
     circle, hole, flange = HAND
@@ -249,7 +249,7 @@ def blank_plate(plate: Plate) -> Part:
     return part
 
 
-def hand_plate(finger: Finger) -> Part:
+def hand_plate(finger: FingerDimensions) -> Part:
     """Return the blank plate with the phalanx' pin, for a hand such as Schunk's SIH."""
     return blank_plate(Plate()) + Pos(0, 0, Plate().height) * _pin(finger)
 
@@ -305,7 +305,7 @@ def coil_case_lid(case: CoilCase) -> Part:
     return lid - Pos(0, 5, SHELL) * Box(3, 10, 20, align=STANDING)
 
 
-def soft_pad(finger: Finger) -> Part:
+def soft_pad(finger: FingerDimensions) -> Part:
     """Return the second recipe's pad, for flexible filament: it touches with the radius
     of the tip ``rubber``."""
     return cap(finger.width / 2, 6.0, 25.0, finger.land)
@@ -313,7 +313,7 @@ def soft_pad(finger: Finger) -> Part:
 
 def parts() -> dict[str, Part]:
     """Return every part by its file's name, as it lies on the printer's bed."""
-    finger, case = Finger(), CoilCase()
+    finger, case = FingerDimensions(), CoilCase()
     return {
         "pad": pad(finger),
         "ring": ring(finger),

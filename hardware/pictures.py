@@ -10,7 +10,7 @@ import matplotlib as mpl
 mpl.use("agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from dimensions import Board, CoilCase, Finger, placed, towards, underside
+from dimensions import Board, CoilCase, FingerDimensions, placed, towards, underside
 from manifold3d import Manifold, Mesh
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -22,7 +22,7 @@ Vector = NDArray[np.float64]
 Painter = Callable[[Axes], None]
 PARTS = Path(__file__).parent / "parts"
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
-FINGER, BOARD, CASE = Finger(), Board(), CoilCase()
+FINGER, BOARD, CASE = FingerDimensions(), Board(), CoilCase()
 
 COLOURS = {
     "pad": "#4c8ed9",

@@ -10,7 +10,7 @@ SOFT_SILICONE = 0.12e6
 
 def test_the_expected_bed_is_the_drawn_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend("hardware")
-    from dimensions import Finger
+    from dimensions import FingerDimensions
 
-    stiffness = Finger().bed_stiffness * SOFT_SILICONE
+    stiffness = FingerDimensions().bed_stiffness * SOFT_SILICONE
     assert stiffness == pytest.approx(STIFFNESS, rel=0.02)

@@ -54,7 +54,7 @@ def solid(name: str) -> manifold3d.Manifold:
 dimensions, wiring = load("dimensions"), load("wiring")
 KEPT = json.loads((HARDWARE / "parts" / "parts.json").read_text(encoding="utf-8"))
 NAMES = list(KEPT["parts"])
-FINGER, BOARD = dimensions.Finger(), dimensions.Board()
+FINGER, BOARD = dimensions.FingerDimensions(), dimensions.Board()
 
 
 def in_the_finger(name: str) -> manifold3d.Manifold:
@@ -236,7 +236,7 @@ def test_the_disc_lies_flat_on_the_pad_inside_the_ring() -> None:
         FINGER.width / 2, abs=0.01
     )  # flat, and the bed's own
     with pytest.raises(ValueError, match="widen it"):
-        dimensions.Finger(disc=15.0)
+        dimensions.FingerDimensions(disc=15.0)
 
 
 def test_silicone_lies_between_pad_and_phalanx_everywhere() -> None:

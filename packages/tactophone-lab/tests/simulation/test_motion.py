@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from tactophone_lab.simulation.motion import LIFT, Field, Hand, Move
+from tactophone_lab.simulation.motion import LIFT, Field, Move, MoveFollower
 
 RATE = 48_000
 
 
-def hand(x: float = 0.0) -> Hand:
-    return Hand(
+def hand(x: float = 0.0) -> MoveFollower:
+    return MoveFollower(
         Field(np.array([[0.0, 0.0, 0.1, 0.07]]), height=0.012, rounding=0.005),
         x=x,
         y=0.035,

@@ -25,7 +25,7 @@ from tactophone_lab.training.network import (
     with_weights,
 )
 from tactophone_lab.training.options import OPEN_GATE, NetworkSettings, network_settings
-from tactophone_lab.training.trainer import NetworkRecipe, Progress, Run
+from tactophone_lab.training.trainer import NetworkRecipe, Progress, TrainingRun
 from tests.folders import audiofolder
 
 
@@ -67,7 +67,7 @@ def same(first: dict[str, FloatArray], second: dict[str, FloatArray]) -> bool:
 @pytest.mark.slow
 def test_training_separates_two_sounds() -> None:
     windows, reports = make_windows(), list[Progress]()
-    weights = Run(windows, quick(epochs=6)).complete(reports.append)
+    weights = TrainingRun(windows, quick(epochs=6)).complete(reports.append)
     assert reports[-1].steps == reports[-1].total == len(reports)
     assert reports[-1].loss < reports[0].loss
     which = np.arange(0, len(windows), 50)
@@ -83,7 +83,7 @@ def test_training_separates_two_sounds() -> None:
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     windows = make_windows()
     first, second, other = (
-        Run(windows, quick(), seed=seed).complete() for seed in (1, 1, 2)
+        TrainingRun(windows, quick(), seed=seed).complete() for seed in (1, 1, 2)
     )
     assert same(first, second)
     assert not same(first, other)
@@ -91,9 +91,11 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
 
 def test_training_starts_from_initial_weights() -> None:
     windows = make_windows()
-    start = Run(windows, quick(epochs=1)).complete()
+    start = TrainingRun(windows, quick(epochs=1)).complete()
     assert same(
-        Run(windows, quick(epochs=1, learning_rate=0.0), initial=start).complete(),
+        TrainingRun(
+            windows, quick(epochs=1, learning_rate=0.0), initial=start
+        ).complete(),
         start,
     )
 
@@ -101,7 +103,9 @@ def test_training_starts_from_initial_weights() -> None:
 @pytest.mark.slow
 def test_bfloat16_learns_too() -> None:
     reports: list[Progress] = []
-    Run(make_windows(), quick(precision="bfloat16", epochs=6)).complete(reports.append)
+    TrainingRun(make_windows(), quick(precision="bfloat16", epochs=6)).complete(
+        reports.append
+    )
     assert reports[-1].loss < reports[0].loss
 
 
@@ -112,7 +116,8 @@ from tactophone_lab.training import trainer
 from tests.training.test_trainer import make_windows, quick
 trainer.CHECKPOINT_EVERY = 0.0
 path = Path(sys.argv[1])
-trainer.Run(make_windows(), quick(), seed=5, checkpoint_path=path).complete(lambda p: print(p.steps, flush=True))
+run = trainer.TrainingRun(make_windows(), quick(), seed=5, checkpoint_path=path)
+run.complete(lambda progress: print(progress.steps, flush=True))
 """
 
 
@@ -128,22 +133,22 @@ def test_a_killed_run_resumes_and_ends_at_the_same_bits(tmp_path: Path) -> None:
     os.kill(run.pid, signal.SIGKILL)
     run.communicate()
     reports: list[Progress] = []
-    resumed = Run(make_windows(), quick(), seed=5, checkpoint_path=path).complete(
-        reports.append
-    )
+    resumed = TrainingRun(
+        make_windows(), quick(), seed=5, checkpoint_path=path
+    ).complete(reports.append)
     assert reports[0].steps > 1
-    assert same(resumed, Run(make_windows(), quick(), seed=5).complete())
+    assert same(resumed, TrainingRun(make_windows(), quick(), seed=5).complete())
 
 
 def test_a_checkpoint_of_other_sound_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trainer, "CHECKPOINT_EVERY", 0.0)
-    Run(
+    TrainingRun(
         make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished"
     ).complete()
     with pytest.raises(ModelError, match="another recipe, seed or data"):
-        Run(
+        TrainingRun(
             make_windows(seed=1),
             quick(epochs=1),
             checkpoint_path=tmp_path / "run.unfinished",
@@ -154,7 +159,7 @@ def test_a_checkpoint_of_other_sound_is_refused(
 def test_a_broken_checkpoint_says_what_to_do(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "run.unfinished").write_bytes(content)
     with pytest.raises(ModelError, match="delete it to start over"):
-        Run(
+        TrainingRun(
             make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished"
         ).complete()
 

@@ -6,19 +6,21 @@ import numpy as np
 import pytest
 
 from tactophone.core import tips
-from tactophone.core.tips import TIPS, Tip, tip_picture
+from tactophone.core.tips import TIPS, TipProperties, tip_picture
 from tactophone.signal.perception import events, fit, models
 from tactophone.signal.perception.model_file import read_model
 from tactophone_lab.simulation import finger
 from tactophone_lab.training.sets import HARD_TIPS
 
-FIFTH = Tip(
+FIFTH = TipProperties(
     "brush", "a brush of nylon", "stylus", True, True, 40.0, TIPS["stylus"].picture
 )
 
 
 @pytest.fixture(params=[*TIPS, "brush"])
-def tip(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Tip:
+def tip(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> TipProperties:
     """Each tip, and a fifth one of which nothing but its row exists."""
     table = (
         MappingProxyType({**TIPS, "brush": FIFTH}) if request.param == "brush" else TIPS
@@ -28,7 +30,9 @@ def tip(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Tip:
     return table[request.param]
 
 
-def test_a_row_is_enough_for_model_events_and_expected_sound(tip: Tip) -> None:
+def test_a_row_is_enough_for_model_events_and_expected_sound(
+    tip: TipProperties,
+) -> None:
     assert models.default_model(tip.name) == tip.model
     assert not models.tip_mismatch(
         read_model(models.model_path(tip.model)).card, tip.name
@@ -42,7 +46,9 @@ def test_a_row_is_enough_for_model_events_and_expected_sound(tip: Tip) -> None:
         )
 
 
-def test_the_picture_has_a_column_of_eight_lines_for_each_tip(tip: Tip) -> None:
+def test_the_picture_has_a_column_of_eight_lines_for_each_tip(
+    tip: TipProperties,
+) -> None:
     assert len(tip.picture) == 8
     assert all(len(line) < 18 for line in tip.picture)
     assert f" {tip.name}" in tip_picture()

@@ -83,7 +83,7 @@ class Path:
     motion: Motion
 
 
-class Hand:
+class MoveFollower:
     """Follows moves; the path does not depend on the block size."""
 
     def __init__(self, field: Field, *, x: float, y: float, rate: int) -> None:

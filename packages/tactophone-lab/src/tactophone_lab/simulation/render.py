@@ -36,7 +36,7 @@ from tactophone_lab.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone_lab.simulation.finger import tip_named
 from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
 from tactophone_lab.simulation.modes import Mounting
-from tactophone_lab.simulation.motion import Hand, Move, Scene, single
+from tactophone_lab.simulation.motion import Move, MoveFollower, Scene, single
 from tactophone_lab.simulation.source import SimulatedFinger, Truth
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES, Take
@@ -316,7 +316,7 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
     `SLIDING`."""
     scene = single(job.object, job.mounting)
     x, y = scene.placed[0].centre
-    hand = Hand(scene.field, x=x, y=y, rate=LIVE_SAMPLE_RATE)
+    hand = MoveFollower(scene.field, x=x, y=y, rate=LIVE_SAMPLE_RATE)
     hand.queue(_moves(job, scene))
     speed = np.abs(
         hand.follow(round(job.options.duration * LIVE_SAMPLE_RATE)).motion.speed

@@ -40,7 +40,7 @@ from tactophone_lab.simulation.finger import Finger
 from tactophone_lab.simulation.mechanics import compiled
 from tactophone_lab.simulation.microphones import NORMALS, Microphones, SessionVariation
 from tactophone_lab.simulation.modes import body_modes, mode_table, plate_pressure
-from tactophone_lab.simulation.motion import Hand, Move, Path, Scene
+from tactophone_lab.simulation.motion import Move, MoveFollower, Path, Scene
 from tactophone_lab.simulation.surface import HEIGHT_SPACING, Track, track
 
 MOTOR_SPEED = 0.15
@@ -127,7 +127,9 @@ class SimulatedFinger(AlwaysOpen):
         self._finger = session.finger
         self.end = None if duration is None else round(duration * LIVE_SAMPLE_RATE)
         self._block_size, self._position = block_size, 0
-        self._hand = Hand(scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE)
+        self._hand = MoveFollower(
+            scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE
+        )
         self._hand.queue(moves)
         self._follow = self._hand.follow if hand is None else hand.follow
         self._rng = np.random.default_rng(

@@ -84,7 +84,7 @@ class Progress:
     loss: float
 
 
-class Run:
+class TrainingRun:
     """A training run: each iteration trains on one batch.
 
     The same windows, recipe, seed and number of threads give the same bits on the same
@@ -329,7 +329,7 @@ class NetworkRecipe:
         checkpoint: Path | None = None,
         report: Callable[[Progress], None] = ignore,
     ) -> dict[str, FloatArray]:
-        """Train on windows; see :class:`Run`.
+        """Train on windows; see :class:`TrainingRun`.
 
         Raises `ModelError` if the model to continue from has another number of
         channels, and `DatasetError` if the windows of a new model are of one class
@@ -350,7 +350,7 @@ class NetworkRecipe:
                 f"{self.start}: has {channels_of(initial)} channel(s), but the variant {self.settings.variant} has "
                 f"{self.channels}; start from another model or choose another variant"
             )
-        run = Run(
+        run = TrainingRun(
             windows,
             self.settings,
             seed=self.seed,

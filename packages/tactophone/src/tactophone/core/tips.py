@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 
 @dataclass(frozen=True, slots=True)
-class Tip:
+class TipProperties:
     """What is known of a tip."""
 
     name: str
@@ -40,7 +40,7 @@ class Tip:
 
 
 _ROWS = (
-    Tip(
+    TipProperties(
         "rubber",
         "soft rubber of 4 MPa, 6 mm radius",
         "rubber",
@@ -58,7 +58,7 @@ _ROWS = (
             "a round blot",
         ),
     ),
-    Tip(
+    TipProperties(
         "pad",
         "hard skin of 3.3 GPa on a silicone pad, 3 mm radius",
         "texture",
@@ -76,7 +76,7 @@ _ROWS = (
             "to 0.5 mm",
         ),
     ),
-    Tip(
+    TipProperties(
         "plastic",
         "plastic rod of 8 mm",
         "plastic",
@@ -94,7 +94,7 @@ _ROWS = (
             "",
         ),
     ),
-    Tip(
+    TipProperties(
         "stylus",
         "steel stylus of 5 mm",
         "stylus",
@@ -114,7 +114,7 @@ _ROWS = (
     ),
 )
 
-TIPS: Mapping[str, Tip] = MappingProxyType({tip.name: tip for tip in _ROWS})
+TIPS: Mapping[str, TipProperties] = MappingProxyType({tip.name: tip for tip in _ROWS})
 """The tips by name, softest first, in the order of the rows of ``tips.npz``."""
 
 TIP_NAMES = tuple(TIPS)
