@@ -113,7 +113,7 @@ FIGURES = help_time live_compute simulation link demo_scores printed_pad touch_e
 docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
 	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
 
-# Without a network, or without an answer in two minutes, it says so, and succeeds.
+# Where the registry does not answer for single versions, it says so, and succeeds.
 audit:  ## check the locked packages against the known vulnerabilities
 	scripts/audit
 

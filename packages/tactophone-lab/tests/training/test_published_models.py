@@ -70,6 +70,19 @@ def test_the_notebooks_state_is_read_with_its_threshold(tmp_path: Path) -> None:
     assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
 
+def test_a_networks_state_as_torch_saves_it_is_read(tmp_path: Path) -> None:
+    network = PaperNetwork()
+    for name, held in (
+        ("alone", network.state_dict()),
+        ("within", {"model": network.state_dict(), "PART_SIZE": 512}),
+        ("as parameters", {"model": dict(network.named_parameters())}),
+    ):
+        torch.save(held, tmp_path / f"{name}.pt")
+        import_published(tmp_path / f"{name}.pt", tmp_path / "imported.onnx")
+        read, written = read_weights(tmp_path / "imported.onnx"), weights_of(network)
+        assert all(np.array_equal(written[key], read[key]) for key in written)
+
+
 class Trap:
     """Runs something while a careless reader unpickles it."""
 

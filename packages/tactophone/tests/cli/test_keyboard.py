@@ -49,3 +49,12 @@ def test_a_pipe_is_not_a_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_space_bar_is_the_emergency_stop() -> None:
     assert RUN_KEYS[" "] == "stop"
+
+
+def test_without_a_standard_input_there_is_no_keyboard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As after ``tactophone loopback <&-``."""
+    monkeypatch.setattr("sys.stdin", None)
+    with single_keys() as keyboard:
+        assert not keyboard

@@ -84,3 +84,13 @@ def test_an_invalid_published_model_is_one_line(
     error = capsys.readouterr().err
     assert "a plain pickle, which could run anything; it was not opened" in error
     assert error.count("\n") == 1
+
+
+def test_a_card_of_endless_words_or_empty_lists_is_shown_on_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endless = {"licence": "B" * 700_000, "scores": {str(n): n for n in range(9_000)}}
+    for changes in ({"settings": {"a": [[[]]], "b": []}}, endless):
+        path = write_tiny_model(tmp_path / "tiny.onnx", **changes)
+        assert main(["model", "show", str(path)]) == 0
+        assert len(capsys.readouterr().out) < 100_000

@@ -146,6 +146,14 @@ class _Module(dict[str, Any]):
         self.update(state)
 
 
+class _Dictionary(dict[str, Any]):
+    """An ordered dictionary; torch gives the one of a network's state a note of
+    versions, which is left out."""
+
+    def __setstate__(self, state: Any) -> None:
+        pass
+
+
 def _unpickle(content: bytes) -> Any:
     try:
         _check_operations(content)
@@ -216,7 +224,7 @@ _KNOWN = {
     ("torch.jit._pickle", "build_intlist"): _plain_list,
     ("torch.jit._pickle", "build_doublelist"): _plain_list,
     ("torch.jit._pickle", "build_boollist"): _plain_list,
-    ("collections", "OrderedDict"): dict,
+    ("collections", "OrderedDict"): _Dictionary,
 }
 """What a pickle may call, by the names of the real functions: each returns a record."""
 

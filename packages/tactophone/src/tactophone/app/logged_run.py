@@ -19,7 +19,7 @@ import soundfile
 
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.hand import channels_of, each_finger, names_of, of_finger
-from tactophone.core.processes import make_room
+from tactophone.core.processes import atomic_write
 from tactophone.core.settings import FingerSettings, Settings, change, set_value
 from tactophone.core.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep
 from tactophone.live.log.log_topics import topics_of
@@ -395,11 +395,16 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
                 if finger in ("", name):
                     parts = (log.stem, name, "" if number == 1 else str(number))
                     path = folder / f"{'-'.join(filter(None, parts))}.wav"
-                    make_room(path)
                     columns = slice(2 * place, min(2 * place + count, first.channels))
                     size = columns.stop - columns.start
+                    unfinished = stack.enter_context(atomic_write(path))
                     file = soundfile.SoundFile(
-                        path, "w", LIVE_SAMPLE_RATE, size, "FLOAT"
+                        unfinished,
+                        "w",
+                        LIVE_SAMPLE_RATE,
+                        size,
+                        "FLOAT",
+                        format="WAV",
                     )
                     files.append((stack.enter_context(file), columns))
                     written.append(SessionSound(path, number, name))

@@ -239,7 +239,8 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
 def single_keys() -> Iterator[bool]:
     """Read keys as they are pressed, without Enter; yields whether there is a keyboard
     to read from."""
-    if not sys.stdin.isatty() or os.name != "posix":
+    # Python has no standard input at all where it was closed.
+    if sys.stdin is None or not sys.stdin.isatty() or os.name != "posix":
         yield False
         return
     import termios

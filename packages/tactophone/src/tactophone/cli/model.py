@@ -76,7 +76,21 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ),
     ]
     known = {name: getattr(card, name) for name in ("settings", "training", "scores")}
-    return [*lines, *_outline(known), ("licence", card.licence or "not stated")]
+    lines += [*_outline(known), ("licence", card.licence or "not stated")]
+    return [(name, _shortened(text)) for name, text in lines[:MOST_LINES]]
+
+
+MOST_LINES = 200
+"""Lines shown of a card; the shipped ones have some sixty."""
+
+LONGEST_TEXT = 2_000
+"""Characters shown of one entry; the longest licence of a shipped model has 900."""
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= LONGEST_TEXT:
+        return text
+    return f"{text[:LONGEST_TEXT]}... ({len(text)} characters; --json shows all)"
 
 
 def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, str]]:
@@ -104,4 +118,6 @@ def _words(value: Any) -> str:
 
 def _shape(value: Any) -> list[int]:
     """Count the entries of nested lists, level by level."""
-    return [len(value), *_shape(value[0])] if isinstance(value, list) else []
+    if not isinstance(value, list):
+        return []
+    return [len(value), *(_shape(value[0]) if value else [])]

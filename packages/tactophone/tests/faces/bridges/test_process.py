@@ -1,11 +1,14 @@
 import os
 import signal
 import threading
+import time
 from functools import partial
 from typing import Self
 
 import pytest
 
+from tactophone.core.errors import TactophoneError
+from tactophone.faces.bridges import process
 from tactophone.faces.bridges.process import BridgeProcess
 
 
@@ -52,3 +55,43 @@ def test_a_bridge_that_ends_with_the_run_is_not_reported() -> None:
     with BridgeProcess(Idle, report=lines.append):
         pass
     assert lines == []
+
+
+class Slow(Idle):
+    """A bridge whose start outlasts the user's patience."""
+
+    def __enter__(self) -> Self:
+        time.sleep(0.5)
+        return self
+
+
+class Dead(Idle):
+    def __enter__(self) -> Self:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return self
+
+
+def test_a_bridge_that_is_slow_to_begin_is_named_and_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(process, "BRIDGE_START_PATIENCE", 0.1)
+    lines: list[str] = []
+    with BridgeProcess(Slow, report=lines.append):
+        pass
+    assert lines
+    assert all(line.startswith("Slow still starts (") for line in lines)
+
+
+def test_a_bridge_that_never_begins_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        pytest.raises(TactophoneError, match=r"Dead did not begin \(signal SIGKILL\)"),
+        BridgeProcess(Dead),
+    ):
+        pass
+    monkeypatch.setattr(process, "BRIDGE_START_PATIENCE", 0.05)
+    monkeypatch.setattr(process, "BRIDGE_START_TIMEOUT", 0.1)
+    with (
+        pytest.raises(TactophoneError, match=r"Slow did not begin within 0\.1 s"),
+        BridgeProcess(Slow),
+    ):
+        pass

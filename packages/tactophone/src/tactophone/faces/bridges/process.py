@@ -1,6 +1,7 @@
 """A bridge in a process of its own: it can neither delay the sound nor end it."""
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any, Protocol, Self
@@ -9,8 +10,12 @@ from tactophone.core.errors import TactophoneError
 from tactophone.core.processes import Child, Parent
 from tactophone.core.types import ignore
 
-BRIDGE_START_TIMEOUT = 20.0
-"""Seconds that a bridge may take to import its libraries and begin."""
+BRIDGE_START_PATIENCE = 20.0
+"""Seconds of waiting for a bridge to import its libraries and begin, after which the
+user is told; a busy machine takes so long."""
+
+BRIDGE_START_TIMEOUT = 120.0
+"""Seconds after which a bridge that has not begun ends the start of the run."""
 
 BRIDGE_END_TIMEOUT = 5.0
 """Seconds that a bridge may take to end, for a log to write its index."""
@@ -57,14 +62,28 @@ class BridgeProcess:
         self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
 
     def __enter__(self) -> Self:
-        kind, text = next(
-            self._child.messages(BRIDGE_START_TIMEOUT), ("", "a bridge did not begin")
-        )
+        kind, text = self._first_message()
         if kind != "ready":
             self._end()
             raise TactophoneError(text)
         self._thread.start()
         return self
+
+    def _first_message(self) -> tuple[str, str]:
+        begun = time.monotonic()
+        while True:
+            asked = time.monotonic()
+            message = next(self._child.messages(BRIDGE_START_PATIENCE), None)
+            if message is not None:
+                return message
+            now = time.monotonic()
+            if not self._child.alive or now - asked < BRIDGE_START_PATIENCE:
+                # Its end of the pipe was closed, which only its own end does.
+                return "", f"{self._name} did not begin ({self._child.how_ended()})"
+            if now - begun >= BRIDGE_START_TIMEOUT:
+                waited = f"{BRIDGE_START_TIMEOUT:g} s"
+                return "", f"{self._name} did not begin within {waited}"
+            self._report(f"{self._name} still starts ({now - begun:.0f} s)")
 
     def __exit__(self, *_: object) -> None:
         self._end()

@@ -7,6 +7,7 @@ it by 150 ms (a robot's joints, which say when it moves), and no topic can begin
 
 import math
 import os
+import shutil
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterator, Sequence
@@ -425,11 +426,20 @@ class RosBag:
             raise ConfigError(
                 f"--to-rosbag {folder}: exists already; name a new folder"
             )
+        self._folder = folder
         self._store = messages.open_type_store()
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._epoch, self._fingers = epoch, fingers
 
     def __enter__(self) -> Self:
+        try:
+            self._begin()
+        except OSError:
+            self._leave_no_empty_bag()
+            raise
+        return self
+
+    def _begin(self) -> None:
         self._writer.open()
         kinds = messages.PUBLISHED | {"audio_info": messages.AudioInfo}
         self._connections = {
@@ -443,10 +453,19 @@ class RosBag:
         }
         for finger in range(len(self._fingers)):
             self._write(finger, "audio_info", 0.0, messages.INFO)
-        return self
 
     def __exit__(self, *_: object) -> None:
-        self._writer.close()
+        try:
+            self._writer.close()
+        finally:
+            self._leave_no_empty_bag()
+
+    def _leave_no_empty_bag(self) -> None:
+        """Remove the folder if a full disk took nothing of it, so that the same command
+        can be given again."""
+        files = [path for path in self._folder.rglob("*") if path.is_file()]
+        if not any(path.stat().st_size for path in files):
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def write(self, step: PipelineStep) -> None:
         time = step.block.time

@@ -7,7 +7,7 @@ it. All five obey one contract.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, Self, TypeAlias
 
@@ -95,6 +95,10 @@ class ClockedDevice(ThreadedDevice):
                 self._path, "w", self.sample_rate, self._outputs, "FLOAT"
             )
         except (OSError, soundfile.LibsndfileError) as error:
+            if self._path:
+                # On a full disk the file was made before its first byte failed.
+                with suppress(OSError):
+                    make_room(self._path)
             raise DeviceError(
                 f"{self._path} cannot be written ({error}): "
                 "choose another file for output.device"

@@ -64,6 +64,7 @@ class LogFile(AbstractContextManager["LogFile", None]):
         from mcap.writer import Writer
 
         self.metadata: dict[str, str] = {"format": FORMAT}
+        self._path = path
         make_room(path)
         path.touch(0o600)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
@@ -83,7 +84,11 @@ class LogFile(AbstractContextManager["LogFile", None]):
             )
             for topic in written
         }
-        self._file.flush()
+        try:
+            self._file.flush()
+        except OSError:
+            self._leave_no_empty_file()
+            raise
 
     def __exit__(self, *_: object) -> None:
         # A full disk has been reported by `end_chunk`; the index is then missing, and
@@ -91,8 +96,15 @@ class LogFile(AbstractContextManager["LogFile", None]):
         with suppress(OSError, ValueError):
             self._writer.add_metadata("tactophone", self.metadata)
             self._writer.finish()
+        self._leave_no_empty_file()
+
+    def _leave_no_empty_file(self) -> None:
+        """Close the file, and remove it if a full disk took none of it."""
         with suppress(OSError, ValueError):
             self._file.close()
+        with suppress(OSError):
+            if self._path.stat().st_size == 0:
+                self._path.unlink()
 
     def write(self, message: Message) -> None:
         nanoseconds = round(message.time * 1e9)
