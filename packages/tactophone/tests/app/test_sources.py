@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.app.sources import open_source, recorded
+from tactophone.app.sources import AudioInput, open_source, recorded
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.settings import Settings, change
 from tactophone.core.types import Source, Touch
@@ -46,6 +46,17 @@ def test_an_error_names_what_cannot_be_opened() -> None:
         source("capture.source=file", "capture.device=nowhere.wav")
     with pytest.raises(ConfigError, match="a seed"):
         source("capture.source=finger", "capture.device=thumb")
+
+
+def test_without_the_laboratory_its_finger_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tactophone.core.plugins.load", lambda group, name: None)
+    with pytest.raises(ConfigError, match=r"pip install 'tactophone-lab\[sim\]'"):
+        source("capture.source=finger")
+    settings = change(Settings(), ["capture.source=finger"])
+    with pytest.raises(ConfigError, match=r"pip install 'tactophone-lab\[sim\]'"):
+        AudioInput(settings, "brick")
 
 
 def test_a_recording_of_a_data_set_has_its_truth(tmp_path: Path) -> None:
