@@ -1,2 +1,2 @@
-"""The only floor with clocks and threads: devices, processes, telemetry and the log of
-a run."""
+"""What happens in real time: devices, processes and their clocks, telemetry and the log
+of a run."""
