@@ -163,7 +163,7 @@ class Child:
         )
         self._process.start()
         self._process.pipe = self._pipe
-        # Only the child's copy of its end is left, so the pipe ends when the child does.
+        # Only the child's copy of its end is left, so the pipe ends with the child.
         its.close()
 
     @property

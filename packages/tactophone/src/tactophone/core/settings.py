@@ -69,12 +69,7 @@ class Setting:
         kind = type(self.default)
         # NaN lies in no range; as a default it means "from the model", and may then be
         # written too.
-        if (
-            kind is float
-            and isinstance(value, float)
-            and math.isnan(value)
-            and math.isnan(self.default)
-        ):
+        if _is_nan(value) and _is_nan(self.default):
             return value
         if self.group and value not in self.choices and value in registered(self.group):
             return value
@@ -86,19 +81,19 @@ class Setting:
         try:
             return msgspec.convert(value, wanted)
         except msgspec.ValidationError:
-            fits = type(value) is kind or (kind, type(value)) == (
-                float,
-                int,
-            )  # True is no number
+            # A whole number may stand for any number, but True is no number.
+            whole = kind is float and type(value) is int
+            fits = type(value) is kind or whole
             allowed = self.range if self.choices or fits else f"a {_KINDS[kind]}"
             hint = did_you_mean(str(value), self.choices)
-            by_option = f"{where} {value}: must be"
-            found = (
-                by_option
-                if where == self.flag
-                else f"{where}: {self.name} = {value!r}, but it is"
-            )
+            found = f"{where}: {self.name} = {value!r}, but it is"
+            if where == self.flag:
+                found = f"{where} {value}: must be"
             raise ConfigError(f"{found} {allowed}{hint}") from None
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)
 
 
 _KINDS = {
@@ -122,8 +117,9 @@ class CaptureSettings:
 
     source: str = _setting(
         "jack",
-        "where the sound comes from: JACK ports, a PortAudio device, one plain microphone, the microphone of a page, a "
-        "recording, the simulated finger, or a ROS 2 topic",
+        "where the sound comes from: JACK ports, a PortAudio device, one plain "
+        "microphone, the microphone of a page, a recording, the simulated finger, or "
+        "a ROS 2 topic",
         choices=("jack", "portaudio", "microphone", "browser", "file", "finger", "ros"),
         flag="--source",
         verbs="answer call check devices loopback record send setup",
@@ -131,12 +127,13 @@ class CaptureSettings:
     )
     device: str = _setting(
         "",
-        "PortAudio device (name or number), recording to play, seed of the simulated finger, or topic; "
-        "empty: the default",
+        "PortAudio device (name or number), recording to play, seed of the simulated "
+        "finger, or topic; empty: the default",
     )
     tip: str = _setting(
         DEFAULT_TIP,
-        "the finger's tip: it chooses the model unless one is named, and is what the simulated finger wears",
+        "the finger's tip: it chooses the model unless one is named, and is what the "
+        "simulated finger wears",
         choices=TIP_NAMES,
         flag="--tip",
         verbs="answer call check demo feel loopback play receive send setup",
@@ -195,7 +192,8 @@ class LinkSettings:
     )
     bitrate_bps: int = _setting(
         0,
-        "of Opus, both channels of a finger together; 0: by bandwidth and packet duration",
+        "of Opus, both channels of a finger together; 0: by bandwidth and packet "
+        "duration",
         unit="bit/s",
         span=(0, 510_000),
     )
@@ -216,12 +214,13 @@ class CallSettings:
 
     mailbox: str = _setting(
         "ws://relay.magic-wormhole.io:4000/v1",
-        "magic-wormhole mailbox that passes a call's encrypted first words; the default server is run by a volunteer, "
-        "without guarantees",
+        "magic-wormhole mailbox that passes a call's encrypted first words; the "
+        "default server is run by a volunteer, without guarantees",
     )
     stun: str = _setting(
         "stun.l.google.com:19302,stun.cloudflare.com:3478",
-        "STUN servers, HOST or HOST:PORT with commas between them; from two, --check learns the kind of router",
+        "STUN servers, HOST or HOST:PORT with commas between them; from two, --check "
+        "learns the kind of router",
     )
     turn: str = _setting(
         "", "TURN relay, USER:PASSWORD@HOST or USER:PASSWORD@HOST:PORT; empty: none"
@@ -238,23 +237,27 @@ class DetectorSettings:
 
     model: str = _setting(
         "",
-        "name of a shipped model, or path of a model file; empty: the shipped model for the tip",
+        "name of a shipped model, or path of a model file; empty: the shipped model "
+        "for the tip",
         flag="--model",
         verbs="demo feel latency loopback play receive replay send try",
     )
     calibration: str = _setting(
         "",
-        "file written by `tactophone check`: contact threshold and microphone check; empty: none",
+        "file written by `tactophone check`: contact threshold and microphone check; "
+        "empty: none",
         flag="--calibration",
         verbs="receive",
     )
     check_microphones: bool = _setting(
         True,
-        "detect faulty microphones and fall back safely; switch off for synthetic test signals",
+        "detect faulty microphones and fall back safely; switch off for synthetic "
+        "test signals",
     )
     threshold_dbfs: float = _setting(
         math.nan,
-        "level of the contact gate; nan: from the calibration, or just over the noise floor",
+        "level of the contact gate; nan: from the calibration, or just over the noise "
+        "floor",
         unit="dBFS",
         span=(-120, 0),
         flag="--threshold",
@@ -262,15 +265,17 @@ class DetectorSettings:
     )
     contact: str = _setting(
         "bands",
-        "what decides on contact: bands, each over its own noise, within milliseconds and deaf to steady motors; the "
-        "level alone; or the level of the model's window, as in the paper",
+        "what decides on contact: bands, each over its own noise, within milliseconds "
+        "and deaf to steady motors; the level alone; or the level of the model's "
+        "window, as in the paper",
         choices=("bands", "level", "window"),
         flag="--contact",
         verbs="feel",
     )
     margin_db: float = _setting(
         math.nan,
-        "how far over its noise a band is heard, for a loud robot; nan: from the calibration, or 5",
+        "how far over its noise a band is heard, for a loud robot; nan: from the "
+        "calibration, or 5",
         unit="dB",
         span=(3, 12),
     )
@@ -288,8 +293,8 @@ class RenderingSettings:
 
     profile: str = _setting(
         "graded",
-        "rendering profile: graded, paper, perceptual, erm, lra, piezo, dualsense, events; "
-        "or the sound itself: direct, or a passthrough of a plug-in",
+        "rendering profile: graded, paper, perceptual, erm, lra, piezo, dualsense, "
+        "events; or the sound itself: direct, or a passthrough of a plug-in",
         flag="--profile",
         verbs="demo loopback play receive replay try",
     )
@@ -313,7 +318,8 @@ class OutputSettings:
 
     actuator: str = _setting(
         "jack",
-        "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
+        "device that drives the actuator, the motors of a gamepad, a WAV file, or "
+        "nothing",
         choices=("jack", "portaudio", "gamepad", "file", "none"),
         group=ACTUATORS,
         flag="--actuator",
@@ -322,7 +328,8 @@ class OutputSettings:
     )
     device: str = _setting(
         "",
-        "PortAudio device (name or number), gamepad (name), or the WAV file to write; empty: the default",
+        "PortAudio device (name or number), gamepad (name), or the WAV file to write; "
+        "empty: the default",
     )
     channel: int = _setting(
         1,
@@ -369,7 +376,8 @@ class ActuatorSettings:
     )
     response: str = _setting(
         "",
-        "levels in dB relative to the resonance by frequency in Hz, as in 40:-12,160:0,250:-6; empty: flat",
+        "levels in dB relative to the resonance by frequency in Hz, as in "
+        "40:-12,160:0,250:-6; empty: flat",
     )
 
 
@@ -392,7 +400,8 @@ class ProcessSettings:
     )
     stall_timeout: float = _setting(
         0.05,
-        "time without a callback, while vibrating, after which a process is late and silenced",
+        "time without a callback, while vibrating, after which a process is late and "
+        "silenced",
         unit="s",
         span=(0.01, 1),
     )
@@ -419,8 +428,8 @@ class PageSettings:
     )
     https: bool = _setting(
         False,
-        "serve the page encrypted, with the certificate of `tactophone pair init`; a phone needs it for sound and "
-        "microphone",
+        "serve the page encrypted, with the certificate of `tactophone pair init`; a "
+        "phone needs it for sound and microphone",
         flag="--https",
         verbs="feel play replay try",
     )
@@ -445,8 +454,8 @@ class BridgeSettings:
     )
     ros_sinks: str = _setting(
         "",
-        "ROS 2 devices to drive with the vibration, KIND or KIND:TOPIC with commas between them: joy, senseglove, "
-        "float32, or of a plug-in",
+        "ROS 2 devices to drive with the vibration, KIND or KIND:TOPIC with commas "
+        "between them: joy, senseglove, float32, or of a plug-in",
     )
 
 
@@ -456,8 +465,9 @@ class SimulationSettings:
 
     network: str = _setting(
         "clean",
-        "simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
-        "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (fractions of 1, seconds); all but clean need the extra sim",
+        "simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, "
+        "bursty, or loss=0.05,burst=3,delay=0.01,jitter=0.002 (fractions of 1, "
+        "seconds); all but clean need the extra sim",
         flag="--network",
         verbs="demo loopback",
     )
@@ -479,8 +489,8 @@ class SimulationSettings:
     )
     faults: str = _setting(
         "",
-        "faults of the simulated microphones, CODE or CODE@S-S (between two times in s), with commas between them: "
-        "contact-dead, air-hum@3-5, ...",
+        "faults of the simulated microphones, CODE or CODE@S-S (between two times in "
+        "s), with commas between them: contact-dead, air-hum@3-5, ...",
     )
 
 
@@ -581,25 +591,25 @@ def change(
     """Apply ``section.name=value`` assignments; a value that is not TOML is taken as
     plain text.
 
-    >>> change(Settings(), ["link.packet_duration=0.0025", "capture.source=finger"]).link.packet_duration
+    >>> changed = change(Settings(), ["link.packet_duration=0.0025"])
+    >>> changed.link.packet_duration
     0.0025
     """
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals:
             raise ConfigError(
-                f"{where} {assignment}: wanted section.name=value, such as link.port=48470"
+                f"{where} {assignment}: wanted section.name=value, "
+                "such as link.port=48470"
             )
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
-        if (
-            name in SETTINGS
-            and isinstance(SETTINGS[name].default, str)
-            and not isinstance(value, str)
-        ):
-            value = text  # a device may be named "3"
+        wants_text = name in SETTINGS and isinstance(SETTINGS[name].default, str)
+        if wants_text and not isinstance(value, str):
+            # A device may be named "3".
+            value = text
         settings = set_value(settings, name, value, where=where)
     return settings
 

@@ -31,9 +31,9 @@ class TipProperties:
     average, and smooth ones stick and slip."""
     air_led_db: float
     """How much more, in dB, a knock in the air exceeds the floor of the air microphone
-    than that of the contact microphone. Simulated knocks exceed it by 33 to 36 dB, with a stylus
-    by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24, of
-    a steel stylus, which shakes the air microphone, by up to 35."""
+    than it exceeds the contact microphone's. Simulated knocks do by 33 to 36 dB, with a
+    stylus by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to
+    24, of a steel stylus, which shakes the air microphone, by up to 35."""
     picture: tuple[str, ...]
     """What `setup` shows: two lines of words, four of drawing, two of the mark that it
     leaves."""

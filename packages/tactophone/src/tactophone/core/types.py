@@ -167,8 +167,8 @@ class AudioBlock(msgspec.Struct, frozen=True, eq=False):
 
 
 def joined(blocks: Sequence[AudioBlock]) -> Iterator[AudioBlock]:
-    """Join blocks that follow each other without a gap and are of one kind; yields one
-    block for each such stretch."""
+    """Join blocks that follow each other without a gap and are equally concealed and
+    moving; yields one block for each such stretch."""
     cuts = [
         number
         for number, (one, other) in enumerate(pairwise(blocks), 1)

@@ -18,10 +18,11 @@ SWITCH_INTERVAL = 100e-6
 default is 5 ms, seven periods of 32 samples and more."""
 
 MAIN_PRIORITY = 1
-"""Priority of the main thread, the lowest of SCHED_FIFO. It has little to do, but holds the
-interpreter while it works: without a priority it then waits for the machine, and the
-threads of the sound wait for it. At a load of 21 on two cores, packets then waited up
-to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
+"""Priority of the main thread, the lowest of SCHED_FIFO. It has little to do, but holds
+the interpreter while it works: without a priority it then waits for the machine, and
+the threads of the sound wait for it. At a load of 21 on two cores, packets waited up to
+280 ms without it, and 54 of 1,600 came too late; with it they waited 11 ms at most, and
+none came too late."""
 
 COLLECTION_INTERVAL = 10.0
 """Seconds between two collections of garbage: under 0.1 ms each once the imports are

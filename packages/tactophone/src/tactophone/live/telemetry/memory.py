@@ -99,8 +99,8 @@ class Memory:
 
 
 def folder() -> Path:
-    """Return the folder of the mapped files: the memory file system on Linux, temporary files
-    elsewhere."""
+    """Return the folder of the mapped files: the memory file system on Linux, the one
+    for temporary files elsewhere."""
     memory = Path("/dev/shm")
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
