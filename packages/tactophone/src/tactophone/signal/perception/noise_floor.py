@@ -22,7 +22,7 @@ import functools
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -338,9 +338,26 @@ FLOOR_FADE = 10
 than silence."""
 
 
+GATED_DB = 40.0
+"""So far apart are the loud and the quiet part of a recording, in the mean, that
+something switched the sound off in between: a noise gate, or a program that mutes. The
+parts of a stroke are nearer each other: by 32 dB at most in real strokes without a
+pause."""
+
+LEAST_PART = 0.05
+"""Share of a recording that each of these two parts has at least."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordingFloor:
-    """What a recording shows of its noise."""
+    """What a recording shows of its noise.
+
+    There are three kinds of recording. In most, silence is steady, and its level is the
+    floor. In a stroke from end to end there is no silence, and all of it is touch. In
+    sound that was switched off in its pauses, nothing tells noise from touch: then it
+    begins as a live run does, which calls touch only what is loud enough for the model's
+    own threshold.
+    """
 
     threshold_dbfs: float
     """Contact threshold; where the floor is unknown, the lowest: all sound is
@@ -353,6 +370,9 @@ class RecordingFloor:
     """Standard deviation of the noise's level."""
     bands_dbfs: tuple[float, ...] = ()
     """Floor of each band where the noise is."""
+    gated: bool = False
+    """Whether the sound was switched off in its pauses, so that the floor of what is
+    left is unknown."""
 
     @property
     def known(self) -> bool:
@@ -371,25 +391,32 @@ def measure_floor(
     ``false_alarms`` is the wanted share of the time without contact that counts as
     contact.
     """
-    levels, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
+    every, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
+    # Digital silence is no floor.
+    levels = [level for level in every if level > FLOOR_SILENT_DBFS]
+    unknown = RecordingFloor(
+        LOWEST_DBFS,
+        math.nan,
+        max(levels, default=-math.inf),
+        gated=_parts_db(every) > GATED_DB,
+    )
     starts = range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2)
     cells = [
         (statistics.fmean(part), statistics.pstdev(part), at)
         for at in starts
         if (part := levels[at : at + FLOOR_CELL])
     ]
-    loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
     same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
     if (
         len(same) < LEAST_CELLS
         or same[0][0] > min(mean for mean, *_ in cells) + SAME_FLOOR_DB
     ):
-        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
+        return unknown
     floor = statistics.fmean(mean for mean, *_ in same)
     inner = levels[FLOOR_FADE:-FLOOR_FADE]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
-        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
+        return unknown
     spread = math.sqrt(
         statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread, _ in same)
     )
@@ -400,17 +427,35 @@ def measure_floor(
     return RecordingFloor(
         threshold,
         floor,
-        loudest,
+        unknown.loudest_dbfs,
         spread,
         tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
     )
 
 
+def _parts_db(levels: Sequence[float]) -> float:
+    """Return how far apart the means of the loud and the quiet part are, where these are
+    the two parts that explain most of the variance of the levels (Otsu, IEEE Trans.
+    Syst. Man Cybern. 9, 62, 1979)."""
+    ordered = np.sort(np.maximum(levels, FLOOR_SILENT_DBFS))
+    size = len(ordered)
+    least = max(1, math.ceil(LEAST_PART * size))
+    if size < 2 * least:
+        return 0.0
+    counts = np.arange(least, size - least + 1)
+    sums = np.cumsum(ordered)
+    quiet = sums[counts - 1] / counts
+    loud = (sums[-1] - sums[counts - 1]) / (size - counts)
+    explained = counts * (size - counts) * np.square(loud - quiet)
+    best = int(explained.argmax())
+    return float(loud[best] - quiet[best])
+
+
 def _levels(
     blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule
 ) -> tuple[list[float], Floats]:
-    """Return the level over 32 ms in dBFS a hundred times a second, without digital
-    silence, and those of the bands."""
+    """Return the level over 32 ms in dBFS a hundred times a second, and the levels of
+    the bands where it is no digital silence."""
     steps = StepLevels(rule, sample_rate=sample_rate)
     every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)
@@ -430,6 +475,6 @@ def _levels(
     )
     decibels = 20 / steps.power * np.log10(np.maximum(totals, 1e-30))
     heard = decibels > FLOOR_SILENT_DBFS
-    return decibels[heard].tolist(), np.asarray(
+    return decibels.tolist(), np.asarray(
         rows[ends][heard] if len(rows) else np.zeros((heard.sum(), BANDS))
     )

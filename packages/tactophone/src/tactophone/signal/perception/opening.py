@@ -178,8 +178,9 @@ def _set_contact(detector: TouchDetector, options: DetectorOptions) -> None:
     if options.threshold_dbfs is not None:
         detector.threshold.dbfs = options.threshold_dbfs
         return
-    if options.recording:
-        detector.begin(options.recording)
+    recording = options.recording
+    if recording and not recording.gated:
+        detector.begin(recording)
     calibration = options.calibration
     if options.contact == "bands":
         # Bands follow the noise, whatever level was calibrated. What was calibrated for
@@ -189,7 +190,7 @@ def _set_contact(detector: TouchDetector, options: DetectorOptions) -> None:
             margin_db = calibration.margin_db
         if detector.floor and margin_db is not None:
             detector.floor.margin_db = margin_db
-    elif calibration and not options.recording:
+    elif calibration and not recording:
         # A model whose loudness rule was not calibrated goes on following the noise.
         level_dbfs = calibration.threshold_for(detector.detector.card.gate.rule)
         if level_dbfs is not None:
