@@ -17,7 +17,11 @@ from tactophone.live.telemetry.watcher import Watcher
 
 class LiveSound:
     """Draws what a run hears; silence while nothing comes, so that a dead run is no
-    frozen touch."""
+    frozen touch.
+
+    It joins a run of any age, and goes on after any pause: sound that the run's memory
+    no longer holds is left out.
+    """
 
     def __init__(
         self, run: str, picture: Picture, *, clock: Callable[[], float]
@@ -32,7 +36,11 @@ class LiveSound:
         now = self._clock()
         if self._watcher.follow():
             self._count = 0
-        log, self._count = self._watcher.log(self._count)
+        before = self._count
+        log, self._count = self._watcher.log(before)
+        if len(log) < self._count - before:
+            # Records are missing: what comes next continues no stream from before.
+            self._decoder = SoundDecoder()
         drawn = 0
         for block in self._decoder.push(read_records(log)):
             if isinstance(block, AudioBlock):

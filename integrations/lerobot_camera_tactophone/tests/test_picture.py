@@ -14,8 +14,9 @@ from lerobot_camera_tactophone.sound import LiveSound, LoggedSound
 
 from tactophone import Prediction, Touch
 from tactophone.live.telemetry.writer import Telemetry
-from tests.live.log.recorded_run import record
+from tests.live.log.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
+from tests.sounds import blocks
 
 
 def tone(hertz: float, seconds: float, channel: int = 0) -> np.ndarray:
@@ -85,6 +86,33 @@ def test_a_live_run_that_sends_nothing_is_a_dark_picture() -> None:
         now[0] = 3.0
         sound.draw()
         assert picture.pixels[: 2 * BANDS].max() == 0
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_camera_joins_a_run_whose_log_has_wrapped_and_goes_on_after_a_pause(
+    tmp_path: Path, paused: bool
+) -> None:
+    """A minute of PCM fills the session log several times over."""
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    silent = np.zeros((48_000 * 60, 1), np.float32)
+    sound = np.concatenate([silent, tone(1000, 3)[:, :1]])
+    picture = Picture()
+    now = [0.0]
+    live: list[LiveSound] = []
+
+    def meanwhile(operator: RecordedOperator, time: float) -> None:
+        now[0] = time
+        if not live and (paused or time >= 60):
+            live.append(LiveSound(operator.run, picture, clock=lambda: now[0]))
+        if time < 1 or time >= 60:
+            for each in live:
+                each.draw()
+
+    record(tmp_path / "run.mcap", model, sound=blocks(sound, 960), meanwhile=meanwhile)
+    contact = picture.pixels[:BANDS, 100:].astype(int)
+    row = int(np.argmax(contact.mean(axis=1)))
+    expected = BANDS - 1 - BANDS * np.log(1000 / LOWEST) / np.log(HIGHEST / LOWEST)
+    assert row == pytest.approx(expected, abs=2)
 
 
 def test_the_camera_is_one_of_lerobots() -> None:

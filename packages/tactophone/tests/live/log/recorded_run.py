@@ -45,6 +45,7 @@ class RecordedOperator:
         ]
         self.gate = self.gates[0]
         self._telemetry = telemetry
+        self.run = telemetry.name
         self.recorder = SessionRecorder(telemetry, settings, role="operator")
         endpoint.session.tap = self.recorder.arrival
 

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock, HapticCommand, PipelineStep
-from tactophone.live.telemetry.layout import MARKS, FingerState, RunState
+from tactophone.live.telemetry.layout import (
+    LOG_CAPACITY,
+    MARKS,
+    FingerState,
+    RunState,
+)
+from tactophone.live.telemetry.records import EventBatch, read_records, write_record
 from tactophone.live.telemetry.watcher import Watcher, _newest
 from tactophone.live.telemetry.writer import Telemetry
 
@@ -93,6 +99,21 @@ def test_since_returns_only_what_is_new(telemetry: Telemetry) -> None:
         len(second.steps),
     ) == (100, 7, 5, 1)
     assert len(watcher.snapshot(second).vibration) == 0
+
+
+def test_a_session_log_is_whole_records_or_nothing(telemetry: Telemetry) -> None:
+    watcher = Watcher(telemetry.name)
+    record = EventBatch(0.0, (b"a packet",) * 100)
+    encoded = b"".join(write_record(record))
+    # As many as overwrite the beginning of the first one, and the middle of others.
+    for _ in range(LOG_CAPACITY // len(encoded) + 7):
+        telemetry.log(encoded)
+    lost, total = watcher.log(0)
+    assert lost == b""
+    assert total > LOG_CAPACITY
+    telemetry.log(encoded)
+    found, _ = watcher.log(total)
+    assert list(read_records(found)) == [record]
 
 
 def test_a_run_without_a_heartbeat_is_not_alive(telemetry: Telemetry) -> None:

@@ -103,7 +103,6 @@ class RunReader:
         log, count = self.watcher.log(self._log_count)
         if len(log) < count - self._log_count:
             self.missed["log"] += count - self._log_count
-            log = b""
             yield self._event(
                 self._now(),
                 "part of the session was not read in time: no replay beyond",

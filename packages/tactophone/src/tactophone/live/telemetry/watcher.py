@@ -231,19 +231,24 @@ class Watcher:
         return rows, max(0, self._predictions_read[finger] - since - len(rows))
 
     def log(self, since: int = 0) -> tuple[bytes, int]:
-        """Copy the session log after its first ``since`` bytes, and return its total
-        length.
+        """Copy the records of the session log after its first ``since`` bytes, and
+        return its total length.
 
-        Fewer than ``total - since`` bytes mean that records were overwritten before
-        this call; what is left then begins within a record and cannot be decoded.
+        The records are whole, or none is returned: where part of them was overwritten
+        before this call, what is left begins within a record. Fewer bytes than
+        ``total - since`` therefore mean that all of these records are lost, and the
+        next call with ``since=total`` begins at a record.
         """
-        rows, count = _newest(
+        rows, total = _newest(
             self._memory["log"],
             self._memory["log_count"],
             slack=layout.LARGEST_RECORD,
             since=since,
         )
-        return rows.tobytes(), count
+        # A total below ``since`` belongs to a new run, read from its beginning.
+        wanted = total - since if since <= total else total
+        whole = len(rows) == wanted
+        return rows.tobytes() if whole else b"", total
 
     def state(self) -> RunState:
         """Return the newest state alone."""
