@@ -8,15 +8,14 @@ import mujoco
 import numpy as np
 import soundfile
 from mujoco_tactophone import ContactMicrophone
-from mujoco_tactophone.stone_box import Scripted, register
+from mujoco_tactophone.stone_box import Scripted
 from mujoco_tactophone.world import STEP, pressed, stones_model, stroke
 
 
 def solved(episodes: int, *, random: bool) -> tuple[int, int]:
     """Return how many episodes end with the rough stone, and how many actions all
     took."""
-    register()
-    box, right, actions = gymnasium.make("StoneBox-v0"), 0, 0
+    box, right, actions = gymnasium.make("mujoco_tactophone:StoneBox-v0"), 0, 0
     box.action_space.seed(1)
     for episode in range(episodes):
         observation, _ = box.reset(seed=episode)

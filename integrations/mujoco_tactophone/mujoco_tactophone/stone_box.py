@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mujoco_tactophone.microphone import ContactMicrophone
 from mujoco_tactophone.world import PITCH, STEP, pressed, stones_model
-from tactophone import Pipeline, open_pipeline
+from tactophone import ConfigError, Pipeline, open_pipeline
 from tactophone_lab.simulation.modes import Mounting
 
 STONES = 5
@@ -42,10 +42,29 @@ class StoneBox(gymnasium.Env[Values, Values]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # gymnasium's own attribute
 
-    def __init__(self, tip: str = "pad") -> None:
+    def __init__(self, tip: str = "pad", render_mode: str | None = None) -> None:
+        if render_mode is not None:
+            raise ConfigError(
+                f"render_mode={render_mode!r}: StoneBox-v0 is felt and draws nothing; "
+                "leave render_mode out"
+            )
+        self.render_mode = None
         self.action_space = gymnasium.spaces.Box(-1, 1, (3,), np.float32)
         self.observation_space = gymnasium.spaces.Box(-1, 100, (6,), np.float32)
         self._tip = tip
+        self._running = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs to begin anew: its tip and its random numbers.
+
+        A running detector holds a session of ONNX Runtime, which no process can hand to
+        another; a copy therefore begins with `reset`.
+        """
+        return {"tip": self._tip, "generator": self.np_random}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["tip"])  # type: ignore[misc]
+        self.np_random = state["generator"]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -67,9 +86,18 @@ class StoneBox(gymnasium.Env[Values, Values]):
         self._data.qpos[0], self._data.qpos[2] = self._x, 0.003
         for _ in range(5):  # the detector learns the noise of a finger in the air
             found = self._advance(0.0, -1.0)
+        self._running = True
         return found, {}
 
     def step(self, action: Values) -> tuple[Values, float, bool, bool, dict[str, Any]]:
+        if not self._running:
+            raise gymnasium.error.ResetNeeded(
+                "StoneBox-v0: step before reset; call reset() first"
+            )
+        if not np.all(np.isfinite(action)):
+            raise ValueError(
+                f"action {action}: not finite; give three numbers from -1 to 1"
+            )
         speed, press, choose = (float(value) for value in np.clip(action, -1, 1))
         self._turns += 1
         if choose > 0.9:
@@ -131,12 +159,4 @@ class Scripted:
             return np.array([0, -1, -1], np.float32)
         return np.array(
             [0.6 if self._turn % 4 in (1, 2) else -0.6, 0.6, -1], np.float32
-        )
-
-
-def register() -> None:
-    """Register StoneBox-v0."""
-    if "StoneBox-v0" not in gymnasium.registry:
-        gymnasium.register(
-            "StoneBox-v0", entry_point="mujoco_tactophone.stone_box:StoneBox"
         )

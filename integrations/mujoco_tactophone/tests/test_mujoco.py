@@ -1,5 +1,9 @@
 """The microphone of MuJoCo against the simulated finger, and the stone box."""
 
+import pickle
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -121,9 +125,8 @@ def test_the_surface_of_a_geom_is_named_by_text_or_material() -> None:
 def test_the_scripted_policy_finds_the_rough_stone() -> None:
     gymnasium = pytest.importorskip("gymnasium")
     from gymnasium.utils.env_checker import check_env
-    from mujoco_tactophone.stone_box import Scripted, StoneBox, register
+    from mujoco_tactophone.stone_box import Scripted, StoneBox
 
-    register()
     check_env(StoneBox(), skip_render_check=True)
     box, solved = gymnasium.make("StoneBox-v0"), 0
     for episode in range(10):
@@ -133,6 +136,43 @@ def test_the_scripted_policy_finds_the_rough_stone() -> None:
             observation, reward, ended, cut, _ = box.step(policy.act(observation))
             solved, over = solved + int(reward), ended or cut
     assert solved >= 9
+
+
+def test_the_readmes_own_python_runs_in_a_fresh_interpreter() -> None:
+    """Nothing but README's lines may register the task."""
+    pytest.importorskip("gymnasium")
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    python = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    whole = [lines for lines in python if lines.startswith("import ")]
+    assert whole
+    for lines in whole:
+        subprocess.run([sys.executable, "-c", lines], check=True, timeout=120)
+
+
+def test_a_step_before_reset_and_an_action_that_is_no_number_are_refused() -> None:
+    gymnasium = pytest.importorskip("gymnasium")
+    from mujoco_tactophone.stone_box import StoneBox
+
+    box = StoneBox()
+    still = np.array([0, -1, -1], np.float32)
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\)"):
+        box.step(still)
+    box.reset(seed=1)
+    with pytest.raises(ValueError, match="not finite"):
+        box.step(np.array([np.nan, -1, -1], np.float32))
+    assert np.all(np.isfinite(box.step(still)[0]))
+    with pytest.raises(ConfigError, match="draws nothing"):
+        gymnasium.make("StoneBox-v0", render_mode="human")
+
+
+def test_a_copy_of_a_running_box_continues_its_random_numbers() -> None:
+    pytest.importorskip("gymnasium")
+    from mujoco_tactophone.stone_box import StoneBox
+
+    box = StoneBox()
+    box.reset(seed=1)
+    copied = pickle.loads(pickle.dumps(box))
+    np.testing.assert_array_equal(copied.reset()[0], box.reset()[0])
 
 
 def test_the_example_is_short() -> None:
