@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from tactophone.app.logged_run import write_sound
 from tactophone.core.errors import ConfigError, DatasetError
 from tactophone.core.prediction_fields import PREDICTION_FIELDS
+from tactophone.core.recordings.links import foreign_target
 from tactophone.core.types import EVENT_KINDS, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.mcap import LogEnd, read_messages
@@ -544,9 +545,7 @@ def _refuse_links(dataset: Path) -> None:
     """Refuse links that leave the data set, and links to folders, which may lead in
     circles."""
     for path in dataset.rglob("*"):
-        if path.is_symlink() and (
-            path.is_dir() or not path.resolve().is_relative_to(dataset.resolve())
-        ):
+        if path.is_symlink() and (path.is_dir() or foreign_target(path, dataset)):
             raise DatasetError(f"{path}: a link; copy the data set with `cp -rL` first")
 
 

@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import DatasetError
-from tactophone.core.recordings.values import Dataset
-from tactophone_lab.datasets.checks import channels_of_all, usable, with_channels
-from tactophone_lab.datasets.open import open_dataset
+from tactophone.core.recordings.values import Dataset, Problem
+from tactophone_lab.datasets.checks import (
+    channels_of_all,
+    nothing_usable,
+    usable,
+    with_channels,
+)
+from tactophone_lab.datasets.open import open_dataset, phone_sounds
 from tactophone_lab.datasets.splits import with_kin
 
 if TYPE_CHECKING:
@@ -97,13 +102,26 @@ def open_filtered(
     for text in filters or ():
         dataset = _filtered(dataset, text)
     kept, problems = usable(dataset)
-    for problem in problems:
-        if problem.fatal:
-            output.note(f"left out: {problem}")
+    report_left_out(folder, problems)
+    if dataset.recordings and not kept.recordings:
+        raise nothing_usable(dataset, problems)
     kept, lacking = with_channels(kept.labelled(segments=segments), channels)
     for problem in lacking:
         output.note(f"left out: {problem}")
     return with_kin(kept, kin) if kin else kept
+
+
+def report_left_out(folder: Path | str, problems: Sequence[Problem]) -> None:
+    """Name on stderr each recording that is not used and why, and sound that nothing
+    here can read."""
+    bad = [problem for problem in problems if problem.fatal]
+    for problem in bad:
+        output.note(f"left out: {problem}")
+    if bad:
+        count = len({problem.path for problem in bad})
+        output.note(f"{count} left out; the rest is used")
+    if Path(folder).is_dir() and (unread := phone_sounds(Path(folder))):
+        output.note(f"left out: {unread}")
 
 
 def is_mono(folder: Path) -> bool:

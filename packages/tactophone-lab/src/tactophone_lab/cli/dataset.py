@@ -18,11 +18,13 @@ from tactophone.core.recordings.metadata import FILE_NAME
 from tactophone.core.recordings.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.live.log.mcap import is_mcap
 from tactophone.signal.perception.calibration import Calibration
-from tactophone_lab.cli.data import add_labels, labels_of
+from tactophone_lab.cli.data import add_labels, labels_of, report_left_out
 from tactophone_lab.datasets.checks import (
     DEFAULT_CONTACT_DBFS,
     check,
     check_consistency,
+    nothing_usable,
+    usable,
 )
 from tactophone_lab.datasets.convert import convert, set_columns, write_card
 from tactophone_lab.datasets.open import find_importable, open_dataset
@@ -252,11 +254,15 @@ def _import(args: argparse.Namespace) -> int:
     if is_mcap(Path(args.folder)):
         return _import_log(args, Path(args.folder))
     found = find_importable(args.folder)
-    for problem in found.dataset.problems:
-        output.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
-    with output.progress("converting", len(found.dataset.recordings)) as update:
+    with output.progress("checking", len(found.dataset.recordings)) as update:
+        kept, problems = usable(
+            found.dataset, progress=lambda done: update(completed=done)
+        )
+    if not kept.recordings:
+        raise nothing_usable(found.dataset, problems)
+    with output.progress("converting", len(kept.recordings)) as update:
         converted = convert(
-            found.dataset,
+            kept,
             args.out,
             air_of=found.air_of,
             targets=found.targets,
@@ -268,6 +274,10 @@ def _import(args: argparse.Namespace) -> int:
         else ""
     )
     print(f"{len(converted.recordings)} recordings{pairs} in {args.out}")
+    for problem in problems:
+        if not problem.fatal:
+            output.note(f"warning: {problem}")
+    report_left_out(args.folder, problems)
     if found.guessed:
         surfaces = converted.surfaces
         shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")

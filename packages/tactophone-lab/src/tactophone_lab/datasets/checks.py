@@ -9,7 +9,7 @@ is where the levels correlate best, measured in the first and in the last half.
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,10 +108,23 @@ def check(
     return tuple(problems)
 
 
-def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
+def nothing_usable(dataset: Dataset, problems: Sequence[Problem]) -> DatasetError:
+    """Return the error of a data set of which nothing is left, with the first
+    reason."""
+    bad = [problem for problem in problems if problem.fatal]
+    count = max(len(dataset.recordings), len(bad))
+    first = f"; {bad[0]}" if bad else ""
+    return DatasetError(
+        f"{dataset.root}: none of its {count} recordings can be used{first}"
+    )
+
+
+def usable(
+    dataset: Dataset, *, progress: Callable[[int], None] = ignore
+) -> tuple[Dataset, tuple[Problem, ...]]:
     """Return the data set without the recordings that cannot be used, and every problem
     found."""
-    problems = check(dataset)
+    problems = check(dataset, progress=progress)
     bad = {problem.path for problem in problems if problem.fatal}
     return dataset.where(lambda recording: recording.path not in bad), problems
 

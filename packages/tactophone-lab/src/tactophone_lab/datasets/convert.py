@@ -10,10 +10,16 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.core.errors import DatasetError
+from tactophone.core.errors import DatasetError, plain
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.metadata import FILE_NAME, refuse_link, write_metadata
-from tactophone.core.recordings.sound_file import open_file, sound_info
+from tactophone.core.recordings.links import name_below, refuse_foreign, refuse_link
+from tactophone.core.recordings.metadata import FILE_NAME, write_metadata
+from tactophone.core.recordings.sound_file import (
+    native_name,
+    open_file,
+    sound_info,
+    text_name,
+)
 from tactophone.core.recordings.values import READ_SIZE, Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, ignore
 
@@ -45,13 +51,11 @@ def convert(
     for done, recording in enumerate(dataset.recordings, 1):
         air = air_of.get(recording.path)
         for path in filter(None, (recording.path, air)):
-            refuse_link(path, dataset.root)
-        inner = targets.get(recording.path) or recording.path.resolve().relative_to(
-            dataset.root.resolve()
-        )
+            refuse_foreign(path, dataset.root)
+        inner = targets.get(recording.path) or name_below(recording.path, dataset.root)
         # By hand, as `with_suffix` would take a dot within the name for one.
         stem = inner.name if recording.path in targets else inner.stem
-        target = out / inner.parent / f"{stem}.flac"
+        target = out / text_name(inner.parent / f"{stem}.flac")
         refuse_link(target.parent, out)
         copies.append(_copy(recording, target, air))
         progress(done)
@@ -137,7 +141,7 @@ def _write_flac(
 ) -> None:
     with atomic_write(target) as unfinished:
         with soundfile.SoundFile(
-            unfinished, "w", rate, channels, subtype, format="FLAC"
+            native_name(unfinished), "w", rate, channels, subtype, format="FLAC"
         ) as flac:
             for samples in blocks:
                 flac.write(samples)
@@ -161,7 +165,12 @@ def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
         raise DatasetError(
             f"{recording.path}: cannot be converted ({error}); {step}"
         ) from None
-    return dataclasses.replace(recording, path=target)
+    return dataclasses.replace(
+        recording,
+        path=target,
+        surface=plain(recording.surface),
+        take=plain(recording.take),
+    )
 
 
 def _card(dataset: Dataset) -> Iterator[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.recordings.layouts import sounds_in, surface_and_take
+from tactophone.core.recordings.links import foreign_target
 from tactophone.core.recordings.metadata import PARTS
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
@@ -34,6 +35,9 @@ MICROPHONE_WORDS: Mapping[str, str] = {
 }
 """Words for a microphone in the names of folders and files, and the channel that each
 is."""
+
+OUTSIDE = "put the file itself there, as `cp -rL` does"
+"""What to do about a link to another folder."""
 
 _MICROPHONE_AT_END = re.compile(
     rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE
@@ -90,6 +94,9 @@ def read_lab_folder(folder: Path) -> LabFolder:
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
     for path in sounds_in(folder):
+        if target := foreign_target(path, folder):
+            problems.append(Problem(path, "link", f"leads to {target}; {OUTSIDE}"))
+            continue
         name = _parse_name(path.relative_to(folder))
         if name.microphone in groups[name.key]:
             first = groups[name.key][name.microphone][0].relative_to(folder)

@@ -1,11 +1,14 @@
 """Opens a folder of recordings in whichever layout it has, as a data set."""
 
+import shlex
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.metadata import FILE_NAME, manifests_in, read_metadata
 from tactophone.core.recordings.read import layout_of, surface_of
+from tactophone.core.recordings.sound_file import FFMPEG_SUFFIXES, is_hidden
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.datasets.lab_folders import LabFolder, read_lab_folder
 
@@ -44,6 +47,8 @@ def open_dataset(
         )
     if found.dataset.recordings:
         return found.dataset
+    if unreadable := phone_sounds(folder):
+        raise DatasetError(f"{folder}: {unreadable}")
     raise DatasetError(
         f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
         f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
@@ -78,7 +83,28 @@ def find_importable(path: Path | str) -> LabFolder:
     return LabFolder(open_dataset(path))
 
 
+def phone_sounds(folder: Path) -> str:
+    """Say how many files of a folder only ffmpeg reads, and how to convert them; empty
+    if there are none."""
+    found = Counter(
+        path.suffix.lower()
+        for path in folder.rglob("*")
+        if path.suffix.lower() in FFMPEG_SUFFIXES and not is_hidden(path, folder)
+    )
+    if not found:
+        return ""
+    kinds = " and ".join(f"{count} {suffix}" for suffix, count in sorted(found.items()))
+    files = "file" if found.total() == 1 else "files"
+    suffix = found.most_common(1)[0][0]
+    return (
+        f"{kinds} {files}, which need ffmpeg: convert each beside itself with "
+        f"`find {shlex.quote(str(folder))} -name '*{suffix}' -exec ffmpeg -i {{}} {{}}.wav ';'`"
+    )
+
+
 def _inner(folder: Path) -> list[str]:
     return sorted(
-        entry.name for entry in folder.iterdir() if entry.is_dir() and layout_of(entry)
+        entry.name
+        for entry in folder.iterdir()
+        if entry.is_dir() and not is_hidden(entry, folder) and layout_of(entry)
     )

@@ -19,10 +19,10 @@ import soundfile
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write, flush_to_disk, make_room
+from tactophone.core.recordings.links import refuse_link
 from tactophone.core.recordings.metadata import (
     FILE_NAME,
     read_metadata,
-    refuse_link,
     write_metadata,
 )
 from tactophone.core.recordings.values import LABEL_NAMES, Recording

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import ConfigError
 from tactophone.core.processes import atomic_write
+from tactophone.core.recordings.sound_file import native_name
 from tactophone.core.recordings.values import Segment, within
 from tactophone.core.types import (
     LIVE_SAMPLE_RATE,
@@ -201,7 +202,12 @@ class OfflineRenderer:
             waveform = enter(atomic_write(outputs.waveform))
             self._waveform = enter(
                 soundfile.SoundFile(
-                    waveform, "w", LIVE_SAMPLE_RATE, 1, "PCM_24", format="WAV"
+                    native_name(waveform),
+                    "w",
+                    LIVE_SAMPLE_RATE,
+                    1,
+                    "PCM_24",
+                    format="WAV",
                 )
             )
             self._resources = stack.pop_all()

@@ -54,17 +54,23 @@ class DatasetError(TactophoneError):
 
 def plain(text: str) -> str:
     r"""Return text with what a terminal may interpret, such as escape sequences,
-    replaced.
+    replaced, and the bytes of a name that is no UTF-8 written out.
 
-    >>> plain("a\x1b[2Jb")
-    'a�[2Jb'
+    >>> plain("a\x1b[2Jb"), plain("gr\udcfcn")
+    ('a�[2Jb', 'gr\\xfcn')
     """
     if text.isprintable():
         return text
-    return "".join(
-        char if char.isprintable() or char in "\n\t" else "\N{REPLACEMENT CHARACTER}"
-        for char in text
-    )
+    return "".join(map(_plain_character, text))
+
+
+def _plain_character(char: str) -> str:
+    if char.isprintable() or char in "\n\t":
+        return char
+    if "\udc80" <= char <= "\udcff":
+        # A byte of a file's name that is no UTF-8, as Python stands in for it.
+        return f"\\x{ord(char) - 0xDC00:02x}"
+    return "\N{REPLACEMENT CHARACTER}"
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str:

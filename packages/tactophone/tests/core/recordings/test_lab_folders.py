@@ -110,9 +110,19 @@ def test_a_pair_whose_air_file_is_a_link_that_leaves_the_folder_is_refused(
         write(tmp_path / "private.wav", touches(1))
     )
     found = find_importable(tmp_path / "theirs")
-    with pytest.raises(DatasetError, match="a link that leaves"):
+    assert not found.air_of
+    (problem,) = found.dataset.problems
+    assert problem.fatal
+    assert str(tmp_path / "private.wav") in problem.message
+    with pytest.raises(DatasetError, match="a link to"):
         convert(
-            found.dataset, tmp_path / "ours", air_of=found.air_of, targets=found.targets
+            found.dataset,
+            tmp_path / "ours",
+            air_of={
+                recording.path: tmp_path / "theirs/rough/a_1_air.wav"
+                for recording in found.dataset.recordings
+            },
+            targets=found.targets,
         )
     assert not list((tmp_path / "ours").rglob("*.flac"))
 

@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.core.recordings.metadata import inside, write_metadata
+from tactophone.core.recordings.links import find_file
+from tactophone.core.recordings.metadata import write_metadata
 from tactophone.core.recordings.values import Recording, Segment
 from tactophone_lab.datasets.open import open_dataset
 from tests.folders import audiofolder, write_sound, write_text
@@ -93,7 +94,7 @@ def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b"surface,label\nslate,rough\n", "no column file_name"),
-        (b"\xff\xfe\x00a", "not a CSV file"),
+        (b"\x80\x81", "not a CSV file"),
     ],
 )
 def test_a_manifest_that_cannot_be_read_says_why(
@@ -105,4 +106,4 @@ def test_a_manifest_that_cannot_be_read_says_why(
 
 
 def test_a_file_name_with_a_null_byte_is_outside(tmp_path: Path) -> None:
-    assert inside(tmp_path, "a\0b.wav") is None
+    assert find_file(tmp_path, "a\0b.wav") is None

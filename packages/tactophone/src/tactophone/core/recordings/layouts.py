@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tactophone.core.microphones import MICROPHONES
-from tactophone.core.recordings.metadata import inside, parse_label, rows
+from tactophone.core.recordings.metadata import named_file, parse_label, rows
+from tactophone.core.recordings.sound_file import SOUND_SUFFIXES, is_hidden
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
     Dataset,
@@ -74,10 +75,14 @@ def read_manifest(folder: Path) -> Dataset:
     segments = _segments(folder, problems)
     recordings = []
     for line, row in rows(folder / MANIFEST, required=("file", "surface", "label")):
-        path = inside(folder, row["file"])
+        path = named_file(
+            folder,
+            row["file"],
+            manifest=folder / MANIFEST,
+            line=line,
+            problems=problems,
+        )
         if path is None:
-            message = f"line {line}: file is {row['file']!r}, which is not a file in the folder; write its path"
-            problems.append(Problem(folder / MANIFEST, "file", message))
             continue
         # A label such as "tap/no_contact (see segments.csv)" lists what the segments
         # hold.
@@ -128,7 +133,7 @@ def read_authors(folder: Path) -> Dataset:
             "competition runs are named day_{1,2}_{smooth,rough}.wav",
         ),
     ):
-        for path in sorted((folder / place).glob("*.wav")):
+        for path in sorted((folder / place).glob("[!.]*.wav")):
             if match := pattern.fullmatch(path.stem):
                 recordings.append(describe(path, match))
             else:
@@ -195,8 +200,6 @@ def _final(path: Path, match: re.Match[str]) -> Recording:
     )
 
 
-SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
-
 _TAKE_AT_END = re.compile(
     r"(?P<rest>.*?)[ _.-]*(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|(?:take|rep|trial)?[ _.-]*\d+)",
     re.IGNORECASE,
@@ -204,9 +207,12 @@ _TAKE_AT_END = re.compile(
 
 
 def sounds_in(folder: Path) -> list[Path]:
-    """Return the sound files at any depth of a folder, in order; none for a file."""
+    """Return the sound files at any depth of a folder, in order, without what the
+    system hides; none for a file."""
     return sorted(
-        path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in SOUND_SUFFIXES and not is_hidden(path, folder)
     )
 
 

@@ -7,14 +7,17 @@ kept as a property. ``segments`` holds ``start-end=label`` entries, in seconds,
 separated by spaces.
 """
 
+import codecs
 import csv
+import io
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
+from tactophone.core.recordings.links import find_file, foreign_target, name_below
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
     Dataset,
@@ -127,36 +130,78 @@ def rows(
     """Yield each line of a CSV file with its number, cells stripped; commas, semicolons
     or tabs part the cells.
 
-    Raises `DatasetError` if a required column is missing, or the file is not text.
+    Columns that are known to this package are found in capitals too, and by the other
+    names of `COLUMN_NAMES`. Raises `DatasetError` if a required column is missing, or
+    the file is not text.
     """
+    required = tuple(required)
     try:
-        with manifest.open(newline="", encoding="utf-8-sig") as file:
-            header = file.readline()
-            file.seek(0)
-            # Where the comma is the decimal sign, spreadsheets part cells with
-            # semicolons.
-            delimiter = max(",;\t", key=header.count)
-            reader = csv.DictReader(file, restval="", delimiter=delimiter)
-            missing = set(required) - set(reader.fieldnames or ())
-            if missing:
-                raise DatasetError(
-                    f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
-                    f"{', '.join(reader.fieldnames or ('none',))}. Add what is missing"
-                    + (
-                        "; `tactophone dataset import` takes surfaces from file names"
-                        if missing == {"surface"}
-                        else ""
-                    )
-                )
-            for row in reader:
-                yield (
-                    reader.line_num,
-                    {name: (cell or "").strip() for name, cell in row.items() if name},
-                )
+        text = _text_of(manifest)
+        header = text.partition("\n")[0]
+        # Where the comma is the decimal sign, spreadsheets part cells with semicolons.
+        delimiter = max(",;\t", key=header.count)
+        reader = csv.DictReader(
+            io.StringIO(text, newline=""), restval="", delimiter=delimiter
+        )
+        found = tuple(reader.fieldnames or ())
+        reader.fieldnames = _known_columns(found, required)
+        missing = set(required) - set(reader.fieldnames)
+        if missing:
+            raise DatasetError(_missing_columns(manifest, missing, found))
+        for row in reader:
+            yield (
+                reader.line_num,
+                {name: (cell or "").strip() for name, cell in row.items() if name},
+            )
     except (UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(
             f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such"
         ) from error
+
+
+COLUMN_NAMES: Mapping[str, tuple[str, ...]] = {
+    "file_name": ("filename", "file", "path"),
+    "file": ("filename", "file_name"),
+    "label": ("class", "event_label"),
+}
+"""Columns, and what other programs call them; used where the column itself is not
+there."""
+
+
+def _known_columns(found: Sequence[str], required: Sequence[str]) -> list[str]:
+    """Return a table's columns by the names that this package has for them."""
+    names = [name.strip() for name in found]
+    for wanted in (*required, *_COLUMNS):
+        if wanted in names:
+            continue
+        for other in (wanted, *COLUMN_NAMES.get(wanted, ())):
+            same = [name for name in names if name.lower() == other]
+            if len(same) == 1 and same[0] not in required:
+                names[names.index(same[0])] = wanted
+                break
+    return names
+
+
+def _missing_columns(manifest: Path, missing: set[str], found: Sequence[str]) -> str:
+    advice = ""
+    if missing == {"surface"}:
+        advice = "; `tactophone dataset import` takes surfaces from file names"
+    return (
+        f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
+        f"{', '.join(found) or 'none'}. Add what is missing{advice}"
+    )
+
+
+def _text_of(manifest: Path) -> str:
+    """Read a table as spreadsheets write them: UTF-8, or UTF-16 with its mark.
+
+    Raises `UnicodeDecodeError` for any other bytes.
+    """
+    content = manifest.read_bytes()
+    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return content.decode("utf-16")
+    # Names of files may hold bytes that are no text; nothing else may.
+    return content.decode("utf-8-sig")
 
 
 def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
@@ -172,25 +217,6 @@ def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
         )
     )
     return ""
-
-
-def inside(folder: Path, name: str) -> Path | None:
-    """Return the path of a file named in a manifest; ``None`` if it is outside the
-    manifest's folder."""
-    if "\0" in name:  # no file system has such a name, and Python refuses even to look
-        return None
-    path = folder / name
-    inner = path.resolve().is_relative_to(folder.resolve())
-    return path if name and inner and not Path(name).is_absolute() else None
-
-
-def refuse_link(path: Path, folder: Path) -> None:
-    """Raise `DatasetError` if a path below a folder leads out of it over a link, to be
-    read or overwritten."""
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise DatasetError(
-            f"{path}: a link that leaves {folder}; put the file itself there, or name another folder"
-        )
 
 
 def manifests_in(folder: Path) -> list[Path]:
@@ -210,10 +236,8 @@ def _parse(
     row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]
 ) -> Recording | None:
     name, folder = row["file_name"], manifest.parent
-    path = inside(folder, name)
+    path = named_file(folder, name, manifest=manifest, line=line, problems=problems)
     if path is None:
-        message = f"line {line}: file_name is {name!r}, which is not a file in {folder}; write its path from there"
-        problems.append(Problem(manifest, "file_name", message))
         return None
     extra = {key: value for key, value in row.items() if key not in _COLUMNS and value}
     if folder.name in PARTS:
@@ -227,6 +251,28 @@ def _parse(
         segments=_segments(row.get("segments", ""), path=path, problems=problems),
         properties=extra,
     )
+
+
+def named_file(
+    folder: Path, name: str, *, manifest: Path, line: int, problems: list[Problem]
+) -> Path | None:
+    """Return the file that a line of a manifest names; where it may not be read, add a
+    problem and return nothing."""
+    path = find_file(folder, name)
+    if path is None:
+        message = (
+            f"line {line}: names {name!r}, which is not a file in {folder}; "
+            "write its path from there"
+        )
+        problems.append(Problem(manifest, "file_name", message))
+    elif target := foreign_target(path, folder):
+        message = (
+            f"line {line}: {name!r} is a link to {target}, outside {folder}; "
+            "put the file itself there, as `cp -rL` does"
+        )
+        problems.append(Problem(manifest, "link", message))
+        return None
+    return path
 
 
 def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segment, ...]:
@@ -248,7 +294,7 @@ def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segmen
 def _line(folder: Path, recording: Recording) -> dict[str, str]:
     return {
         **recording.properties,
-        "file_name": recording.path.resolve().relative_to(folder.resolve()).as_posix(),
+        "file_name": name_below(recording.path, folder).as_posix(),
         "channels": "|".join(recording.channels),
         "segments": " ".join(
             f"{segment.start:.4f}-{segment.end:.4f}={segment.label_name or 'ambiguous'}"

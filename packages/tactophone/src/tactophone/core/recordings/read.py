@@ -1,6 +1,7 @@
 """Which layout a folder has, and which data set a file belongs to."""
 
 import functools
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -37,10 +38,12 @@ def surface_of(name: Path) -> str:
 def find_recording(path: Path | str) -> Recording | None:
     """Return a file's entry in the data set around it; ``None`` if it is in no data
     set."""
-    file = Path(path).resolve()
-    for folder in list(file.parents)[:_SEARCH_DEPTH]:
-        if layout_of(folder):
-            return _by_path(folder).get(file)
+    # By the names that lead there first: the file itself may be a blob of a cache, far
+    # from its manifest.
+    for file in dict.fromkeys((Path(os.path.abspath(path)), Path(path).resolve())):
+        for folder in list(file.parents)[:_SEARCH_DEPTH]:
+            if layout_of(folder):
+                return _by_path(folder).get(file)
     return None
 
 
@@ -59,7 +62,10 @@ def _by_path(folder: Path) -> dict[Path, Recording]:
     try:
         read = layout_of(folder)
         recordings = read(folder).recordings if read else ()
-        return {recording.path.resolve(): recording for recording in recordings}
+        by_target = {recording.path.resolve(): recording for recording in recordings}
+        return by_target | {
+            Path(os.path.abspath(recording.path)): recording for recording in recordings
+        }
     except DatasetError:
         return {}  # a metadata.csv of some other program: the file simply has no label
 

@@ -126,8 +126,7 @@ def open_file(path: Path) -> soundfile.SoundFile:
     try:
         corrections = _walk(path).corrections
         if not corrections:
-            # By its bytes, as a name need not be text.
-            return soundfile.SoundFile(os.fsencode(path))
+            return soundfile.SoundFile(native_name(path))
         corrected = io.BufferedReader(_CorrectedFile(path, corrections))
         return soundfile.SoundFile(corrected)
     except (soundfile.SoundFileError, OSError) as error:
@@ -135,6 +134,27 @@ def open_file(path: Path) -> soundfile.SoundFile:
         raise DatasetError(
             f"{path}: cannot be read as sound ({reason}); {_next_step(path)}"
         ) from error
+
+
+def native_name(path: Path) -> bytes | Path:
+    """Return a path as `soundfile` takes it, which refuses names that are no UTF-8 but
+    takes their bytes."""
+    return path if os.name == "nt" else os.fsencode(path)
+
+
+def text_name(path: Path) -> Path:
+    r"""Return a name that every system can write: a byte that is no UTF-8 becomes
+    ``%`` and two digits.
+
+    >>> text_name(Path("gr\udcfcn.wav")).name
+    'gr%FCn.wav'
+    """
+    return Path(
+        "".join(
+            f"%{ord(char) - 0xDC00:02X}" if "\udc80" <= char <= "\udcff" else char
+            for char in str(path)
+        )
+    )
 
 
 def length_of(path: Path) -> Length:
