@@ -235,3 +235,45 @@ def test_a_folder_of_a_phone_names_the_command_that_converts_it(
         (tmp_path / name).write_bytes(b"\0\0\0\x18ftypM4A ")
     with pytest.raises(DatasetError, match=r"2 \.m4a files.*ffmpeg -i"):
         open_dataset(tmp_path)
+
+
+def field_recorder(path: Path) -> Path:
+    """Four channels: two of a room, then contact and air."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(3)
+    sound = np.stack([rng.uniform(-level, level, 4000) for level in (1, 2, 3, 4)], 1)
+    soundfile.write(path, sound / 10, 4000)
+    return path
+
+
+def test_two_of_many_channels_are_imported_in_the_order_that_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for label in ("rough", "smooth"):
+        field_recorder(tmp_path / "theirs" / label / f"{label}thing_1.wav")
+    folder = str(tmp_path / "theirs")
+    assert main(["dataset", "check", folder]) == 1
+    assert "--channels 3,4" in capsys.readouterr().out
+    assert main(["dataset", "check", folder, "--channels", "4,3"]) == 0
+    own = str(tmp_path / "own")
+    assert main(["dataset", "import", folder, own, "--channels", "4,3"]) == 0
+    recording = open_dataset(own).recordings[0]
+    assert recording.channels == ("contact", "air")
+    peaks = np.abs(recording.read().samples).max(axis=0)
+    assert peaks == pytest.approx([0.4, 0.3], abs=0.01)
+
+
+def test_a_manifest_names_the_channels_that_are_not_the_fingers(
+    tmp_path: Path,
+) -> None:
+    field_recorder(tmp_path / "a.wav")
+    write_text(
+        tmp_path / "metadata.csv",
+        "file_name,surface,label,channels",
+        "a.wav,thing,rough,-|-|air|contact",
+    )
+    dataset = open_dataset(tmp_path)
+    assert not check(dataset)
+    (recording,) = dataset.recordings
+    peaks = np.abs(recording.read(channels=2).samples).max(axis=0)
+    assert peaks == pytest.approx([0.4, 0.3], abs=0.01)

@@ -25,6 +25,7 @@ from tactophone_lab.datasets.checks import (
     check_consistency,
     nothing_usable,
     usable,
+    with_picked_channels,
 )
 from tactophone_lab.datasets.convert import convert, set_columns, write_card
 from tactophone_lab.datasets.open import find_importable, open_dataset
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)",
     )
     add_labels(sub)
+    options.add_recorded_channels(sub)
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
         "show",
@@ -96,6 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
+    options.add_recorded_channels(sub)
     sub.add_argument(
         "--surface",
         default="",
@@ -113,6 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _check(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder, labels=labels_of(args))
+    dataset = with_picked_channels(dataset, args.channels)
     threshold_dbfs = (
         Calibration.read(args.calibration).window_dbfs
         if args.calibration
@@ -254,10 +258,9 @@ def _import(args: argparse.Namespace) -> int:
     if is_mcap(Path(args.folder)):
         return _import_log(args, Path(args.folder))
     found = find_importable(args.folder)
+    picked = with_picked_channels(found.dataset, args.channels)
     with output.progress("checking", len(found.dataset.recordings)) as update:
-        kept, problems = usable(
-            found.dataset, progress=lambda done: update(completed=done)
-        )
+        kept, problems = usable(picked, progress=lambda done: update(completed=done))
     if not kept.recordings:
         raise nothing_usable(found.dataset, problems)
     with output.progress("converting", len(kept.recordings)) as update:

@@ -11,7 +11,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -165,6 +165,21 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
     return dataset.where(lambda recording: recording.path not in paths), problems
 
 
+def with_picked_channels(dataset: Dataset, places: Sequence[int]) -> Dataset:
+    """Return a data set in which contact and air are at these places of every file that
+    has more channels than a finger; other files stay as they are."""
+
+    def picked(recording: Recording) -> Recording:
+        with suppress(DatasetError), open_sound(recording.path) as file:
+            if file.channels > MOST_CHANNELS or max(places) < file.channels:
+                return recording.with_picked(places, file.channels)
+        return recording
+
+    if not places:
+        return dataset
+    return replace(dataset, recordings=tuple(map(picked, dataset.recordings)))
+
+
 def check_recording(recording: Recording) -> Iterator[Problem]:
     """Report what is wrong with one recording: missing, empty, broken, silent, clipped,
     or unlike its manifest."""
@@ -271,9 +286,13 @@ def _manifest_faults(
     if recording.channels and len(recording.channels) != measured.channels:
         found = f"the manifest names {len(recording.channels)} channels, but the file has {measured.channels}"
         yield "channels", f"{found}; correct the column channels", True
-    elif measured.channels > MOST_CHANNELS:
+    elif not recording.channels and measured.channels > MOST_CHANNELS:
         found = f"{measured.channels} channels, but a finger has contact and air"
-        yield "channels", f"{found}; export these two as a file of their own", True
+        yield (
+            "channels",
+            f"{found}; name them with --channels, such as --channels 3,4",
+            True,
+        )
     duration = measured.size / measured.sample_rate
     for segment in recording.segments:
         # One millisecond of tolerance: manifests round.

@@ -88,21 +88,30 @@ def write_card(dataset: Dataset) -> Path:
     return target
 
 
-def copy_as_flac(source: Path, target: Path) -> None:
+def copy_as_flac(source: Path, target: Path, *, picked: Sequence[int] = ()) -> None:
     """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill
     leaves no half file at ``target``.
 
-    Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the
-    disk is full.
+    ``picked`` are the places of the channels to copy; by default all are. Raises
+    `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the disk is
+    full.
     """
     with open_file(source) as file:
         subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
         # As integers, PCM is copied bit by bit.
         blocks = file.blocks(
-            READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32"
+            READ_SIZE,
+            dtype="int32" if file.subtype.startswith("PCM") else "float32",
+            always_2d=True,
         )
+        places = list(picked) or list(range(file.channels))
         _write_flac(
-            target, blocks, file.samplerate, file.channels, subtype, size=len(file)
+            target,
+            (samples[:, places] for samples in blocks),
+            file.samplerate,
+            len(places),
+            subtype,
+            size=len(file),
         )
 
 
@@ -155,7 +164,7 @@ def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
         if air:
             join_as_flac(recording.path, air, target)
         else:
-            copy_as_flac(recording.path, target)
+            copy_as_flac(recording.path, target, picked=recording.picked)
     except (soundfile.LibsndfileError, OSError) as error:
         step = (
             "free some space"
@@ -168,6 +177,7 @@ def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
     return dataclasses.replace(
         recording,
         path=target,
+        channels=recording.microphones,
         surface=plain(recording.surface),
         take=plain(recording.take),
     )

@@ -2,7 +2,7 @@
 predictions, events and scores."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -84,6 +84,7 @@ def feel(
     settings: Settings,
     *,
     stem: str = "",
+    channels: Sequence[int] = (),
     plot: bool = False,
     timeline_json: bool = False,
     report: Callable[[int, int], None] = ignore,
@@ -92,6 +93,7 @@ def feel(
 
     - ``folder``, ``stem``: where the files go, and how their names begin: by default as
       the recording's.
+    - ``channels``: which of the file's channels are contact and air, counted from 0.
     - ``settings``: model, contact, threshold, events, tip, profile and ceiling are
       used.
     - ``report``: called with the samples processed and their number.
@@ -104,7 +106,7 @@ def feel(
         settings.capture.tip,
         settings.rendering.profile,
     )
-    recording = open_recording_for(path, settings)
+    recording = open_recording_for(path, settings, channels=channels)
     pipeline, outputs = (
         recording.pipeline,
         OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json),

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tactophone.core.errors import TactophoneError
+from tactophone.core.errors import TactophoneError, plain
 from tactophone.core.processes import make_room
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
@@ -178,8 +178,10 @@ def _draw_spectrogram(axes: Any, recording: Recording) -> Any:
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
     axes.set_title(
-        f"{recording.surface} {recording.take}\n{recording.known('label')} "
-        f"{recording.scenario}",
+        plain(
+            f"{recording.surface} {recording.take}\n"
+            f"{recording.known('label')} {recording.scenario}"
+        ),
         fontsize=10,
     )
     axes.tick_params(labelsize=8)

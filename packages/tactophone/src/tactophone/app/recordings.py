@@ -154,7 +154,8 @@ def open_recording(
                 print(prediction.end, prediction.touch.name)
         print(recording.notes)
     """
-    file = FileSource(path, block_size=block_size, channels=channels)
+    picked = _picked(path, channels)
+    file = FileSource(path, block_size=block_size, channels=picked)
     options = DetectorOptions(
         sample_rate=file.sample_rate,
         channels=file.channels,
@@ -170,10 +171,15 @@ def open_recording(
 
 
 def open_recording_for(
-    path: str | Path, settings: Settings, *, block_size: int = 4096
+    path: str | Path,
+    settings: Settings,
+    *,
+    block_size: int = 4096,
+    channels: Sequence[int] = (),
 ) -> OpenRecording:
     """Open a recording as the settings of a finger say; else as `open_recording`."""
-    file = FileSource(path, block_size=block_size)
+    picked = _picked(path, channels)
+    file = FileSource(path, block_size=block_size, channels=picked)
     options = options_from(
         settings, channels=file.channels, sample_rate=file.sample_rate
     )
@@ -182,8 +188,15 @@ def open_recording_for(
         options,
         profile=settings.rendering.profile,
         limits=Limits(ceiling=settings.rendering.ceiling),
-        chosen=False,
+        chosen=bool(channels),
     )
+
+
+def _picked(path: str | Path, channels: Sequence[int]) -> Sequence[int]:
+    """Return the places of contact and air: as asked for, or as a manifest says of a
+    file that has others beside them; else empty."""
+    known = None if channels else find_recording(path)
+    return known.picked if known else channels
 
 
 def _open(

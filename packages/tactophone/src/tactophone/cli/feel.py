@@ -151,6 +151,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="only this finger of a hand's log (default: all)",
     )
+    options.add_recorded_channels(parser)
     add(
         "--out",
         type=Path,
@@ -220,6 +221,7 @@ def _feel(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -
             args.out,
             settings,
             stem=stem,
+            channels=args.channels,
             plot=args.plot,
             timeline_json=args.json,
             report=lambda done, size: update(completed=done, total=size),

@@ -404,3 +404,36 @@ def _assignments(name: str, value: Any) -> Iterable[str]:
         f"{name}={kind}",
         f"{'output.port' if kind == 'jack' else setting.device}={device}",
     ]
+
+
+def add_recorded_channels(parser: argparse.ArgumentParser) -> None:
+    """Add ``--channels`` of a recording with more channels than a finger has."""
+    parser.add_argument(
+        "--channels",
+        type=recorded_channels,
+        default=(),
+        metavar="N[,N]",
+        help="the contact microphone's channel in the file, and the air microphone's, "
+        "from 1 on, such as 3,4 (default: 1,2; needed for files of more than two)",
+    )
+
+
+def recorded_channels(text: str) -> tuple[int, ...]:
+    """Parse the channels of a recording, counted from 1, into places counted from 0.
+
+    >>> recorded_channels("3,4")
+    (2, 3)
+    """
+    try:
+        numbers = [int(number) for number in text.split(",")]
+    except ValueError:
+        numbers = []
+    if (
+        not 1 <= len(numbers) <= 2
+        or min(numbers) < 1
+        or len(set(numbers)) < len(numbers)
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: write one channel or two, from 1 on, such as 3,4"
+        )
+    return tuple(number - 1 for number in numbers)

@@ -3,7 +3,7 @@
 import contextlib
 import functools
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +24,9 @@ length."""
 
 CHECKED_SILENT_DBFS = -90.0
 """Peak under which nothing was recorded: three steps of a 16-bit converter."""
+
+OTHER_CHANNEL = "-"
+"""A channel of a field recorder that holds something else than a finger's sound."""
 
 CROSSING = 0.1
 """Seconds after an edge for which a finger that crosses it still slides."""
@@ -90,8 +93,8 @@ class Recording:
     """A person's label of the whole recording; ``None`` if ambiguous, mixed or
     unknown."""
     channels: tuple[str, ...] = ()
-    """The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order;
-    empty if unknown."""
+    """The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order,
+    and :data:`OTHER_CHANNEL` for one that is not the finger's; empty if unknown."""
     take: str = ""
     scenario: str = ""
     session: str = ""
@@ -103,6 +106,30 @@ class Recording:
     properties: Mapping[str, str] = field(default_factory=dict, hash=False)
     """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material``
     or ``licence``."""
+
+    @property
+    def microphones(self) -> tuple[str, ...]:
+        """The finger's channels: in the file's order, but contact first where they are
+        picked from others."""
+        if OTHER_CHANNEL not in self.channels:
+            return self.channels
+        return tuple(name for name in MICROPHONES if name in self.channels)
+
+    @property
+    def picked(self) -> tuple[int, ...]:
+        """Places of the finger's channels, where the file has others beside them; else
+        empty."""
+        if OTHER_CHANNEL not in self.channels:
+            return ()
+        return tuple(self.channels.index(name) for name in self.microphones)
+
+    def with_picked(self, places: Sequence[int], count: int) -> "Recording":
+        """Return the recording with contact, and air, at these places of a file of
+        ``count`` channels."""
+        names = [OTHER_CHANNEL] * max(count, *(place + 1 for place in places))
+        for place, name in zip(places, MICROPHONES, strict=False):
+            names[place] = name
+        return replace(self, channels=tuple(names))
 
     @property
     def labelled(self) -> bool:
@@ -207,10 +234,13 @@ def channel_order(
     """
     names = recording.channels
     if count == 1:
-        return (names.index(single) if single in names else 0,)
+        first = next(
+            (place for place, name in enumerate(names) if name != OTHER_CHANNEL), 0
+        )
+        return (names.index(single) if single in names else first,)
     if not names:
         return tuple(range(len(MICROPHONES)))
-    if sorted(names) != sorted(MICROPHONES):
+    if sorted(name for name in names if name != OTHER_CHANNEL) != sorted(MICROPHONES):
         raise DatasetError(
             f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
             "use the one-channel variant (--channels 1; with the recipe paper, variant = 'one-channel' in its file)"
