@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import make_room
-from tactophone.core.recordings.metadata import refuse_link, write_metadata
+from tactophone.core.recordings.links import refuse_link
+from tactophone.core.recordings.metadata import write_metadata
 from tactophone.core.recordings.values import Problem, Recording
 from tactophone_lab.datasets.published_labels import (
     LABELS,
