@@ -30,7 +30,8 @@ from tactophone_lab.cli.data import (
     open_filtered,
 )
 from tactophone_lab.cli.train import add_recipe, recipe_for, recipe_of
-from tactophone_lab.datasets.splits import KIN_SPLIT, SPLITS
+from tactophone_lab.datasets.shared_sound import leak_warnings
+from tactophone_lab.datasets.splits import KIN_SPLIT, SPLITS, split
 
 if TYPE_CHECKING:
     from tactophone_lab.evaluation.report import Report
@@ -123,9 +124,11 @@ def run(args: argparse.Namespace) -> int:
     with bars() as report:
         if args.model:
             found, warnings = evaluate_model(args.model, dataset, report=report)
+            warnings += leak_warnings(dataset, ())
             reports = {args.model: found}
         else:
-            how, warnings = args.split or KIN_SPLIT, []
+            how = args.split or KIN_SPLIT
+            warnings = leak_warnings(dataset, split(dataset, how))
             reports = evaluate_recipe(
                 recipe,
                 dataset,
@@ -249,6 +252,8 @@ def _vary(args: argparse.Namespace) -> int:
         recipes[name] = recipe_of(args).changed(changes, where=f"--vary, {name}")
     channels = max(recipe.configured().channels for recipe in recipes.values())
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    for warning in leak_warnings(dataset, split(dataset, args.split or "5-fold")):
+        output.note(warning)
     with bars() as report:
         trials = compare_recipes(
             recipes,

@@ -30,7 +30,7 @@ from tactophone.core.recordings.values import (
     channel_order,
     open_sound,
 )
-from tactophone.core.types import SURFACE_LABELS, ignore
+from tactophone.core.types import SURFACE_LABELS, FloatArray, ignore
 from tactophone.signal.perception.health import FAULT_CLIPPED_SHARE, clipped_samples
 
 MIN_RATE = 2000
@@ -327,13 +327,23 @@ def check_consistency(
     the level of contact over a quarter second; ``progress`` is called with the number
     of recordings done.
     """
+    from tactophone_lab.datasets.shared_sound import (
+        leaks_between_surfaces,
+        passages_of,
+        shared_sound,
+    )
+
     problems = [*_leaks(dataset), *_imbalance(dataset)]
     seen: dict[str, Recording] = {}
+    passages: list[tuple[Recording, frozenset[bytes]]] = []
     for done, recording in enumerate(dataset.recordings, 1):
         measured = _measure_contact(recording, threshold_dbfs)
         if measured is not None:
-            digest, contact = measured
-            problems += _duplicate(recording, seen.setdefault(digest, recording))
+            digest, contact, heard = measured
+            first = seen.setdefault(digest, recording)
+            problems += _duplicate(recording, first)
+            if first is recording:  # a duplicate shares all of its sound
+                passages.append((recording, passages_of(heard)))
             if recording.labelled and contact < CHECKED_MIN_CONTACT:
                 found = (
                     f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
@@ -343,6 +353,7 @@ def check_consistency(
                     Problem(recording.path, "no contact", message, fatal=False)
                 )
         progress(done)
+    problems += leaks_between_surfaces(shared_sound(passages))
     return tuple(problems)
 
 
@@ -393,9 +404,9 @@ def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
 
 def _measure_contact(
     recording: Recording, threshold_dbfs: float
-) -> tuple[str, float] | None:
-    """Return a hash of the sound, whatever its container, and the share of it in
-    contact; nothing if unusable."""
+) -> tuple[str, float, FloatArray] | None:
+    """Return a hash of the sound, whatever its container, the share of it in contact,
+    and the contact microphone's samples; nothing if unusable."""
     try:
         sound = recording.read()
     except DatasetError:
@@ -418,7 +429,8 @@ def _measure_contact(
         np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
     )
     digest = hashlib.sha256(f"{rate}".encode() + samples.tobytes()).hexdigest()
-    return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
+    contact = float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
+    return digest, contact, sound.samples[:, channel]
 
 
 def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
