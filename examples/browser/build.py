@@ -6,9 +6,17 @@ as ``python -m http.server --directory FOLDER``: there is no server part. The do
 holds the page too.
 """
 
+import json
 import shutil
 import sys
 from pathlib import Path
+
+from tactophone.core.settings import DEFAULT_CEILING
+from tactophone.signal.haptics.profiles import (
+    ROUGH_STIMULUS,
+    SMOOTH_STIMULUS,
+    Stimulus,
+)
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parent.parent
@@ -37,6 +45,22 @@ def build(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for part in PARTS:
         shutil.copy(part, folder)
+    (folder / "stimuli.js").write_text(stimuli(), encoding="utf-8")
+
+
+def stimuli() -> str:
+    """Return the module with the vibration that the page renders: the telephone's own
+    two stimuli of the paper, and its default ceiling."""
+    return (
+        "// The paper's two stimuli, in Hz and dB of full drive; the ceiling, 0 to 1.\n"
+        f"export const SMOOTH = {_object(SMOOTH_STIMULUS)};\n"
+        f"export const ROUGH = {_object(ROUGH_STIMULUS)};\n"
+        f"export const HIGHEST_CEILING = {DEFAULT_CEILING};\n"
+    )
+
+
+def _object(stimulus: Stimulus) -> str:
+    return json.dumps({"frequency": stimulus.frequency, "dbfs": stimulus.level_dbfs})
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import * as ort from "./ort.wasm.bundle.min.mjs";
 import { Fingertip } from "./fingertip.js";
 import { Detector, joined } from "./model.js";
+import { HIGHEST_CEILING, ROUGH, SMOOTH } from "./stimuli.js"; // build.py writes it
 
 const RAW = { channelCount: 1, echoCancellation: false, noiseSuppression: false, autoGainControl: false };
 const REASONS = {
@@ -10,8 +11,6 @@ const REASONS = {
   NotFoundError: "This device has no microphone: connect one, and try again.",
   NotReadableError: "The microphone is in use by another program: close that, and try again.",
 };
-const SMOOTH = { frequency: 120, dbfs: -25 }, ROUGH = { frequency: 60, dbfs: 0 }; // of full drive, as in the paper
-const HIGHEST_CEILING = 0.5; // of full drive, the product's own
 const [SETTLE, SILENCE, OVER_NOISE_DB] = [0.3, 1, 3]; // s until a microphone has settled, s that measure its noise
 const LEAST_DBFS = -120; // no microphone is so quiet
 const MOST_BEHIND = 0.5; // s of sound that may wait for the processor; more is dropped

@@ -168,13 +168,11 @@ def test_a_client_leaves_a_server_that_does_not_answer(
         "robot", Recorder(), inputs={}, outputs={}, server=jack_server.name
     )
     client.open()
-    process = jack_server._process
-    assert process is not None
-    process.send_signal(signal.SIGSTOP)
+    os.kill(jack_server.pid, signal.SIGSTOP)
     try:
         client.close()
     finally:
-        process.send_signal(signal.SIGCONT)
+        os.kill(jack_server.pid, signal.SIGCONT)
     client.open()
     assert client.fault == ""
     client.close()

@@ -66,6 +66,11 @@ class DummyServer:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
+    @property
+    def pid(self) -> int:
+        """Process id of the server; 0 before it is started."""
+        return self._process.pid if self._process else 0
+
     def start(self) -> None:
         """Start the server and wait until clients can join; with real-time scheduling
         where that is allowed."""
