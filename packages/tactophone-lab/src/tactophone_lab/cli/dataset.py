@@ -14,7 +14,13 @@ from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.label_tracks import (
+    segments_of,
+    write_events,
+    write_tracks,
+)
 from tactophone.core.recordings.metadata import FILE_NAME
+from tactophone.core.recordings.sound_file import sound_info
 from tactophone.core.recordings.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.live.log.mcap import is_mcap
 from tactophone.signal.perception.calibration import Calibration
@@ -110,6 +116,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="LABEL",
         help="none, smooth or rough, for an MCAP file",
+    )
+    sub = add("labels", _labels, "write the labels over time for other programs")
+    sub.add_argument("out", type=Path, metavar="OUT", help="folder to write to")
+    sub.add_argument(
+        "--format",
+        choices=("audacity", "dcase"),
+        default="audacity",
+        help="a label track for each recording, or one table of events "
+        "(default: audacity)",
     )
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
@@ -288,6 +303,22 @@ def _import(args: argparse.Namespace) -> int:
             f"warning: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
             f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
         )
+    return 0
+
+
+def _labels(args: argparse.Namespace) -> int:
+    dataset = open_dataset(args.folder)
+    segments = {
+        recording.path: segments_of(
+            recording, duration=sound_info(recording.path).duration
+        )
+        for recording in dataset.recordings
+    }
+    if args.format == "dcase":
+        print(write_events(args.out, segments, root=dataset.root))
+        return 0
+    count = len(write_tracks(args.out, segments, root=dataset.root))
+    print(f"{count} label track{'s' * (count != 1)} in {args.out}")
     return 0
 
 

@@ -12,6 +12,11 @@ from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.label_tracks import (
+    label_of,
+    read_events,
+    read_track,
+)
 from tactophone.core.recordings.layouts import sounds_in, surface_and_take
 from tactophone.core.recordings.links import foreign_target
 from tactophone.core.recordings.metadata import PARTS
@@ -93,11 +98,16 @@ def read_lab_folder(folder: Path) -> LabFolder:
     """
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
-    for path in sounds_in(folder):
+    sounds = sounds_in(folder)
+    timed = dict(read_events(folder, sounds, problems))
+    for path in sounds:
+        timed.setdefault(path, read_track(path, problems))
         if target := foreign_target(path, folder):
             problems.append(Problem(path, "link", f"leads to {target}; {OUTSIDE}"))
             continue
         name = _parse_name(path.relative_to(folder))
+        if timed[path] and not name.label:
+            name = replace(name, label=label_of(timed[path]))
         if name.microphone in groups[name.key]:
             first = groups[name.key][name.microphone][0].relative_to(folder)
             problems.append(
@@ -114,9 +124,13 @@ def read_lab_folder(folder: Path) -> LabFolder:
         }
     )
     recordings = tuple(
-        replace(recording, surface=f"{name.label} {name.surface}")
-        if labels[name.surface] > 1
-        else recording
+        replace(
+            recording,
+            surface=f"{name.label} {name.surface}"
+            if labels[name.surface] > 1
+            else name.surface,
+            segments=timed[recording.path],
+        )
         for recording, name, _ in entries
     )
     dataset = Dataset(folder.resolve().name, folder, recordings, tuple(problems))
