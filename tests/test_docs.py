@@ -129,7 +129,7 @@ def test_files_and_tests_that_pages_name_exist() -> None:
 def test_tests_that_pages_name_without_their_file_exist() -> None:
     known = {
         name
-        for path in test_files()
+        for path in files_of_tests()
         for name in re.findall(r"def (test_\w+)", path.read_text())
     }
     named = {
@@ -141,7 +141,7 @@ def test_tests_that_pages_name_without_their_file_exist() -> None:
     assert not {(page, name) for page, name in named if name not in known}
 
 
-def test_files() -> list[Path]:
+def files_of_tests() -> list[Path]:
     """Return the tests of the repository and of its packages."""
     folders = (ROOT / "tests", *ROOT.glob("packages/*/tests"))
     return [path for folder in folders for path in folder.rglob("*.py")]
@@ -294,7 +294,7 @@ def test_the_code_of_the_readme_prints_what_it_says(
 def test_every_promise_and_every_defence_names_what_holds_it_and_that_exists(
     page: str,
 ) -> None:
-    texts = {path: path.read_text() for path in test_files()}
+    texts = {path: path.read_text() for path in files_of_tests()}
     defined = set(re.findall(r"def (test_\w+)", "".join(texts.values())))
     lines = (ROOT / "docs/reference" / f"{page}.md").read_text().splitlines()
     heads = [
