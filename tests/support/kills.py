@@ -1,9 +1,9 @@
 """Kills a random process of a short run at a random moment, stops all of them, or sets
 their clock.
 
-Its log replays, nothing stale vibrates, and nothing of it is left. Each run is of the
-command line, and is found again by a mark in its environment, as a process whose parent
-was killed belongs to nobody.
+Its log replays, nothing stale vibrates, and no process or file is left. Each run is
+started by the command line and found again by a mark in its environment, because a
+process whose parent was killed belongs to nobody.
 """
 
 import contextlib
@@ -81,7 +81,7 @@ class KilledRun:
             each.wait()
 
     def processes(self) -> list[psutil.Process]:
-        """Return every process that lives, also without its parent, but those of
+        """Return every living process of the run, orphans included, except
         multiprocessing's own."""
         living = []
         for process in psutil.process_iter():
@@ -97,7 +97,7 @@ class KilledRun:
         return living
 
     def await_predictions(self, count: int, *, timeout: float = 60.0) -> None:
-        """Wait until the operator has made so many and its log has begun."""
+        """Wait for that number of predictions, and for the log to begin."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             time.sleep(0.05)

@@ -70,7 +70,9 @@ def test_who_answers_reads_whether_the_caller_s_key_is_known(
             ("found", FOUND),
         ]
     )
-    assert call._found(person, cast(Any, steps), args, person, tmp_path) is FOUND
+    assert (
+        call.find_other_end(person, cast(Any, steps), args, person, tmp_path) is FOUND
+    )
     shown = capsys.readouterr().err
     assert f"lab-pc calls, the operator, with tactophone 0.1.0; {words}" in " ".join(
         shown.split()
@@ -118,7 +120,7 @@ def test_each_end_reads_how_far_the_other_one_is(
         round_trip=0.02,
         again=False,
     )
-    call._watch(steps(), found, [])
+    call.report_changes(steps(), found, [])
     lines = capsys.readouterr().err.splitlines()
     assert [line.strip() for line in lines] == [
         *words,

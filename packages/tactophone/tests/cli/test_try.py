@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import jack
 import numpy as np
 import pytest
 import soundfile
@@ -265,7 +266,10 @@ def test_this_machines_microphone_is_a_source_through_portaudio() -> None:
                     lambda: "PortAudio:in_0" in [port.name for port in player.ports()],
                     timeout=30,
                 )
-                player._client.connect("player:out", "PortAudio:in_0")
+                with jack.Client(
+                    "patchbay", no_start_server=True, servername=server.name
+                ) as patchbay:
+                    patchbay.connect("player:out", "PortAudio:in_0")
                 operator = watch(name)
                 assert eventually(
                     lambda: np.abs(operator.snapshot().sound).max(initial=0.0) > 0.1,

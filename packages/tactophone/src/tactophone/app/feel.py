@@ -101,16 +101,12 @@ def feel(
     Raises `DatasetError` if the recording cannot be read, `ModelError` if the model
     does not fit it, and `ConfigError` if the results cannot be written.
     """
-    detector, tip, profile = (
-        settings.detector,
-        settings.capture.tip,
-        settings.rendering.profile,
-    )
+    detector = settings.detector
+    tip = settings.capture.tip
+    profile = settings.rendering.profile
     recording = open_recording_for(path, settings, channels=channels)
-    pipeline, outputs = (
-        recording.pipeline,
-        OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json),
-    )
+    pipeline = recording.pipeline
+    outputs = OutputFiles.in_folder(folder, stem or path.stem, json=timeline_json)
     passthrough = (
         open_passthrough(profile, pipeline.limits) if is_passthrough(profile) else None
     )
@@ -216,9 +212,11 @@ def unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     taken: set[str] = set()
     stems = []
     for path in paths:
-        stem, number = path.stem, 2
+        stem = path.stem
+        number = 2
         while stem in taken:
-            stem, number = f"{path.stem}-{number}", number + 1
+            stem = f"{path.stem}-{number}"
+            number += 1
         taken.add(stem)
         stems.append((path, stem))
     return stems

@@ -77,8 +77,10 @@ def load_pyplot() -> Any:
 
 
 def save_figure(figure: Any, path: Path, **options: Any) -> None:
-    """Write a figure in place of what stands at ``path``, and close it; ``options`` are
-    those of ``savefig``."""
+    """Write a figure to ``path``, replacing any file there, and close it.
+
+    ``options`` are passed to ``savefig``.
+    """
     make_room(path)
     figure.savefig(path, **options)
     load_pyplot().close(figure)

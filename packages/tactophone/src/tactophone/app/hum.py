@@ -27,7 +27,8 @@ APART = np.array([*range(-12, -3), *range(4, 13)])
 lobe."""
 
 OVER_DB = 10.0
-"""Over the median of its neighbours; one bin of noise in 500 is."""
+"""How far a line must stand over the median of its neighbours, in dB; one bin of noise
+in 500 does."""
 
 LEAST_SHARE = 0.8
 """Share of the frames in which a line of hum has to stand out: a stroke's tone does not
@@ -46,7 +47,7 @@ class Hum:
     sample_rate: int
     """In Hz."""
     frequency: NDArray[np.float64]
-    """Of each line and channel, in Hz, shape ``(lines, channels)``."""
+    """True frequency of each line in each channel, in Hz, ``(lines, channels)``."""
     amplitude: Amplitudes
     """At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that
     frequency that starts at 0: shape ``(lines, channels, frames)``. 0 if the channel
@@ -54,7 +55,7 @@ class Hum:
 
     @property
     def level_dbfs(self) -> float:
-        """Of all lines together, in the channel that has most."""
+        """Level of all lines together, in dBFS, in the channel with the most hum."""
         power = np.square(np.abs(self.amplitude)).mean(axis=-1).sum(axis=0).max() / 2
         return float(10 * np.log10(power))
 
@@ -129,11 +130,11 @@ class HumMeter:
 
 
 def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hum:
-    """Return the hum at its true frequencies: those at which the amplitude stands still
-    on average.
+    """Return the hum at its true frequencies, at which the amplitude stands still on
+    average.
 
-    Mains, and a recorder's clock, are off by up to some tenths of a hertz at the
-    harmonics.
+    The mains frequency and the recorder's clock are a little off, which shifts the
+    harmonics by up to some tenths of a hertz.
     """
     hop = (rate // 2) / rate
     frames = np.arange(amplitude.shape[-1])

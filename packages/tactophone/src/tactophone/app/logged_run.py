@@ -115,8 +115,9 @@ class LoggedEndpoint:
     """The operator's end of one logged process.
 
     ``change`` changes its settings: another model, another profile. Controls in the log
-    then no longer set them. ``ceiling`` bounds that of the log, which may come from a
-    machine that allows more, or from anybody; ``lowered`` says whether it did.
+    then no longer set them. ``ceiling`` is the upper limit for the ceiling recorded in
+    the log, because the log may come from a machine that allows more, or from anybody;
+    ``lowered`` says whether the recorded ceiling was higher.
     ``notes`` say what differs here from the machine of the run.
     """
 
@@ -201,7 +202,7 @@ class LoggedEndpoint:
         """Set what somebody changed during the run; what was chosen for the replay
         stays.
 
-        Raises `DatasetError` if they are of a finger that the run does not have.
+        Raises `DatasetError` if the run does not have that finger.
         """
         if not 0 <= controls.finger < len(self._outputs):
             raise DatasetError(

@@ -52,7 +52,7 @@ class Comparison:
     """`equal` and `different`: predictions that are equal to the bit, command included,
     and those that are not."""
     uncertain: int = 0
-    """Of which the log cannot say which controls held; not compared."""
+    """Predictions and commands whose controls the log leaves open; not compared."""
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
     """The first that differs: as logged, and as computed."""
 

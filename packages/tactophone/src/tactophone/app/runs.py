@@ -216,8 +216,8 @@ def _check(
     usual = Settings().bridges
     if chosen.finger != usual.finger and settings.is_hand:
         raise ConfigError(
-            "bridges.finger names the only finger in OSC and ROS, but those of "
-            "--fingers have names: leave it out"
+            "bridges.finger names the only finger in OSC and ROS, but with --fingers "
+            "each finger has its own name: leave it out"
         )
     ros = {"ros", "zenoh"}
     for setting, needed in {

@@ -133,14 +133,15 @@ class RunSummary:
     """Totals of a processed recording."""
 
     duration: float
-    """Of the sound, in s."""
+    """Length of the sound, in s."""
     updates: int
     """Number of predictions."""
     contact: float
+    """Share of all predictions that are in contact."""
     rough: float
+    """Share of the predictions in contact that are rough; NaN without contact."""
     unknown: float
-    """`contact`, `rough` and `unknown`: share of all predictions in contact, and of
-    those in contact that are rough and that are unknown; NaN where there are none."""
+    """Share of the predictions in contact that are unknown; NaN without contact."""
     loudest_dbfs: float
     """Greatest level of the contact channel in any window."""
     elapsed: float

@@ -120,12 +120,12 @@ def run(args: argparse.Namespace) -> int:
     with CallProcess(plan) as process, _LiveSide(args, settings, process) as side:
         side.begin(role or "robot")
         steps = process.steps()
-        found = _found(process, steps, args, side, folder)
+        found = find_other_end(process, steps, args, side, folder)
         if kept:
             _remember(folder, kept, found)
         failures: list[str] = []
         threading.Thread(
-            target=_watch, args=(steps, found, failures), daemon=True
+            target=report_changes, args=(steps, found, failures), daemon=True
         ).start()
         code = live.follow(
             args, side.settings, side.started(), side.name, microphone=side.microphone
@@ -133,15 +133,15 @@ def run(args: argparse.Namespace) -> int:
         return 1 if failures else code
 
 
-def _found(
+def find_other_end(
     process: "CallProcess",
     steps: "Iterator[tuple[Step, Any]]",
     args: argparse.Namespace,
     side: "_LiveSide",
     folder: Path,
 ) -> "Found":
-    """Show the code, ask the person, and return the other end, to which there is a way
-    now."""
+    """Show the code, ask the person whether to accept, and return the other end once it
+    can be reached."""
     for step, content in steps:
         if step == "code" and not args.code:
             output.note(f"your code: {content}")
@@ -174,11 +174,9 @@ def _known(folder: Path, fingerprint: str) -> str:
     name = next(
         (name for name, pin in Peers.load(folder).items() if pin == fingerprint), ""
     )
-    return (
-        f"you trust its key, as {name}"
-        if name
-        else f"its key is new to this machine: {fingerprint[:11]}..."
-    )
+    if name:
+        return f"you trust its key, as {name}"
+    return f"its key is new to this machine: {fingerprint[:11]}..."
 
 
 def _way(found: "Found") -> str:
@@ -191,11 +189,11 @@ def _way(found: "Found") -> str:
     return f"connected {how} in {found.after:.1f} s, encrypted{there_and_back}"
 
 
-def _watch(
+def report_changes(
     steps: "Iterator[tuple[Step, Any]]", found: "Found", failures: list[str]
 ) -> None:
-    """Report each new way, and how far the other end is; end the run as SIGTERM does
-    once the last way is lost."""
+    """Report each new route and what the other end is doing. Once no route is left, end
+    the run as SIGTERM does."""
     other = "operator" if found.role == "robot" else "robot"
     doing = "opening its microphones" if other == "robot" else "opening its output"
     words = {
@@ -292,8 +290,8 @@ def _secret_path(folder: Path, name: str) -> Path:
 
 
 def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
-    """Return the secret of the last call with an end, and that of the call before,
-    which it may have missed."""
+    """Return the secret of the last call with an end, and the one before it, because the
+    other end may have missed the last."""
     path = _secret_path(folder, name)
     with suppress(OSError, ValueError):
         if secrets := tuple(map(bytes.fromhex, path.read_text().split())):

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.realtime
 
 
 def stroke(run: Run, *parts: tuple[Touch, float]) -> None:
-    """Render these words, each for so many seconds, then lift."""
+    """Render each of these touches for its seconds, then lift."""
     for touch, duration in (*parts, (Touch.NONE, 0.4)):
         run.touch = touch
         time.sleep(duration)
