@@ -1,14 +1,15 @@
 """Contact gate and window detector together, with a detector whose predictions are
 given."""
 
+import itertools
 from collections import Counter
 from collections.abc import Generator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touch
 from tactophone.signal.perception.contact import Contact, ContactGate
@@ -18,9 +19,15 @@ from tactophone.signal.perception.detector import (
     FADED_PAUSE,
     LANDED,
     PAUSE,
-    TOUCH_TRANSITIONS,
     TouchDetector,
+)
+from tactophone.signal.perception.touch_state import (
+    ANSWERS,
+    RULES,
+    Moment,
     TouchState,
+    describe,
+    next_state,
 )
 
 RATE, HOP = 8000, 80
@@ -196,40 +203,32 @@ def test_a_landing_is_not_rough() -> None:
     assert found[-1].touch is Touch.ROUGH
 
 
-def test_the_state_moves_as_the_table_says_and_reaches_every_state() -> None:
-    random, seen = np.random.default_rng(3), set[tuple[TouchState, TouchState]]()
-    for seed in range(40):
-        touches = [
-            Touch(int(each))
-            for each in np.repeat(random.integers(0, 3, 40), random.integers(1, 12, 40))
-        ]
-        loud = np.repeat(random.random(len(touches) // 2 + 1) < 0.6, 2)[: len(touches)]
-        sound = (
-            np.repeat(loud, HOP)[:, None]
-            * 0.1
-            * np.random.default_rng(seed).standard_normal((len(loud) * HOP, 1))
-        )
-        scripted = Scripted(touches, level_dbfs=random.choice([-20.0, -45.0]))
-        gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
-        detector = TouchDetector(scripted, gate, window=0.032)
-        watch(detector, seen, random)
-        detector.push(AudioBlock(sound.astype(np.float32), RATE))
-    assert all(after in TOUCH_TRANSITIONS[state] for state, after in seen), seen
-    assert {state for state, _ in seen} == set(TouchState)
+def test_every_rule_of_the_states_is_reached_and_leads_to_one_answer() -> None:
+    choices = itertools.product([False, True], repeat=7)
+    moments = [Moment(*flags, window) for flags in choices for window in Touch]
+    reached = {
+        next(rule.when for rule in RULES if rule.holds(moment)) for moment in moments
+    }
+    assert reached == {rule.when for rule in RULES}
+    assert set(ANSWERS) == {next_state(moment) for moment in moments} == set(TouchState)
 
 
-def watch(
-    detector: TouchDetector,
-    seen: set[tuple[TouchState, TouchState]],
-    random: np.random.Generator,
-) -> None:
-    """Note the state before and after each update, of which some are faulty."""
-    revise = detector._revise
+def test_nothing_but_a_full_window_of_a_touch_that_has_landed_is_rough() -> None:
+    for flags in itertools.product([False, True], repeat=7):
+        for window in Touch:
+            moment = Moment(*flags, window)
+            if next_state(moment) is TouchState.ROUGH:
+                assert moment.touching
+                assert moment.usable
+                assert moment.landed
+                assert moment.sounds_like_touch
+                assert not moment.faulty
+                assert not moment.held
+                assert not moment.paused
 
-    def follow(prediction: Prediction) -> Prediction:
-        before = detector.state
-        found = revise(replace(prediction, faulty=bool(random.random() < 0.02)))
-        seen.add((before, detector.state))
-        return found
 
-    detector._revise = follow  # type: ignore[method-assign]
+def test_the_page_about_the_detector_shows_the_states_as_they_are() -> None:
+    page = Path(__file__).parents[5] / "docs" / "reference" / "detector.md"
+    assert describe() in page.read_text(encoding="utf-8"), (
+        "run `python scripts/touch_states.py`"
+    )

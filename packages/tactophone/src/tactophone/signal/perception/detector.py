@@ -13,11 +13,9 @@ their predictions. So whoever has several detectors collects what all of them wa
 into the same call changes a finger's result only in the last bits.
 """
 
-import enum
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Generator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -51,6 +49,13 @@ from tactophone.signal.perception.resample import (
     RESAMPLER_LOWEST_RATE,
     Resampler,
     Windower,
+)
+from tactophone.signal.perception.touch_state import (
+    ANSWERS,
+    Answer,
+    Moment,
+    TouchState,
+    next_state,
 )
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
@@ -453,38 +458,6 @@ _NO_PREDICTION = Prediction(
 )
 
 
-class TouchState(enum.Enum):
-    """What a touch detector with a gate says at an update, and why."""
-
-    ABSENT = "no contact: none"
-    FAULTY = "the sound or the model's output is invalid: none"
-    LANDING = "contact, but the window is not yet full enough of it: smooth"
-    SMOOTH = "the windows say smooth"
-    ROUGH = "the windows say rough, or are not yet evidence enough against it"
-    PAUSED = "held over a short silence: the last decision stands"
-    HELD = "held over a longer silence: smooth at most, as contact may be over"
-
-
-TOUCH_TRANSITIONS: Mapping[TouchState, frozenset[TouchState]] = MappingProxyType(
-    {
-        # A touch is never rough at once: a false bump is worse than a missed one.
-        TouchState.ABSENT: frozenset(TouchState) - {TouchState.ROUGH},
-        # Invalid windows are withheld while the gate may go on touching.
-        TouchState.FAULTY: frozenset(TouchState),
-        TouchState.LANDING: frozenset(TouchState),
-        # Between two touches there is an update without contact, so landing never
-        # follows a decision. Only a window too quiet for the gate's threshold, early in
-        # a touch, brings it back.
-        TouchState.SMOOTH: frozenset(TouchState),
-        TouchState.ROUGH: frozenset(TouchState) - {TouchState.LANDING},
-        TouchState.PAUSED: frozenset(TouchState),
-        TouchState.HELD: frozenset(TouchState),
-    }
-)
-"""States of `TouchDetector` from one update to the next; what is missing never
-happens."""
-
-
 class TouchDetector:
     """Returns a prediction at every window and whenever contact begins or ends.
 
@@ -716,43 +689,45 @@ class TouchDetector:
         )
 
     def _revise(self, prediction: Prediction) -> Prediction:
+        """Let the states of `touch_state` decide what is felt of a prediction."""
         self._newest, self._reported_until = prediction, prediction.end
         if self.gate is None:
             return prediction
-        if not self._touching or prediction.faulty:
-            self.state = TouchState.ABSENT if not self._touching else TouchState.FAULTY
-            return replace(prediction, touch=Touch.NONE, roughness=0.0)
         now = prediction.end + self.latency
-        paused = self._held and now - self._held_since < self._pause
-        usable = (
-            prediction.level_dbfs >= self._threshold_dbfs
-            or now - self._since >= FULL_OF_CONTACT * self._window
+        no_touch = self.detector.no_touch
+        moment = Moment(
+            touching=self._touching,
+            faulty=prediction.faulty,
+            paused=self._held and now - self._held_since < self._pause,
+            held=self._held,
+            usable=(
+                prediction.level_dbfs >= self._threshold_dbfs
+                or now - self._since >= FULL_OF_CONTACT * self._window
+            ),
+            landed=now - self._since >= LANDED,
+            sounds_like_touch=not (no_touch and no_touch.noticed),
+            window=prediction.touch,
         )
-        # A held touch may already be over, so it is rendered as smooth at most: a rough
-        # vibration would outlast the contact. So is a window that still holds more of
-        # what was before the touch.
-        if not paused and (self._held or not usable):
-            self.state = TouchState.HELD if self._held else TouchState.LANDING
-            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-        # The level of a touch falls between two strokes, and where one turns: the last
-        # decision stands.
-        decided = (
-            TouchState.ROUGH if self._decided is Touch.ROUGH else TouchState.SMOOTH
-        )
-        if paused or prediction.touch is Touch.NONE:
-            self.state = TouchState.PAUSED if paused else decided
-            return replace(prediction, touch=self._decided, roughness=self._roughness)
-        if prediction.touch is Touch.ROUGH and now - self._since < LANDED:
-            self.state = TouchState.LANDING
-            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-        if self.detector.no_touch and self.detector.no_touch.noticed:
+        self.state = next_state(moment)
+        match ANSWERS[self.state]:
+            case Answer.NOTHING:
+                return replace(prediction, touch=Touch.NONE, roughness=0.0)
+            case Answer.SMOOTH:
+                return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
+            case Answer.LAST_DECISION:
+                return replace(
+                    prediction, touch=self._decided, roughness=self._roughness
+                )
+        if not moment.sounds_like_touch:
             prediction = replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
+        return self._remember(prediction)
+
+    def _remember(self, prediction: Prediction) -> Prediction:
+        """Keep what a window says as the last decision of this touch."""
         if prediction.touch is not self._decided:
+            # From here on evidence counts against the new decision.
             self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness
-        self.state = (
-            TouchState.ROUGH if prediction.touch is Touch.ROUGH else TouchState.SMOOTH
-        )
         return prediction
 
     def _shifted(self, prediction: Prediction) -> Prediction:
