@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from tactophone.app.sources import UNATTENDED, open_source
 from tactophone.core.settings import Settings, change
 from tactophone.core.tips import DEFAULT_TIP
-from tactophone.core.types import PipelineStep, Source
+from tactophone.core.types import Closable, PipelineStep, Rehearsed, Source
 from tactophone.live.audio.pacing import paced
 from tactophone.signal.perception.opening import read_calibration
 from tactophone.signal.pipeline import Pipeline, open_pipeline
@@ -32,8 +32,8 @@ class Live:
         self._error: BaseException | None = None
 
     def __iter__(self) -> Iterator[PipelineStep]:
-        if rehearse := getattr(self._source, "rehearse", None):
-            rehearse()
+        if isinstance(self._source, Rehearsed):
+            self._source.rehearse()
         with self._source as source:
             for block in paced(source) if self._at_pace else source:
                 if self._ended.is_set():
@@ -87,8 +87,8 @@ class Live:
         the callback or the source raised.
         """
         self._ended.set()
-        if self._thread and (close := getattr(self._source, "close", None)):
-            close()
+        if self._thread and isinstance(self._source, Closable):
+            self._source.close()
         self.wait()
 
     def __enter__(self) -> Self:

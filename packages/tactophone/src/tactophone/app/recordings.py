@@ -27,6 +27,7 @@ from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import is_passthrough
 from tactophone.signal.haptics.profiles import open_profile
+from tactophone.signal.perception.fit import ChecksFit
 from tactophone.signal.perception.model_file import Model, ModelCard
 from tactophone.signal.perception.noise_floor import RecordingFloor, measure_floor
 from tactophone.signal.perception.opening import DetectorOptions, options_from
@@ -93,7 +94,8 @@ class OpenRecording:
     def check_fit(self) -> None:
         """Note what about the newest sound does not fit the model, for whoever pushes
         blocks without `steps`."""
-        if misfit := getattr(self.pipeline.detector, "misfit", None):
+        detector = self.pipeline.detector
+        if isinstance(detector, ChecksFit) and (misfit := detector.misfit):
             self._misfits[misfit.code] = misfit.text
 
 

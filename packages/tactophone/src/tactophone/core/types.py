@@ -355,6 +355,23 @@ class LabelledSource(Source, Protocol):
         not known."""
 
 
+@runtime_checkable
+class Rehearsed(Protocol):
+    """A source that has something to prepare before it is entered, such as code that is
+    compiled at first use."""
+
+    def rehearse(self) -> None:
+        """Prepare it; may take up to a minute."""
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A source whose iteration another thread can end, also while no sound comes."""
+
+    def close(self) -> None:
+        """End the iteration."""
+
+
 class AlwaysOpen:
     """Base of sources that have nothing to open or close."""
 

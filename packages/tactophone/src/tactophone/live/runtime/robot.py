@@ -25,6 +25,7 @@ from tactophone.core.types import (
     AudioBlock,
     LabelledSource,
     PipelineStep,
+    Rehearsed,
     joined,
 )
 from tactophone.live.audio.pacing import paced
@@ -94,9 +95,9 @@ class Robot(Side):
             labelled.truth_of if labelled else lambda _: -1
         )
         # A simulation compiles itself at first use.
-        if rehearse := getattr(self._source, "rehearse", None):
+        if isinstance(self._source, Rehearsed):
             info.progress("compiling the simulation")
-            rehearse()
+            self._source.rehearse()
         info.progress("rehearsing")
         self._group = wiring.open_send_group(
             settings, self._source.channels, way=keeper is not None

@@ -12,7 +12,7 @@ import functools
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,16 @@ class Misfit(NamedTuple):
 
     code: str
     text: str
+
+
+@runtime_checkable
+class ChecksFit(Protocol):
+    """A detector that says whether the sound fits its model; those of other packages
+    need not."""
+
+    @property
+    def misfit(self) -> Misfit | None:
+        """What about the sound does not fit now."""
 
 
 @functools.cache
