@@ -144,6 +144,13 @@ OWN = (
         "check the microphones, and measure their noise and the contact threshold",
     ),
     Verb(
+        "report",
+        "tactophone.cli.report",
+        "finger",
+        "write one file about a problem: versions, devices, settings, notes; to read "
+        "and then to send",
+    ),
+    Verb(
         "feel",
         "tactophone.cli.feel",
         "sound",

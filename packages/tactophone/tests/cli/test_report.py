@@ -1,0 +1,29 @@
+"""A report of a problem says what a maintainer asks for, and nothing that is secret."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.cli import main
+from tactophone.core.version import __version__
+
+
+def test_a_report_names_versions_changed_settings_and_notes_but_no_secret(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound = np.random.default_rng(0).normal(0, 0.05, (2 * 48000, 2))
+    soundfile.write(tmp_path / "a.wav", sound, 48000)
+    content = (tmp_path / "a.wav").read_bytes()
+    (tmp_path / "a.wav").write_bytes(content[: len(content) // 2])
+    out = tmp_path / "report.md"
+    command = ["report", "--recording", str(tmp_path / "a.wav"), "--out", str(out)]
+    command += ["--set", "detector.margin_db=7", "--set", "link.port=48999"]
+    assert main(command) == 0
+    text = out.read_text(encoding="utf-8")
+    assert f"tactophone {__version__}" in text
+    assert "detector.margin_db = 7" in text
+    assert "link.port = (changed)" in text
+    assert "48999" not in text
+    assert "ends after 1.0 of 2.0 s" in text
