@@ -19,14 +19,14 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.recordings.values import Recording
 from tactophone.core.types import Touch
 from tactophone_lab.evaluation.predict import Predictor, TakePredictions
-from tactophone_lab.training.network import (
+from tactophone_lab.training.paper_network import (
     PaperNetwork,
     Windows,
     find_windows,
     magnitudes,
     window_loudness,
 )
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     NETWORK_HOP,
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,

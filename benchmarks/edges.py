@@ -27,10 +27,14 @@ from tactophone.signal.perception.noise_floor import measure_floor
 from tactophone_lab.benchmark.methods import FEATURE_LATENCY
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split, with_kin
-from tactophone_lab.evaluation.events import SOURCES_KEY, edge_delays, join_edges
+from tactophone_lab.evaluation.bumps_and_delays import (
+    SOURCES_KEY,
+    edge_delays,
+    join_edges,
+)
 from tactophone_lab.evaluation.metrics import rough_score
 from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
-from tactophone_lab.training.options import TrainingOptions
+from tactophone_lab.training.recipe_options import TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 
 FOLDS = "5-fold"

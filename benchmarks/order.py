@@ -21,7 +21,7 @@ from scipy.stats import spearmanr
 
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import rough_share
-from tactophone_lab.app.evaluation import recording_predictor
+from tactophone_lab.app.evaluate import recording_predictor
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
 from tactophone_lab.simulation.render import (

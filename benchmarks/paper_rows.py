@@ -34,7 +34,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.core.types import FloatArray
 from tactophone_lab.simulation import surface
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.motion import DEPTH, row, single
 from tactophone_lab.simulation.source import SimulatedFinger, Truth
 from tactophone_lab.simulation.strokes import Script, Visit, explore, log_uniform

@@ -89,7 +89,7 @@ from tactophone_lab.evaluation.predict import (
     scores_of,
 )
 from tactophone_lab.training.baselines import FeatureRecipe
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     LABEL_LEVEL_DBFS,
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,
@@ -120,7 +120,7 @@ FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (knows a rough stone's kin)"
 METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
 
 NETWORK_CODE = (
-    "training/network.py",
+    "training/paper_network.py",
     "training/tracks.py",
     "training/trainer.py",
 )

@@ -35,7 +35,7 @@ from tactophone.signal.haptics.psychophysics import (
     threshold_db,
 )
 from tactophone_lab.simulation.catalogue import TEST, SimulatedObject, blend, catalogue
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.modes import Body, Mounting
 from tactophone_lab.simulation.motion import row
 from tactophone_lab.simulation.source import SimulatedFinger

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, TouchEvent
 from tactophone_lab.simulation.catalogue import find
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.motion import single
 from tactophone_lab.simulation.source import SimulatedFinger, Truth
 from tactophone_lab.simulation.strokes import Script

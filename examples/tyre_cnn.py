@@ -18,7 +18,7 @@ from tactophone_lab.benchmark.folds import cross_validate
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import split
 from tactophone_lab.evaluation.predict import Predictor, TakePredictions
-from tactophone_lab.evaluation.report import make_report
+from tactophone_lab.evaluation.scores import make_report
 from tactophone_lab.training.sets import even_weights
 
 WINDOW, HOP, SLICE, BANDS, CONTACT_DB = 0.256, 0.032, 0.016, 32, 12.0

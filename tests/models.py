@@ -18,7 +18,7 @@ from tactophone.signal.perception.model_file import (
     Gate,
     ModelCard,
 )
-from tactophone_lab.training.export import join, magnitudes
+from tactophone_lab.training.onnx_export import join, magnitudes
 
 CARD = ModelCard(
     name="tiny",

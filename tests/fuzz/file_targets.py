@@ -45,7 +45,7 @@ from tactophone_lab.app import lerobot
 from tactophone_lab.datasets.biotac import import_biotac
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.roughness import measure_heights, read_heights
-from tactophone_lab.game.rules import read_results
+from tactophone_lab.game.stone_box import read_results
 from tactophone_lab.recording.safe_writer import _read_entry
 from tactophone_lab.training.recipes import RecipeFile
 

@@ -35,7 +35,7 @@ from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
 from tactophone.net.link.packet import Packet, Payload, PayloadType
 from tactophone_lab.app import lerobot
-from tactophone_lab.game.rules import GameSettings
+from tactophone_lab.game.stone_box import GameSettings
 
 from .file_targets import _chosen, _file
 from .target import Run, Target
@@ -172,7 +172,7 @@ def page_sound() -> tuple[Sequence[bytes], Run]:
 def player_requests() -> tuple[Sequence[bytes], Run]:
     from aiohttp import WSMsgType
 
-    from tactophone_lab.game.server import _Player
+    from tactophone_lab.game.game_server import _Player
 
     class View:
         """The page's end: says one thing, and takes answers in printable words."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactophone_lab.measurement.bench import STIFFNESS
+from tactophone_lab.measurement.finger_bench import STIFFNESS
 
 SOFT_SILICONE = 0.12e6
 """Modulus of silicone of Shore 00-30, in Pa."""

@@ -16,7 +16,7 @@ import numpy as np
 from tactophone import LIVE_SAMPLE_RATE, AudioBlock, ConfigError, DatasetError
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
 from tactophone_lab.simulation.contact import Motion
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.modes import Mounting
 from tactophone_lab.simulation.motion import LIFT, Path, PlacedObject, Scene, single
 from tactophone_lab.simulation.source import SimulatedFinger

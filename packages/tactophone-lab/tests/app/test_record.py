@@ -9,7 +9,7 @@ from tactophone.core.settings import Settings, change
 from tactophone.core.types import Touch
 from tactophone.signal.perception.health import Reference
 from tactophone_lab.app.record import record_object
-from tactophone_lab.recording.recorder import RecordedObject, SessionPlan
+from tactophone_lab.recording.take_recorder import RecordedObject, SessionPlan
 from tactophone_lab.simulation.takes import TAKES
 
 FINGER = change(Settings(), ["capture.source=finger"])

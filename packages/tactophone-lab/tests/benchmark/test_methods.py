@@ -16,7 +16,7 @@ from tactophone_lab.benchmark.methods import (
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import TakePredictions, scores_of
-from tactophone_lab.training.options import OPEN_GATE, network_settings
+from tactophone_lab.training.recipe_options import OPEN_GATE, network_settings
 from tactophone_lab.training.trainer import NetworkRecipe
 from tests.folders import audiofolder
 from tests.surfaces import surfaces

@@ -8,6 +8,11 @@ import pytest
 from tactophone.core.errors import ConfigError
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.benchmark.folds import Cache
+from tactophone_lab.benchmark.markdown_report import (
+    REPORT_COLUMNS,
+    row_of,
+    write_report,
+)
 from tactophone_lab.benchmark.methods import (
     FAST_STEPS,
     NO_AIR,
@@ -20,7 +25,6 @@ from tactophone_lab.benchmark.plan import (
     run_benchmark,
     splits_of,
 )
-from tactophone_lab.benchmark.report import REPORT_COLUMNS, row_of, write_report
 from tactophone_lab.benchmark.results import DatasetResults, MethodResult
 from tests.surfaces import surfaces
 

@@ -93,5 +93,5 @@ def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> 
 
 def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"tactophone\[ray\]"):
+    with pytest.raises(ConfigError, match=r"tactophone-lab\[ray\]"):
         load_ray(1)

@@ -8,9 +8,9 @@ import pytest
 from tactophone.cli import main
 from tactophone.core.types import FloatArray
 from tactophone.signal.perception.model_file import Gate, read_model
-from tactophone_lab.training import finetune
-from tactophone_lab.training.export import make_card, write_model
-from tactophone_lab.training.network import PaperNetwork, weights_of
+from tactophone_lab.training import finetuning
+from tactophone_lab.training.onnx_export import make_card, write_model
+from tactophone_lab.training.paper_network import PaperNetwork, weights_of
 from tests.folders import audiofolder
 
 
@@ -32,7 +32,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def train(*args: object, **settings: object) -> dict[str, FloatArray]:
         return calling["rough"]
 
-    monkeypatch.setattr(finetune, "train_on_both", train)
+    monkeypatch.setattr(finetuning, "train_on_both", train)
     new, general = (
         audiofolder(tmp_path / "new"),
         audiofolder(tmp_path / "general", surfaces=8, takes=1),

@@ -16,8 +16,8 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.recordings.metadata import write_metadata
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
-from tactophone_lab.training.export import make_card, write_model
-from tactophone_lab.training.network import PaperNetwork, weights_of
+from tactophone_lab.training.onnx_export import make_card, write_model
+from tactophone_lab.training.paper_network import PaperNetwork, weights_of
 from tests.app.robot_data import robot_data
 from tests.folders import audiofolder
 from tests.live.log.recorded_run import record
@@ -164,7 +164,7 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
     )  # pytest has taken its descriptor
     monkeypatch.setattr("tactophone_lab.simulation.demonstration.STROKING", 0.1)
     monkeypatch.setattr(
-        "tactophone_lab.training.finetune.train_on_both",
+        "tactophone_lab.training.finetuning.train_on_both",
         lambda *_, **__: weights_of(PaperNetwork()),
     )
     if "{robot}" in command:

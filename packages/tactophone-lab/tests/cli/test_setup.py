@@ -12,7 +12,7 @@ from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
 from tactophone_lab.app.setup import Fitted
 from tactophone_lab.cli.setup import _fitted
-from tactophone_lab.training.setup import (
+from tactophone_lab.training.finger_fit import (
     SHIPPED_BOUNDARY,
     Correction,
     LeftOut,

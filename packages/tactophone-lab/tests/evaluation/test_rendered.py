@@ -6,7 +6,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
-from tactophone_lab.evaluation.report import rendered_scores, unknown_shares
+from tactophone_lab.evaluation.scores import rendered_scores, unknown_shares
 from tests.evaluation.takes import predicted
 
 RULE = DecisionRule()

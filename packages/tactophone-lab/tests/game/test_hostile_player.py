@@ -14,8 +14,8 @@ import aiohttp
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone_lab.game.page import serve_game
-from tactophone_lab.game.rules import GameSettings
+from tactophone_lab.game.game_page import serve_game
+from tactophone_lab.game.stone_box import GameSettings
 from tests.faces.web.running import Run
 
 pytestmark = pytest.mark.realtime

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone_lab.game.rules import (
+from tactophone_lab.game.stone_box import (
     LIFTED_PRESSURE,
     PITCH,
     WIDTH,

@@ -8,7 +8,7 @@ import pytest
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone_lab.simulation.catalogue import SimulatedObject, find
 from tactophone_lab.simulation.finger import Electronics, Finger
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import five_stones, single
 from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.takes import shuffled

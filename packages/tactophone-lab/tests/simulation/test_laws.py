@@ -11,7 +11,7 @@ from tactophone.core.microphones import AIR
 from tactophone.signal.perception.resample import Resampler
 from tactophone_lab.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone_lab.simulation.finger import TIPS, Electronics
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import single
 from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.surface import (
@@ -23,7 +23,7 @@ from tactophone_lab.simulation.surface import (
     track,
 )
 from tactophone_lab.training.features import describe
-from tactophone_lab.training.options import BAND_COUNT, FeatureSpec
+from tactophone_lab.training.recipe_options import BAND_COUNT, FeatureSpec
 
 QUIET = Electronics(
     contact_hum_dbfs=-200,

@@ -1,4 +1,4 @@
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 
 
 def test_a_drawn_session_lies_about_the_nominal_one() -> None:

@@ -6,7 +6,7 @@ import pytest
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import Touch
 from tactophone_lab.simulation.catalogue import find
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import Scene, five_stones, single
 from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.strokes import take_moves

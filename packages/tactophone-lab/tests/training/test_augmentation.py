@@ -3,7 +3,7 @@ import pytest
 
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.training.augmentation import Augmentation
-from tactophone_lab.training.options import FeatureSpec
+from tactophone_lab.training.recipe_options import FeatureSpec
 from tactophone_lab.training.sets import build_training_set
 from tests.surfaces import surfaces
 

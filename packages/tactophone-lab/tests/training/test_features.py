@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from tactophone_lab.training.features import Texture, design_bands
-from tactophone_lab.training.options import BAND_COUNT, BAND_VALUES
+from tactophone_lab.training.recipe_options import BAND_COUNT, BAND_VALUES
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512

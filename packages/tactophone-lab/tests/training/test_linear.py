@@ -3,9 +3,9 @@ import onnxruntime
 import pytest
 
 from tactophone.signal.perception.model_file import FEATURES, LOG_PROBABILITIES
-from tactophone_lab.training.export import LinearClassifier, build_classifier_graph
 from tactophone_lab.training.linear import IMPULSES, fit_classifier
-from tactophone_lab.training.options import BAND_VALUES
+from tactophone_lab.training.onnx_export import LinearClassifier, build_classifier_graph
+from tactophone_lab.training.recipe_options import BAND_VALUES
 from tactophone_lab.training.sets import Examples, even_weights, inner_folds
 
 FEATURE_COUNT = 4

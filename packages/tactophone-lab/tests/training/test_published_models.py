@@ -13,8 +13,8 @@ from tactophone import AudioBlock
 from tactophone.core.errors import ModelError
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
-from tactophone_lab.training.export import read_weights
-from tactophone_lab.training.network import PaperNetwork, magnitudes, weights_of
+from tactophone_lab.training.onnx_export import read_weights
+from tactophone_lab.training.paper_network import PaperNetwork, magnitudes, weights_of
 from tactophone_lab.training.published_models import import_published
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")

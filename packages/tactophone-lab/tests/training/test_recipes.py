@@ -17,7 +17,7 @@ from tactophone_lab.benchmark.methods import recipe_method
 from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import model_predictor, scores_of
 from tactophone_lab.training.baselines import FeatureRecipe
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     VARIANTS,
     FeatureSpec,
     TrainingOptions,

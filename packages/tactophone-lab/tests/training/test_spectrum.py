@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from tactophone.signal.perception.model_file import SOUND
-from tactophone_lab.training import export
-from tactophone_lab.training.network import magnitudes
+from tactophone_lab.training import onnx_export
+from tactophone_lab.training.paper_network import magnitudes
 
 
 def test_channels_follow_one_another_unnormalised() -> None:
@@ -24,7 +24,9 @@ def test_channels_follow_one_another_unnormalised() -> None:
 
 def test_a_model_files_own_magnitudes_are_those_of_training() -> None:
     windows = np.random.default_rng(1).standard_normal((5, 512, 2)).astype(np.float32)
-    session = onnxruntime.InferenceSession(export.magnitudes(2).SerializeToString())
+    session = onnxruntime.InferenceSession(
+        onnx_export.magnitudes(2).SerializeToString()
+    )
     found = [
         session.run(None, {SOUND: np.ascontiguousarray(window.T[None])})[0][0]
         for window in windows

@@ -18,7 +18,7 @@ from tactophone_lab.training.features import (
     parts,
     run_statistics,
 )
-from tactophone_lab.training.options import BAND_VALUES, FeatureSpec
+from tactophone_lab.training.recipe_options import BAND_VALUES, FeatureSpec
 
 NEVER = np.zeros((1, BAND_VALUES, BAND_VALUES))
 FIRST = np.zeros_like(NEVER)

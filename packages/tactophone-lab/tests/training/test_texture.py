@@ -13,7 +13,7 @@ from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import model_predictor, scores_of
 from tactophone_lab.training.baselines import feature_recipe
 from tactophone_lab.training.linear import build_texture
-from tactophone_lab.training.options import FeatureSpec, TrainingOptions
+from tactophone_lab.training.recipe_options import FeatureSpec, TrainingOptions
 from tactophone_lab.training.recipes import RECIPES, configure
 from tactophone_lab.training.sets import build_training_set
 from tactophone_lab.training.tracks import extract_features, noise_level

@@ -16,7 +16,7 @@ from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.training import trainer
 from tactophone_lab.training import trainer as processor
-from tactophone_lab.training.network import (
+from tactophone_lab.training.paper_network import (
     PaperNetwork,
     Windows,
     find_windows,
@@ -24,7 +24,11 @@ from tactophone_lab.training.network import (
     weights_of,
     with_weights,
 )
-from tactophone_lab.training.options import OPEN_GATE, NetworkSettings, network_settings
+from tactophone_lab.training.recipe_options import (
+    OPEN_GATE,
+    NetworkSettings,
+    network_settings,
+)
 from tactophone_lab.training.trainer import NetworkRecipe, Progress, TrainingRun
 from tests.folders import audiofolder
 

@@ -10,7 +10,7 @@ import soundfile
 from tactophone.cli import main
 from tactophone.core.types import FloatArray
 from tactophone.signal.perception.model_file import read_model
-from tactophone_lab.training.export import write_graph
+from tactophone_lab.training.onnx_export import write_graph
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from tactophone.cli import main
-from tactophone_lab.training.network import PaperNetwork
+from tactophone_lab.training.paper_network import PaperNetwork
 from tests.models import write_tiny_model
 
 

@@ -7,7 +7,7 @@ from tactophone.app.check import CHECKED_OBJECT, Step, record_act
 from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, ignore
-from tactophone_lab.measurement.bench import (
+from tactophone_lab.measurement.finger_bench import (
     STEPS,
     WEIGHT,
     BenchResult,

@@ -15,12 +15,12 @@ from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import FloatArray, ignore
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import read_model
-from tactophone_lab.app.evaluation import Progress
+from tactophone_lab.app.evaluate import Progress
 from tactophone_lab.datasets.splits import split
 from tactophone_lab.evaluation.bootstrap import Change, accuracy_of, compare_models
 from tactophone_lab.evaluation.predict import TakePredictions, model_predictor
-from tactophone_lab.training import finetune
-from tactophone_lab.training.finetune import FinetuningData, Strategy
+from tactophone_lab.training import finetuning
+from tactophone_lab.training.finetuning import FinetuningData, Strategy
 from tactophone_lab.training.trainer import NetworkRecipe
 
 MOST_REPLAYED = 40
@@ -89,14 +89,14 @@ def finetune_model(
 
     ``calibration`` is the contact threshold of the new recordings. ``anyway`` writes
     the file even if smooth is called rough more often on the general data. Raises
-    `DatasetError` or `ModelError` as `tactophone_lab.training.finetune` does.
+    `DatasetError` or `ModelError` as `tactophone_lab.training.finetuning` does.
     """
     began = time.monotonic()
     data = _parts_of(new, general)
-    recipe = finetune.finetuning_recipe(
+    recipe = finetuning.finetuning_recipe(
         start, strategy, seed=seed, calibration=calibration
     )
-    trained = finetune.train_on_both(
+    trained = finetuning.train_on_both(
         recipe,
         data,
         reading=lambda done, count: report("training", done, count, "reading"),
@@ -118,15 +118,15 @@ def finetune_model(
 
 def _parts_of(new: Dataset, general: Dataset) -> FinetuningData:
     """Split both data sets into what is trained on, chosen by and tested with."""
-    trained_on, held_out = finetune.hold_out(new)
+    trained_on, held_out = finetuning.hold_out(new)
     rest, test = _split(general)
     replay, validation = _split(general.where(lambda recording: recording in rest))
     return FinetuningData(
         trained_on,
         held_out,
-        finetune.thinned(replay, MOST_REPLAYED),
-        finetune.thinned(validation, MOST_VALIDATED),
-        finetune.thinned(test, MOST_TESTED),
+        finetuning.thinned(replay, MOST_REPLAYED),
+        finetuning.thinned(validation, MOST_VALIDATED),
+        finetuning.thinned(test, MOST_TESTED),
     )
 
 
@@ -164,9 +164,9 @@ def _choose_mixture(
     )
     least_lost = math.inf
     chosen = 0.0
-    for share, weights in finetune.mixtures(start, trained, strategy):
+    for share, weights in finetuning.mixtures(start, trained, strategy):
         tried = out.with_name(f"tried-{out.name}")
-        finetune.write_finetuned(tried, recipe, weights, facts=facts)
+        finetuning.write_finetuned(tried, recipe, weights, facts=facts)
         note = f"choosing, {share:.0%} new"
         after = accuracy_of(
             _predict(tried, data.validation, note, threshold_dbfs, report)
@@ -175,7 +175,7 @@ def _choose_mixture(
         if lost < least_lost or lost <= MOST_LOST:
             least_lost = lost
             chosen = share
-            finetune.write_finetuned(
+            finetuning.write_finetuned(
                 out, recipe, weights, facts={**facts, "share": share}
             )
         if lost <= MOST_LOST:

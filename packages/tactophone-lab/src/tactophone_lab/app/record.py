@@ -10,8 +10,8 @@ from tactophone.core.settings import Settings
 from tactophone.core.types import AudioBlock, ignore
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.recording.protocol import Key, Stage
-from tactophone_lab.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone_lab.recording.safe_writer import recording_in, recover
+from tactophone_lab.recording.take_recorder import RecordedObject, Recorder, SessionPlan
 
 
 def record_object(

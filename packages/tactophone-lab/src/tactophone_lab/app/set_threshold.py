@@ -10,16 +10,16 @@ from tactophone.core.types import ignore
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import Model, read_model
 from tactophone.signal.perception.models import model_path, shipped_models
-from tactophone_lab.app.evaluation import Progress, recording_predictor
-from tactophone_lab.evaluation import rules as trials
+from tactophone_lab.app.evaluate import Progress, recording_predictor
+from tactophone_lab.evaluation import decision_rules as trials
 from tactophone_lab.evaluation.bootstrap import Estimate
+from tactophone_lab.evaluation.decision_rules import Goal, OperatingPoint
 from tactophone_lab.evaluation.predict import (
     TakePredictions,
     by_label,
     model_predictor,
 )
-from tactophone_lab.evaluation.report import rendered_scores
-from tactophone_lab.evaluation.rules import Goal, OperatingPoint
+from tactophone_lab.evaluation.scores import rendered_scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def set_threshold(
         refused = worse and not (anyway or asked)
     if dry_run or refused:
         return ThresholdChoice(before, chosen, left_out, refused, (figure,))
-    from tactophone_lab.training.export import set_decision
+    from tactophone_lab.training.onnx_export import set_decision
 
     scores = {
         "dataset": dataset.name,

@@ -26,7 +26,7 @@ from tactophone.signal.perception.models import (
 from tactophone.signal.perception.noise_floor import measure_floor
 
 if TYPE_CHECKING:
-    from tactophone_lab.training.setup import SetUpFit
+    from tactophone_lab.training.finger_fit import SetUpFit
 
 SLIDE = 10.0
 """Seconds of sliding on each object."""
@@ -152,7 +152,7 @@ def fit_finger(
     model is of another kind or the silence was not steady; whether the microphones work
     is said by `SetUpSounds.findings`, which are to be read first.
     """
-    from tactophone_lab.training.setup import collect, fit_set_up, write_set_up
+    from tactophone_lab.training.finger_fit import collect, fit_set_up, write_set_up
 
     name, rate = model or default_model(tip), sounds.sample_rate
     start = model_path(name)

@@ -49,7 +49,7 @@ from tactophone_lab.evaluation.predict import (
     model_predictor,
 )
 from tactophone_lab.training.baselines import FeatureRecipe
-from tactophone_lab.training.options import VARIANTS, TrainingOptions
+from tactophone_lab.training.recipe_options import VARIANTS, TrainingOptions
 from tactophone_lab.training.recipes import (
     FEATURE_RECIPES,
     RECIPES,

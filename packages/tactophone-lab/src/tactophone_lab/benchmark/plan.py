@@ -22,7 +22,7 @@ from tactophone_lab.benchmark.results import (
     compare_methods,
 )
 from tactophone_lab.datasets.splits import KIN_SPLIT, Fold, kin_of, split
-from tactophone_lab.evaluation.events import join_edges
+from tactophone_lab.evaluation.bumps_and_delays import join_edges
 from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import in_true_contact, scores_of
 from tactophone_lab.simulation.render import read_render_metadata

@@ -16,7 +16,7 @@ from tactophone_lab.evaluation.bootstrap import (
     estimate,
     paired_difference,
 )
-from tactophone_lab.evaluation.events import (
+from tactophone_lab.evaluation.bumps_and_delays import (
     Delays,
     calibration_error,
     contact_delays,
@@ -33,7 +33,7 @@ from tactophone_lab.evaluation.predict import (
     in_true_contact,
     scores_of,
 )
-from tactophone_lab.evaluation.report import Rendered, rendered_scores
+from tactophone_lab.evaluation.scores import Rendered, rendered_scores
 
 MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
@@ -57,7 +57,7 @@ class MethodResult:
     bumps_per_minute: float
     calibration_error: float
     """`bumps_per_minute` and `calibration_error`: see
-    :mod:`tactophone_lab.evaluation.events`."""
+    :mod:`tactophone_lab.evaluation.bumps_and_delays`."""
     contact_ms: tuple[float, float, float]
     edge_ms: tuple[float, float, float]
     """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms,

@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone_lab.benchmark.report import steps_by_profile, write_report
+    from tactophone_lab.benchmark.markdown_report import steps_by_profile, write_report
 
     cache = cache_of(args)
     output.make_folder(args.out)  # now, not after hours
@@ -147,7 +147,7 @@ def _run(
 def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
     """Yield the columns that 80 characters hold, gate and abstention inside; the report
     has the rest."""
-    from tactophone_lab.benchmark.report import (
+    from tactophone_lab.benchmark.markdown_report import (
         control_of,
         format_delay,
         steps_by_profile,

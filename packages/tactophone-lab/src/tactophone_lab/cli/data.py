@@ -20,7 +20,7 @@ from tactophone_lab.datasets.open import open_dataset, phone_sounds
 from tactophone_lab.datasets.splits import with_kin
 
 if TYPE_CHECKING:
-    from tactophone_lab.app.evaluation import Progress
+    from tactophone_lab.app.evaluate import Progress
     from tactophone_lab.benchmark.folds import Cache
 
 

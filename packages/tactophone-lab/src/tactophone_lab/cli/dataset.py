@@ -159,7 +159,7 @@ def _check(args: argparse.Namespace) -> int:
 def _wrong_labels(dataset: Dataset) -> tuple[Problem, ...]:
     """Return surfaces whose labels look wrong, where there are enough to tell and the
     extra ``train`` is installed."""
-    from tactophone_lab.app.evaluation import can_check_labels, suspicious_labels
+    from tactophone_lab.app.evaluate import can_check_labels, suspicious_labels
 
     if not can_check_labels(dataset):
         return ()

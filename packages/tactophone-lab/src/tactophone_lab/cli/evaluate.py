@@ -14,7 +14,7 @@ from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.app.evaluation import (
+from tactophone_lab.app.evaluate import (
     HEADLINE,
     compare_recipes,
     evaluate_model,
@@ -34,7 +34,7 @@ from tactophone_lab.datasets.shared_sound import leak_warnings
 from tactophone_lab.datasets.splits import KIN_SPLIT, SPLITS, split
 
 if TYPE_CHECKING:
-    from tactophone_lab.evaluation.report import Report
+    from tactophone_lab.evaluation.scores import Report
 
 EXAMPLES = (
     "tactophone evaluate texture --data recordings",

@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone_lab.game.page import open_finger, serve_game
-    from tactophone_lab.game.rules import GameSettings
+    from tactophone_lab.game.game_page import open_finger, serve_game
+    from tactophone_lab.game.stone_box import GameSettings
     from tactophone_lab.simulation.takes import shuffled
 
     settings = change(options.settings_of(args, NEAR), SIMULATED)

@@ -21,7 +21,7 @@ from tactophone_lab.app.record import record_object
 from tactophone_lab.recording import protocol
 from tactophone_lab.recording.protocol import Key, Stage
 from tactophone_lab.recording.quality import GOOD
-from tactophone_lab.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone_lab.recording.take_recorder import RecordedObject, Recorder, SessionPlan
 from tactophone_lab.simulation.takes import TAKES, takes_named
 
 RECORD_SCENARIOS = ("held", "table", "box")

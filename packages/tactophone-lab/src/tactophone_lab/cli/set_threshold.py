@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from tactophone_lab.app.set_threshold import ThresholdChoice
-    from tactophone_lab.evaluation.rules import Goal, OperatingPoint
+    from tactophone_lab.evaluation.decision_rules import Goal, OperatingPoint
 
 EXAMPLES = (
     "tactophone set-threshold texture --data recordings --false-bumps 2/min",

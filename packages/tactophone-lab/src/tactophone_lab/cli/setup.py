@@ -28,7 +28,7 @@ from tactophone_lab.app.setup import (
 )
 
 if TYPE_CHECKING:
-    from tactophone_lab.training.setup import SetUpFit
+    from tactophone_lab.training.finger_fit import SetUpFit
 
 QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
 

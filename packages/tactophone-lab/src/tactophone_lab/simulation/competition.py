@@ -10,7 +10,7 @@ import numpy as np
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.motion import Scene, five_stones
 from tactophone_lab.simulation.render import (
     RenderMetadata,

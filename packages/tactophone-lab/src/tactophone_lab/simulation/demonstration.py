@@ -18,7 +18,7 @@ from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 from tactophone_lab.simulation.catalogue import find
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.motion import Scene, five_stones, row
 from tactophone_lab.simulation.render import touch_segments
 from tactophone_lab.simulation.source import SimulatedFinger, SimulatedHand

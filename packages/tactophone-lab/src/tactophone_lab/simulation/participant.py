@@ -15,7 +15,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 from tactophone_lab.simulation.catalogue import SimulatedObject
 from tactophone_lab.simulation.faults import FaultSpan, FaultySource
 from tactophone_lab.simulation.finger import Electronics, tip_named
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.modes import Mounting
 from tactophone_lab.simulation.motion import LIFT, single
 from tactophone_lab.simulation.source import SimulatedFinger

@@ -34,7 +34,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone_lab.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone_lab.simulation.finger import tip_named
-from tactophone_lab.simulation.microphones import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
 from tactophone_lab.simulation.modes import Mounting
 from tactophone_lab.simulation.motion import Move, MoveFollower, Scene, single
 from tactophone_lab.simulation.source import SimulatedFinger, Truth

@@ -38,7 +38,11 @@ from tactophone_lab.simulation.contact import (
 )
 from tactophone_lab.simulation.finger import Finger
 from tactophone_lab.simulation.mechanics import compiled
-from tactophone_lab.simulation.microphones import NORMALS, Microphones, SessionVariation
+from tactophone_lab.simulation.microphone_models import (
+    NORMALS,
+    Microphones,
+    SessionVariation,
+)
 from tactophone_lab.simulation.modes import body_modes, mode_table, plate_pressure
 from tactophone_lab.simulation.motion import Move, MoveFollower, Path, Scene
 from tactophone_lab.simulation.surface import HEIGHT_SPACING, Track, track

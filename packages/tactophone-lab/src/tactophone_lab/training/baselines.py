@@ -20,7 +20,8 @@ from tactophone.core.recordings.values import Dataset, Recording, tip_of
 from tactophone.core.types import ignore
 from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.model_file import Gate, ModelCard
-from tactophone_lab.training.export import (
+from tactophone_lab.training.linear import build_texture
+from tactophone_lab.training.onnx_export import (
     build_known,
     build_linear,
     caveats_of,
@@ -28,8 +29,7 @@ from tactophone_lab.training.export import (
     licence_of,
     write_graph,
 )
-from tactophone_lab.training.linear import build_texture
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     CUES,
     FEATURE_RATE,
     WINDOWS,

@@ -14,7 +14,7 @@ touch.
 
 ``paper``: the magnitudes of a window's spectrum. They are not normalised (paper,
 section III-C): the level of the air microphone relative to the contact microphone
-separates rough from smooth. `tactophone_lab.training.export` writes that graph by hand,
+separates rough from smooth. `tactophone_lab.training.onnx_export` writes that graph by hand,
 as it writes the network.
 
 ``cues``: level, crest and transients are the paper's hand-made classifier (section
@@ -49,8 +49,8 @@ from tactophone.signal.perception.model_file import (
     STATE,
     STATE_OUT,
 )
-from tactophone_lab.training.export import IR_VERSION, OPSET
-from tactophone_lab.training.options import (
+from tactophone_lab.training.onnx_export import IR_VERSION, OPSET
+from tactophone_lab.training.recipe_options import (
     BAND_COUNT,
     BAND_VALUES,
     FEATURE_RATE,
@@ -324,7 +324,7 @@ class Statistics(_Module):
 
         ``prior`` is mean and mean square of the average touch's descriptions, ``(2,
         channels, values)``; for ``change_metric`` see
-        :data:`lab.training.tracks.ChangeMetric`; ``fading`` is in windows: after so
+        :data:`tactophone_lab.training.tracks.ChangeMetric`; ``fading`` is in windows: after so
         many, the weight of one has fallen to 1/e.
 
         Returns the features, ``(fingers, channels * 2 * values)``: for each channel
@@ -439,7 +439,7 @@ FAINT_POWER = 1e-10
 
 
 class Cues(_Module):
-    """The values :data:`tactophone_lab.training.options.CUES` of a window; all but the
+    """The values :data:`tactophone_lab.training.recipe_options.CUES` of a window; all but the
     last are of the contact channel.
 
     >>> sine = torch.sin(2 * torch.pi * 500 * torch.arange(4096) / 16_000)[None, None]

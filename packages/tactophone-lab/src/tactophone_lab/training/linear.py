@@ -16,12 +16,12 @@ import onnx
 from numpy.typing import NDArray
 
 from tactophone.core.types import FloatArray
-from tactophone_lab.training.export import (
+from tactophone_lab.training.onnx_export import (
     Floats,
     LinearClassifier,
     build_classifier_graph,
 )
-from tactophone_lab.training.options import CREST_INDEX
+from tactophone_lab.training.recipe_options import CREST_INDEX
 from tactophone_lab.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 
 STRENGTH = 0.005

@@ -18,9 +18,9 @@ import numpy as np
 from tactophone.core.errors import ModelError, plain
 from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.signal.perception.model_file import MAX_BYTES, Gate
-from tactophone_lab.training.export import SPECTRUM_BINS, make_card, write_model
-from tactophone_lab.training.network import PaperNetwork, weights_of
-from tactophone_lab.training.options import (
+from tactophone_lab.training.onnx_export import SPECTRUM_BINS, make_card, write_model
+from tactophone_lab.training.paper_network import PaperNetwork, weights_of
+from tactophone_lab.training.recipe_options import (
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,
     REFERENCE_GATE,

@@ -17,7 +17,7 @@ from tactophone.core.errors import ConfigError, did_you_mean
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone_lab.training.augmentation import Augmentation
-from tactophone_lab.training.options import Recipe, Response, TrainingOptions
+from tactophone_lab.training.recipe_options import Recipe, Response, TrainingOptions
 
 if TYPE_CHECKING:
     from tactophone_lab.training.baselines import FeatureRecipe

@@ -16,8 +16,8 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray
 from tactophone.net.link.codec import Codec
 from tactophone_lab.datasets.splits import kin_of
 from tactophone_lab.training.augmentation import Augmentation
-from tactophone_lab.training.export import Floats, is_simulation, join
-from tactophone_lab.training.options import MIN_VARIANCE, FeatureSpec
+from tactophone_lab.training.onnx_export import Floats, is_simulation, join
+from tactophone_lab.training.recipe_options import MIN_VARIANCE, FeatureSpec
 from tactophone_lab.training.tracks import (
     ChangeMetric,
     FeatureTrack,
@@ -274,7 +274,7 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
 
     A Mahalanobis distance, in each channel by itself so that a dead channel does not
     affect the other: directions in which a finger's speed and pressure often shift the
-    mean count little. The shifts are those of :func:`lab.training.tracks.mean_shifts`.
+    mean count little. The shifts are those of :func:`tactophone_lab.training.tracks.mean_shifts`.
     The metric has the shape ``(channels, values, values)``; zeros, so that no change is
     detected, without shifts.
     """

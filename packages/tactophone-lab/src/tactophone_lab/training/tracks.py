@@ -22,7 +22,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, ignore
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone.signal.perception.levels import ZERO_DBFS
 from tactophone.signal.perception.resample import Resampler
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     FEATURE_RATE,
     MIN_VARIANCE,
     NETWORK_RATE,

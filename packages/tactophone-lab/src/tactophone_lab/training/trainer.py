@@ -25,7 +25,7 @@ from tactophone.core.types import FloatArray, Touch, ignore
 from tactophone.net.link.codec import Codec
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
-from tactophone_lab.training.export import (
+from tactophone_lab.training.onnx_export import (
     Weights,
     caveats_of,
     channels_of,
@@ -34,7 +34,7 @@ from tactophone_lab.training.export import (
     read_weights,
     write_model,
 )
-from tactophone_lab.training.network import (
+from tactophone_lab.training.paper_network import (
     PaperNetwork,
     Windows,
     batches,
@@ -44,7 +44,7 @@ from tactophone_lab.training.network import (
     weights_of,
     with_weights,
 )
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     FAST_CHANGES,
     LABEL_LEVEL_DBFS,
     OPEN_GATE,

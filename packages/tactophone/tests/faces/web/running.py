@@ -20,7 +20,7 @@ from tactophone.core.types import (
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
 from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
-from tactophone_lab.game.rules import Point
+from tactophone_lab.game.stone_box import Point
 
 RATE, STEP = 48_000, 480
 

@@ -15,8 +15,8 @@ from selenium.webdriver.common.keys import Keys
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page, watch
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP
-from tactophone_lab.game.page import serve_game
-from tactophone_lab.game.rules import GameSettings
+from tactophone_lab.game.game_page import serve_game
+from tactophone_lab.game.stone_box import GameSettings
 from tests.browser import resize, text, wait
 from tests.faces.web.running import Run
 

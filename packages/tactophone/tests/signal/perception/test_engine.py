@@ -49,7 +49,7 @@ def test_eight_bits_at_run_time_hardly_change_the_papers_network(name: str) -> N
 
 def in_float(path: str, features: np.ndarray) -> np.ndarray:
     """Run the paper's network in float32, with the 8-bit weights of the file."""
-    from tactophone_lab.training.export import read_graph
+    from tactophone_lab.training.onnx_export import read_graph
 
     weights = read_graph(onnx.load(path))
 

@@ -9,7 +9,7 @@ from tactophone.live.runtime.wiring import microphone_faults, open_pipeline_for
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import default_model, open_touch_detector
 from tactophone_lab.simulation.catalogue import find
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import single
 from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.strokes import take_moves

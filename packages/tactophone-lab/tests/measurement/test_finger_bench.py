@@ -10,7 +10,12 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.core.types import LIVE_SAMPLE_RATE
-from tactophone_lab.measurement.bench import STEPS, STIFFNESS, WEIGHT, measure_bench
+from tactophone_lab.measurement.finger_bench import (
+    STEPS,
+    STIFFNESS,
+    WEIGHT,
+    measure_bench,
+)
 from tactophone_lab.simulation.built_finger import BuiltFinger, bench_sounds
 
 FAULTS = {

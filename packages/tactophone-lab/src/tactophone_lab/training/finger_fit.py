@@ -28,8 +28,8 @@ from tactophone.core.types import AudioBlock, FloatArray, Prediction
 from tactophone.signal.perception.decision import NEVER_ABSTAIN
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import Gate, Model
-from tactophone_lab.training.export import Floats, write_graph
-from tactophone_lab.training.options import BAND_VALUES, CREST_INDEX
+from tactophone_lab.training.onnx_export import Floats, write_graph
+from tactophone_lab.training.recipe_options import BAND_VALUES, CREST_INDEX
 from tactophone_lab.training.sets import HARD_TIPS
 
 SCORES = {"impulses": (2.0, 0.0), "both": (1.0, 1.0), "model": (0.0, 2.0)}

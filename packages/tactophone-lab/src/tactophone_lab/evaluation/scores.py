@@ -22,7 +22,7 @@ from tactophone_lab.evaluation.bootstrap import (
     bootstrap,
     estimate,
 )
-from tactophone_lab.evaluation.events import (
+from tactophone_lab.evaluation.bumps_and_delays import (
     decided_touches,
     dips_per_minute,
     false_bumps_per_minute,
@@ -108,7 +108,7 @@ class Report:
     known_wrong: float
     """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
     rules: dict[Rule, dict[str, Estimate]]
-    """For each rule, each metric of :func:`lab.evaluation.metrics.measure` with its
+    """For each rule, each metric of :func:`tactophone_lab.evaluation.metrics.measure` with its
     interval; over true contact, whatever the model's gate reports, so that all models
     are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]

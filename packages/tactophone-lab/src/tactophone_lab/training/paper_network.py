@@ -24,14 +24,14 @@ from torch import nn
 from tactophone.core.errors import DatasetError
 from tactophone.core.types import FloatArray, Touch
 from tactophone.signal.perception.levels import LoudnessRule
-from tactophone_lab.training.export import (
+from tactophone_lab.training.onnx_export import (
     RESIDUALS,
     SPECTRUM_BINS,
     Weights,
     channels_of,
 )
-from tactophone_lab.training.options import NETWORK_WINDOW_SIZE as SIZE
-from tactophone_lab.training.options import Labelling
+from tactophone_lab.training.recipe_options import NETWORK_WINDOW_SIZE as SIZE
+from tactophone_lab.training.recipe_options import Labelling
 
 
 class PaperNetwork(nn.Module):

@@ -24,7 +24,7 @@ from tactophone_lab.evaluation.predict import (
     scores_of,
     take_of,
 )
-from tactophone_lab.evaluation.report import RENDERED, Report, make_report
+from tactophone_lab.evaluation.scores import RENDERED, Report, make_report
 
 if TYPE_CHECKING:
     from tactophone_lab.benchmark.folds import Cache, Method
@@ -242,7 +242,7 @@ def compare_recipes(
 
 def note_scores(model: str, name: str, report: Report, dataset: Dataset) -> None:
     """Write scores into a model's card, under a name."""
-    from tactophone_lab.training.export import add_scores
+    from tactophone_lab.training.onnx_export import add_scores
 
     scores: dict[str, Any] = {
         "dataset": dataset.name,

@@ -7,8 +7,7 @@ from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Recording
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import Decision, DecisionRule
-from tactophone_lab.evaluation.predict import TakePredictions
-from tactophone_lab.evaluation.rules import (
+from tactophone_lab.evaluation.decision_rules import (
     candidate_rules,
     choose_left_out,
     choose_rule,
@@ -17,6 +16,7 @@ from tactophone_lab.evaluation.rules import (
     rates,
     try_rules,
 )
+from tactophone_lab.evaluation.predict import TakePredictions
 
 HOP = 512 / 48_000
 

@@ -22,8 +22,8 @@ from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, FloatArray, ignore
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate, read_model
-from tactophone_lab.training.export import read_weights, write_model
-from tactophone_lab.training.options import Variant, network_settings
+from tactophone_lab.training.onnx_export import read_weights, write_model
+from tactophone_lab.training.recipe_options import Variant, network_settings
 from tactophone_lab.training.trainer import NetworkRecipe, Progress
 
 Strategy = Literal["blend", "fine-tuned"]

@@ -24,7 +24,7 @@ from tactophone.signal.haptics.profiles import (
     open_profile,
 )
 from tactophone_lab.benchmark.results import DatasetResults, MethodResult
-from tactophone_lab.evaluation.events import HALF
+from tactophone_lab.evaluation.bumps_and_delays import HALF
 
 REPORT_COLUMNS = (
     "method",

@@ -3,7 +3,11 @@ import pytest
 
 from tactophone_lab.simulation.contact import ContactSignals
 from tactophone_lab.simulation.finger import Electronics
-from tactophone_lab.simulation.microphones import NORMALS, Microphones, cavity_sections
+from tactophone_lab.simulation.microphone_models import (
+    NORMALS,
+    Microphones,
+    cavity_sections,
+)
 from tactophone_lab.simulation.modes import Mounting
 
 RATE = 48_000

@@ -6,7 +6,7 @@ import torch
 
 from tactophone import DatasetError, Touch
 from tactophone.core.types import FloatArray
-from tactophone_lab.training.network import (
+from tactophone_lab.training.paper_network import (
     SIZE,
     PaperNetwork,
     Windows,
@@ -17,7 +17,7 @@ from tactophone_lab.training.network import (
     weights_of,
     with_weights,
 )
-from tactophone_lab.training.options import Labelling, network_settings
+from tactophone_lab.training.recipe_options import Labelling, network_settings
 
 
 def test_the_paper_counts_1882755_parameters() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.core.settings import Settings
 from tactophone.core.types import Source
 from tactophone.faces.web.server import Page
-from tactophone_lab.game.rules import GameSettings
+from tactophone_lab.game.stone_box import GameSettings
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -27,7 +27,7 @@ def serve_game(game: GameSettings, address: str | None = None, **place: Any) -> 
 def open_finger(inbox: Connection, settings: Settings) -> Source:
     """Open the finger that follows the messages of the page; call it in the process
     that reads its sound."""
-    from tactophone_lab.game.finger import StoneBoxSource
+    from tactophone_lab.game.player_finger import StoneBoxSource
 
     return StoneBoxSource(
         inbox, block_size=settings.capture.block_size, tip=settings.capture.tip
@@ -35,6 +35,6 @@ def open_finger(inbox: Connection, settings: Settings) -> Source:
 
 
 def _application(game: GameSettings) -> "web.Application":
-    from tactophone_lab.game.server import game_application
+    from tactophone_lab.game.game_server import game_application
 
     return game_application(game)

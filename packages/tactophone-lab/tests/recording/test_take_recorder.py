@@ -9,7 +9,7 @@ from tactophone.signal.perception.health import Reference
 from tactophone_lab.datasets.checks import check
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.recording.protocol import Key, Stage
-from tactophone_lab.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone_lab.recording.take_recorder import RecordedObject, Recorder, SessionPlan
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.faults import FaultSpan, FaultySource
 from tactophone_lab.simulation.participant import SimulatedParticipant

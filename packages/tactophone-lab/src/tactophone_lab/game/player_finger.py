@@ -10,7 +10,7 @@ import msgspec
 
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
-from tactophone_lab.simulation.microphones import SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import LIFT, five_stones
 from tactophone_lab.simulation.source import SimulatedFinger
 

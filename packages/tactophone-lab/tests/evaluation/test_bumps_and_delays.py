@@ -9,7 +9,7 @@ import soundfile
 from tactophone.core.recordings.values import Segment
 from tactophone.core.types import Touch
 from tactophone.signal.perception.decision import DecisionRule
-from tactophone_lab.evaluation.events import (
+from tactophone_lab.evaluation.bumps_and_delays import (
     EVENT_FADE,
     HALF,
     LEAD,

@@ -17,8 +17,8 @@ from selenium.webdriver.common.keys import Keys
 
 from tactophone.core.types import Touch
 from tactophone.faces.web.server import Page
-from tactophone_lab.game.page import serve_game
-from tactophone_lab.game.rules import GameSettings
+from tactophone_lab.game.game_page import serve_game
+from tactophone_lab.game.stone_box import GameSettings
 from tests.accessibility import needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, stroke, text, wait
 from tests.faces.web.running import Run

@@ -1,7 +1,7 @@
 """Writes model files: ONNX graphs of the classifiers and the paper's network, with
 their cards.
 
-A model's graph is two joined: one from sound to features (`lab.training.features`; the
+A model's graph is two joined: one from sound to features (`tactophone_lab.training.features`; the
 paper's is here), and a classifier's, which takes features and returns log-probabilities
 of none, smooth and rough. A channel whose features are NaN is missing; the regression
 of the remaining channels is used. *None* stands for sound unlike the training data.
@@ -42,7 +42,7 @@ from tactophone.signal.perception.model_file import (
     ModelCard,
     read_model,
 )
-from tactophone_lab.training.options import (
+from tactophone_lab.training.recipe_options import (
     NETWORK_HOP,
     NETWORK_RATE,
     NETWORK_WINDOW_SIZE,

@@ -39,7 +39,7 @@ from tactophone.faces.web.views import (
 from tactophone.live.telemetry.layout import Action, Request
 from tactophone.live.telemetry.watcher import Snapshot
 from tactophone.signal.perception.decision import count_bumps, count_dips
-from tactophone_lab.game.rules import (
+from tactophone_lab.game.stone_box import (
     GameSettings,
     Point,
     Round,

@@ -8,7 +8,7 @@ import pytest
 from tactophone import Touch
 from tactophone.core.recordings.values import Recording
 from tactophone_lab.evaluation.predict import TakePredictions
-from tactophone_lab.evaluation.report import make_report
+from tactophone_lab.evaluation.scores import make_report
 
 
 def predicted(

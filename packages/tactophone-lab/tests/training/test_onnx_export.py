@@ -11,7 +11,7 @@ from tactophone.core.types import FloatArray
 from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import FEATURES, Gate, read_model
 from tactophone_lab.datasets.open import open_dataset
-from tactophone_lab.training.export import (
+from tactophone_lab.training.onnx_export import (
     Storage,
     add_scores,
     build_graph,
@@ -20,8 +20,8 @@ from tactophone_lab.training.export import (
     read_weights,
     write_model,
 )
-from tactophone_lab.training.network import PaperNetwork, magnitudes, weights_of
-from tactophone_lab.training.options import network_settings
+from tactophone_lab.training.paper_network import PaperNetwork, magnitudes, weights_of
+from tactophone_lab.training.recipe_options import network_settings
 from tactophone_lab.training.trainer import NetworkRecipe
 from tests.folders import audiofolder
 

@@ -13,7 +13,7 @@ from tactophone.signal.perception.model_file import (
     read_model,
 )
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.training.setup import (
+from tactophone_lab.training.finger_fit import (
     SHIPPED_BOUNDARY,
     ObjectSound,
     SetUpFit,

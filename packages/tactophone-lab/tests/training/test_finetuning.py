@@ -9,8 +9,7 @@ from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import Touch
 from tactophone.signal.perception.model_file import Gate, read_model
 from tactophone_lab.datasets.open import open_dataset
-from tactophone_lab.training.export import make_card, read_weights, write_model
-from tactophone_lab.training.finetune import (
+from tactophone_lab.training.finetuning import (
     FinetuningData,
     finetuning_recipe,
     hold_out,
@@ -19,7 +18,8 @@ from tactophone_lab.training.finetune import (
     train_on_both,
     write_finetuned,
 )
-from tactophone_lab.training.network import PaperNetwork, weights_of
+from tactophone_lab.training.onnx_export import make_card, read_weights, write_model
+from tactophone_lab.training.paper_network import PaperNetwork, weights_of
 from tests.folders import audiofolder
 from tests.signal.perception.test_calibration_file import CALIBRATION
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import Touch
-from tactophone_lab.game.finger import StoneBoxSource
+from tactophone_lab.game.player_finger import StoneBoxSource
 
 BLOCK = 128
 FIRST = (0.0425, 0.035)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone_lab.app.evaluation import evaluate_model
+from tactophone_lab.app.evaluate import evaluate_model
 from tactophone_lab.datasets.open import open_dataset
 from tests.folders import audiofolder
 
