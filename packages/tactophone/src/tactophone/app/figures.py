@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tactophone.core.errors import TactophoneError, plain
-from tactophone.core.processes import make_room
+from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import SURFACE_LABELS, Touch
 
@@ -81,8 +81,10 @@ def save_figure(figure: Any, path: Path, **options: Any) -> None:
 
     ``options`` are passed to ``savefig``.
     """
-    make_room(path)
-    figure.savefig(path, **options)
+    # By another name first: a full disk would leave an empty file.
+    suffix = path.suffix.removeprefix(".")
+    with atomic_write(path) as unfinished:
+        figure.savefig(unfinished, **({"format": suffix} | options))
     load_pyplot().close(figure)
 
 

@@ -23,6 +23,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from tactophone.core.errors import ConfigError
+from tactophone.core.processes import atomic_write
 
 IDENTITY_FOLDER = Path("~/.config/tactophone")
 """Default folder of the key and the trusted peers."""
@@ -128,9 +129,10 @@ class Identity:
             raise ConfigError(
                 f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to make a new one"
             )
-        (folder / CERTIFICATE_FILE).write_bytes(
-            self.certificate.public_bytes(serialization.Encoding.PEM)
-        )
+        with atomic_write(folder / CERTIFICATE_FILE) as unfinished:
+            unfinished.write_bytes(
+                self.certificate.public_bytes(serialization.Encoding.PEM)
+            )
         write_private(folder / KEY_FILE, pem)
 
 
