@@ -13,6 +13,7 @@ import pytest
 
 import tests  # noqa: F401  # one namespace of three folders, before pytest makes its own
 from tactophone.live.audio.dummy import DummyServer
+from tests.promises import STRICT, Named, Unchecked
 
 ROOT = Path(__file__).parent
 
@@ -51,17 +52,35 @@ repeated each time hides a fault."""
 
 _rerun: list[str] = []
 
+_unchecked = Unchecked(Named.read(ROOT / "docs"))
+
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Note what had to be repeated; with several workers, where their reports come
     together."""
-    if report.outcome == "rerun" and "PYTEST_XDIST_WORKER" not in os.environ:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        return
+    if report.outcome == "rerun":
         _rerun.append(report.nodeid)
+    _unchecked.note(report)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Note a file of promised tests that was skipped as a whole."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        _unchecked.note(report)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Fail at the third test that had to be repeated, over all sessions that write into
-    one list."""
+    one list; and at a promise that was not checked, where all must be."""
+    if (
+        _unchecked.skipped
+        and os.environ.get(STRICT)
+        and session.exitstatus
+        in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
+    ):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
     if (
         not (path := os.environ.get("TACTOPHONE_RERUN_LIST"))
         or "PYTEST_XDIST_WORKER" in os.environ
@@ -75,7 +94,11 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Say how many reruns were needed."""
+    """Say which promises were not checked, and how many reruns were needed."""
+    if _unchecked.skipped:
+        terminalreporter.write_line("promises that no test checked here:")
+        for line in _unchecked.lines():
+            terminalreporter.write_line(line)
     if _rerun:
         terminalreporter.write_line(
             f"{len(_rerun)} reruns were needed; `make test` fails at {MOST_RERUNS + 1} in all:"
