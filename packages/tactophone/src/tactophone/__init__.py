@@ -100,25 +100,37 @@ __all__ = [
     "read_model",
 ]
 
-_MODULES = {
-    "app.live": ("Live", "open_live"),
-    "app.recordings": ("OpenRecording", "open_recording"),
-    "app.tables": ("Table", "classify"),
-    "live.audio.files": ("FileSource",),
-    "live.audio.sources": ("jack_source", "portaudio_source"),
-    "live.telemetry.watcher": ("Watcher",),
-    "signal.haptics.limits": ("Limits",),
-    "signal.haptics.oscillator": ("Oscillator",),
-    "signal.haptics.profiles": ("open_profile",),
-    "signal.perception.model_file": ("read_model",),
-    "signal.perception.opening": ("DetectorOptions", "open_detector"),
-    "signal.pipeline": ("Pipeline", "open_pipeline"),
+_HOME = {
+    "Live": "app.live",
+    "open_live": "app.live",
+    "OpenRecording": "app.recordings",
+    "open_recording": "app.recordings",
+    "Table": "app.tables",
+    "classify": "app.tables",
+    "FileSource": "live.audio.files",
+    "jack_source": "live.audio.sources",
+    "portaudio_source": "live.audio.sources",
+    "Watcher": "live.telemetry.watcher",
+    "Limits": "signal.haptics.limits",
+    "Oscillator": "signal.haptics.oscillator",
+    "open_profile": "signal.haptics.profiles",
+    "read_model": "signal.perception.model_file",
+    "DetectorOptions": "signal.perception.opening",
+    "open_detector": "signal.perception.opening",
+    "Pipeline": "signal.pipeline",
+    "open_pipeline": "signal.pipeline",
 }
+"""Public names that are imported when they are first used, and their modules.
+
+Importing them all at once would load ONNX Runtime and sound libraries for a program
+that wants only the values. Type checkers do not run ``__getattr__``, so the same names
+are imported above for them; `tests/test_public_api.py` holds that every name of
+``__all__`` can be imported.
+"""
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name from its module when it is first used."""
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"tactophone.{module}"), name)
-    raise AttributeError(f"module 'tactophone' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'tactophone' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"tactophone.{_HOME[name]}"), name)

@@ -290,8 +290,8 @@ def _secret_path(folder: Path, name: str) -> Path:
 
 
 def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
-    """Return the secret of the last call with an end, and the one before it, because the
-    other end may have missed the last."""
+    """Return the secret of the last call with an end, and the one before it: the other
+    end may have missed the last one."""
     path = _secret_path(folder, name)
     with suppress(OSError, ValueError):
         if secrets := tuple(map(bytes.fromhex, path.read_text().split())):
