@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if answers:
         parser.add_argument(
             "code",
+            nargs="+",
             help="as `tactophone call` shows it there, or a name given to --remember",
         )
         parser.add_argument(
@@ -94,13 +95,14 @@ def run(args: argparse.Namespace) -> int:
                 return 0
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     answers = args.verb == "answer"
+    args.code = code_as_shown(args.code if answers else [args.code])
     if answers and not args.yes and not sys.stdin.isatty():
         raise ConfigError(
             "nobody can accept the call, as there is no terminal: add --yes to accept "
             "whoever has the code"
         )
     identity = _identity(folder)
-    spoken = bool(re.match(r"\d+-", args.code))
+    spoken = args.code[:1].isdigit()
     kept = args.remember or (
         args.code if not spoken else ""
     )  # a name keeps what each call makes of its secret
@@ -131,6 +133,32 @@ def run(args: argparse.Namespace) -> int:
             args, side.settings, side.started(), side.name, microphone=side.microphone
         )
         return 1 if failures else code
+
+
+def code_as_shown(said: Sequence[str]) -> str:
+    """Return a code as `tactophone call` shows it, from how a person says or types it;
+    a name as it is.
+
+    Raises `ConfigError` if it begins as a code and is none.
+
+    >>> [code_as_shown(each) for each in (["3", "Escapade", "peachy"], ["3 escapade peachy"], ["lab"])]
+    ['3-escapade-peachy', '3-escapade-peachy', 'lab']
+    """
+    text = " ".join(said).strip()
+    if not text[:1].isdigit():
+        return text
+    words = [word for word in re.split(r"[\s,._-]+", text.lower()) if word]
+    is_code = (
+        len(words) == 3
+        and words[0].isdecimal()
+        and all(re.fullmatch(r"[a-z]+", word) for word in words[1:])
+    )
+    if not is_code:
+        raise ConfigError(
+            f"{text!r} is no code: a code is a number and two words, such as "
+            "3-escapade-peachy"
+        )
+    return "-".join(words)
 
 
 def find_other_end(

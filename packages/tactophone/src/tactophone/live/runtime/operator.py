@@ -33,7 +33,7 @@ from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.net.link.udp import UdpSocket
-from tactophone.net.link.way import Keeper
+from tactophone.net.link.way import Keeper, WaySocket
 
 OPERATOR_HOUSEKEEPING = 0.02
 """Seconds between two checks of the mailbox."""
@@ -177,14 +177,14 @@ class Operator(Side):
     def __enter__(self) -> Self:
         with self._resources:
             link = self._settings.link
-            socket = (
+            self._socket: UdpSocket | WaySocket = (
                 wiring.open_way(
                     self._keeper, self._session.session, restarts=self._info.restarts
                 )
                 if self._keeper
                 else UdpSocket(link.host, link.port)
             )
-            self._socket = self._resources.enter_context(socket)
+            self._resources.enter_context(self._socket)
             self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
@@ -301,7 +301,7 @@ class Operator(Side):
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
             return f"connected to {peer}{MOVING * self._session.moving}"
-        if self._keeper:
+        if isinstance(self._socket, WaySocket):
             return "waiting for the robot"
         return f"listening at port {self._socket.address[1]}"
 

@@ -41,7 +41,7 @@ from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint
 from tactophone.net.link.events import Event
 from tactophone.net.link.udp import UdpSocket
-from tactophone.net.link.way import Keeper
+from tactophone.net.link.way import Keeper, WaySocket
 
 ROBOT_HOUSEKEEPING = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -135,16 +135,17 @@ class Robot(Side):
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
-            self._sockets = []
+            self._sockets: list[UdpSocket | WaySocket] = []
             for member in self._group.members:
-                socket = (
+                socket: UdpSocket | WaySocket = (
                     wiring.open_way(
                         self._keeper, member.session, restarts=self._info.restarts
                     )
                     if self._keeper
                     else UdpSocket()
                 )
-                self._sockets.append(self._resources.enter_context(socket))
+                self._resources.enter_context(socket)
+                self._sockets.append(socket)
             self._open_telemetry()
             self._group.tap = self._log
             self._resources = self._resources.pop_all()

@@ -314,7 +314,7 @@ def open_send_group(
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 
-def send_outgoing(session: Session, socket: UdpSocket) -> None:
+def send_outgoing(session: Session, socket: UdpSocket | WaySocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its
     peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the

@@ -28,6 +28,22 @@ that anybody asks."""
 WELCOME_TIMEOUT = 20.0
 """Seconds to wait for the mailbox's first word, and for the number of a new code."""
 
+MEET_TIMEOUT = 15.0
+"""Seconds until the end that was told a code gives up: the other end waits at it
+already, so that one answer of the network is enough."""
+
+GONE_TIMEOUT = 10.0
+"""Seconds for which a mailbox may be away; the library tries to reach it again, after 1
+s at first."""
+
+PING_INTERVAL = 5
+"""Seconds between two questions whether the mailbox is still there: one that lost its
+network says no word of it."""
+
+PING_TIMEOUT = 10
+"""Seconds until such a question counts as unanswered. With the time before it and
+`GONE_TIMEOUT`, a caller hears of a mailbox's end within 27 s."""
+
 LARGEST_WORD = 1 << 17
 """Bytes of a message of the mailbox: ours are at most 20,000, in hexadecimal and
 JSON."""
@@ -53,7 +69,11 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
             bounds = dict.fromkeys(
                 ("maxMessagePayloadSize", "maxFramePayloadSize"), LARGEST_WORD
             )
-            super().setProtocolOptions(**chosen | bounds)
+            pings = {
+                "autoPingInterval": PING_INTERVAL,
+                "autoPingTimeout": PING_TIMEOUT,
+            }
+            super().setProtocolOptions(**chosen | bounds | pings)
 
     _rendezvous.WSFactory = Factory
 
@@ -103,18 +123,25 @@ class Exchange:
     def __init__(self, mailbox: str) -> None:
         from twisted.internet import reactor
 
-        self._mailbox, self._loop = mailbox, asyncio.get_running_loop()
+        self._mailbox = mailbox
+        self._loop = asyncio.get_running_loop()
+        self._gone: asyncio.Future[None] = self._loop.create_future()
+        self._going: asyncio.TimerHandle | None = None
+        self._was_connected = False
         with self._explained():
-            self._wormhole: Any = wormhole.create(APPLICATION, mailbox, reactor)
+            self._wormhole: Any = wormhole.create(
+                APPLICATION, mailbox, reactor, on_status_update=self._note_status
+            )
 
     async def __aenter__(self) -> "Exchange":
         return self
 
     async def __aexit__(self, *_: object) -> None:
+        self._stop_waiting_for_mailbox()
         # It frees the number of the code; errors of the exchange were raised before.
         with contextlib.suppress(Exception):
             async with asyncio.timeout(1.0):
-                await self._wait(self._wormhole.close())
+                await self._wormhole.close().asFuture(self._loop)
 
     async def open(self, code: str = "") -> str:
         """Reserve a new code, or use one; return it."""
@@ -129,11 +156,21 @@ class Exchange:
                     :LONGEST_CODE
                 ]
 
-    async def meet(self) -> bytes:
+    async def meet(self, *, timeout: float | None = None) -> bytes:
         """Wait until the other end uses the same code; return a secret that both now
-        share."""
+        share.
+
+        ``timeout`` is for an end that was told the code, at which the other one waits.
+        """
         with self._explained():
-            await self._wait(self._wormhole.get_verifier())
+            try:
+                async with asyncio.timeout(timeout):
+                    await self._wait(self._wormhole.get_verifier())
+            except TimeoutError:
+                raise DeviceError(
+                    "nobody waits at this code: it is mistyped, used up, or the other "
+                    "end has hung up; run `tactophone call` there for a new one"
+                ) from None
             return bytes(
                 self._wormhole.derive_key("tactophone call secret", SECRET_SIZE)
             )
@@ -146,7 +183,36 @@ class Exchange:
         self._wormhole.send_message(write_message(message))
 
     async def _wait(self, deferred: Any) -> Any:
-        return await deferred.asFuture(self._loop)
+        """Wait for a word of the mailbox, as long as there is one."""
+        word = deferred.asFuture(self._loop)
+        try:
+            await asyncio.wait({word, self._gone}, return_when=asyncio.FIRST_COMPLETED)
+            if word.done():
+                return word.result()
+            raise DeviceError(
+                f"the mailbox {self._mailbox} is gone: check the network, and call "
+                "again, or name another with --set call.mailbox=..."
+            )
+        finally:
+            word.cancel()
+
+    def _note_status(self, status: Any) -> None:
+        """Heed the library's word for whether there is a connection to the mailbox."""
+        if type(status.mailbox_connection).__name__ == "Connected":
+            self._was_connected = True
+            self._stop_waiting_for_mailbox()
+        elif self._was_connected and self._going is None:
+            # The library says so at each attempt to reach it again.
+            self._going = self._loop.call_later(GONE_TIMEOUT, self._give_up)
+
+    def _stop_waiting_for_mailbox(self) -> None:
+        if self._going:
+            self._going.cancel()
+        self._going = None
+
+    def _give_up(self) -> None:
+        if not self._gone.done():
+            self._gone.set_result(None)
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:

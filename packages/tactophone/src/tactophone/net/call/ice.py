@@ -1,71 +1,86 @@
-"""Finds a way between two ends behind routers, with aioice, and keeps it open for the
-process that uses it.
+"""Finds a way between two ends behind routers, with aioice, and keeps it open.
 
-aioice has no words for handing over a socket, so this file alone reaches into its
-private parts; its version is pinned. After the hand-over the live side reads the socket
-and passes STUN back (`WaySocket`): aioice goes on to ask for consent (RFC 7675), to
-answer the other end's checks, and to refresh the relay's allocation and channel.
+Two connections of aioice search side by side, under one name and password. The direct
+one knows no relay; the relayed one begins a little later, as a relay would often be the
+first to work. Where this end has a relay, it offers in the second one the relay's
+address alone: so whatever the second one finds leads over a relay, of one end or of
+both, and the calling end may choose between the two without a look into either.
+
+aioice asks for consent (RFC 7675), answers the other end's checks and refreshes the
+relay's allocation.
 """
 
 import asyncio
 import contextlib
+import hashlib
+import hmac
 import ipaddress
 import math
+import secrets
 import socket
 from collections import Counter
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 import aioice
-import msgspec
 from aioice import stun
-from aioice.turn import TurnTransport
 
 from tactophone.core.errors import DeviceError
 from tactophone.core.settings import CallSettings
+from tactophone.net.call.aioice_defaults import quick_checks, refresh_channels_in_time
+from tactophone.net.call.guard import CALL_WORD, GuardedLoop
 from tactophone.net.call.messages import Address, Nat, Offer
 from tactophone.net.link.packet import split_address
-from tactophone.net.link.udp import STUN_COOKIE
-from tactophone.net.link.way import READING, SILENT, WANTED, Way, read_kept
 
 GATHER_TIMEOUT = 1.5
-"""Seconds for which a server that does not answer is waited for."""
+"""Seconds for which a relay that does not answer is waited for."""
 
 ICE_TIMEOUT = 6.0
 """Seconds until the two ends give up: relayed pairs are tried last, and each check is
 repeated for some seconds."""
 
-CHANNEL_REFRESH = 240
-"""Seconds until a relay's channel is bound again: before its permission ends after 300
-(RFC 8656 section 9)."""
-
-_CHOSEN = b"\x03\0\0\0" + STUN_COOKIE.to_bytes(4)
-"""Begin of the word by which the controlling end says which way it has chosen: with
-STUN's first byte and cookie, so that it passes every filter, but of a type that no STUN
-message has."""
-
 LEAST_PORT = 1024
 """Ports below are of services, such as a router's 53; an end of a call has one that its
 system or router chose."""
 
-MOST_ADDRESSES, MOST_OF_A_HOST = 16, 4
-"""Most addresses of the other end that are tried, and most of one machine: the other
-end chooses where this machine sends, and aioice has no limit."""
+MOST_ADDRESSES = 16
+"""Maximum addresses of the other end that are tried for each kind of way: the other end
+chooses where this machine sends, and aioice has no limit."""
+
+MOST_OF_A_HOST = 4
+"""Maximum of them that are of one machine."""
 
 RELAY_DELAY = 0.4
-"""Seconds that direct ways are tried alone: the first check of one end is lost at the
-other's router, and is repeated after `RETRANSMISSION`."""
-
-RETRANSMISSION = 0.1
-"""Seconds until an unanswered check is repeated, then twice as many; aioice has half a
-second."""
+"""Seconds for which direct ways are tried alone: the first check of one end is lost at
+the other's router, and is repeated after `aioice_defaults.RETRANSMISSION`."""
 
 STRAGGLER_TIMEOUT = 0.3
 """Seconds from the first STUN server's answer until the other ones are given up."""
 
-CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
-"""Seconds from one repetition of that word to the next, and until the end gives up."""
+CHOICE_INTERVAL = 0.05
+"""Seconds from one repetition of the word for the chosen way to the next."""
+
+CHOICE_TIMEOUT = 5.0
+"""Seconds until an end gives up a way over which that word, or its answer, does not
+come."""
+
+ROUND_TRIP_TIMEOUT = 0.5
+"""Seconds after which an answer counts as lost."""
+
+CLOSE_TIMEOUT = 1.0
+"""Seconds for the relay to free an allocation; it expires anyway."""
+
+CHOOSE = b"c"
+"""The calling end has chosen the way on which this word comes."""
+
+PING = b"p"
+"""A question for the time there and back."""
+
+REPLY = b"r"
+"""The answer to either."""
+
+_NUMBER_SIZE = 8
+_MAC_SIZE = 16
 
 
 def allowed(addresses: Sequence[Address]) -> list[Address]:
@@ -138,10 +153,11 @@ def servers_of(settings: CallSettings) -> tuple[list[Server], Server | None]:
 
 
 class Finder:
-    """One search for a way. ``controls`` is true for the end that called.
+    """One search for a way, and the way that it found. ``controls`` is true for the end
+    that called.
 
-    ``silent`` is set when the live side hears nothing over the way, ``lost`` when the
-    other end has not consented to it for half a minute.
+    ``deliver`` is called with each datagram of the session. ``lost`` is set when the
+    other end has not consented to the way for half a minute.
     """
 
     def __init__(
@@ -152,241 +168,317 @@ class Finder:
         turn: Server | None,
         relay_only: bool,
     ) -> None:
+        self.deliver: Callable[[bytes], None] = lambda datagram: None
+        self.lost = asyncio.Event()
+        self.host = ""
+        """The other end's address, or its relay's."""
+
         self._turn = turn
         self._controls = controls
         self._stun = stun
         self._relay_only = relay_only
-        self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = (
+        self._direct: aioice.Connection | None = None
+        self._relayed: aioice.Connection | None = None
+        # Set by the calling end's word, or at the calling end by its answer.
+        self._chosen: asyncio.Future[aioice.Connection] = (
             asyncio.get_running_loop().create_future()
         )
-        self._word = b""
-        self.silent, self.lost = asyncio.Event(), asyncio.Event()
-        self._way: Way | None = None
+        self._key = b""
+        self._asked: dict[bytes, asyncio.Future[bytes]] = {}
+        self._round_trip = math.nan
+        self._beside: set[asyncio.Task[Any]] = set()
 
     async def gather(self, nat: Nat) -> Offer:
         """Ask the servers where this end may be reached; sockets are open from now
         on."""
+        refresh_channels_in_time()
         turn = await self._turn.resolve() if self._turn else None
-        policy = (
-            aioice.TransportPolicy.RELAY
-            if self._relay_only
-            else aioice.TransportPolicy.ALL
+        user, password = secrets.token_hex(4), secrets.token_hex(16)
+
+        def connection(
+            policy: aioice.TransportPolicy, relay: tuple[str, int] | None
+        ) -> aioice.Connection:
+            return aioice.Connection(
+                ice_controlling=self._controls,
+                stun_server=self._stun,
+                turn_server=relay,
+                turn_username=self._turn.user if relay and self._turn else None,
+                turn_password=self._turn.password if relay and self._turn else None,
+                transport_policy=policy,
+                local_username=user,
+                local_password=password,
+            )
+
+        everything, relay_alone = (
+            aioice.TransportPolicy.ALL,
+            aioice.TransportPolicy.RELAY,
         )
-        self._ice = aioice.Connection(
-            ice_controlling=self._controls,
-            stun_server=self._stun,
-            turn_server=turn,
-            turn_username=self._turn.user if self._turn else None,
-            turn_password=self._turn.password if self._turn else None,
-            transport_policy=policy,
-        )
-        self._ice.get_component_candidates = partial(
-            self._ice.get_component_candidates, timeout=GATHER_TIMEOUT
-        )
-        await self._ice.gather_candidates()
-        for protocol in self._ice._protocols:
-            self._listen(protocol)
-        found = [
-            Address(each.type, each.host, each.port, each.priority, each.foundation)
-            for each in self._ice.local_candidates
-        ]
-        relay = any(each.kind == "relay" for each in found)
+        hides = turn is not None or self._relay_only
+        self._relayed = connection(relay_alone if hides else everything, turn)
+        searches = [self._gather_relayed()]
+        if not self._relay_only:
+            self._direct = connection(everything, None)
+            searches.append(self._direct.gather_candidates())
+        await asyncio.gather(*searches)
+        relayed = _addresses(self._relayed)
         return Offer(
-            self._ice.local_username, self._ice.local_password, found, nat, relay
+            user,
+            password,
+            _addresses(self._direct),
+            relayed,
+            nat,
+            any(each.kind == "relay" for each in relayed),
         )
 
-    async def connect(
-        self,
-        offer: Offer,
-        nat: Nat,
-        live: socket.socket,
-        *,
-        name: str,
-        fingerprint: str,
-    ) -> bool:
+    async def connect(self, offer: Offer, nat: Nat) -> bool:
         """Find the way to the end that made the offer; return whether a relay of either
         end passes it on.
 
-        The live side gets it at once. ``nat`` is what lies before this end; ``name``
-        and ``fingerprint`` are the other end's. Raises `ConnectionError` or
-        `TimeoutError` if there is none.
+        ``nat`` is what lies before this end. Raises `ConnectionError` or `TimeoutError`
+        if there is none.
         """
-        ice = self._ice
-        offer = msgspec.structs.replace(offer, addresses=allowed(offer.addresses))
-        ice.remote_username = offer.user
-        ice.remote_password = offer.password
+        own = self._relayed or self._direct
+        assert own, "gather comes first"
         # Known to the two ends alone, as it came through the mailbox under their key.
-        self._word = (
-            _CHOSEN
-            + (ice.local_password if self._controls else offer.password).encode()
-        )
-        async with asyncio.timeout(ICE_TIMEOUT):
-            await self._check(
-                offer,
-                0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY,
-            )
-        protocol, peer = await self._agree()
-        bound, channel = self._hand_over(protocol, peer)
-        self._way = Way(bound, peer, channel, name, fingerprint)
-        self._way.send(live)
-        asyncio.get_running_loop().add_reader(live, self._feed, live)
-        return channel > 0 or any(
-            each.kind == "relay" and (each.host, each.port) == peer
-            for each in offer.addresses
-        )
+        self._key = (own.local_password if self._controls else offer.password).encode()
+        direct = allowed(offer.addresses)
+        relayed = allowed(offer.relayed)
+        hopeless = {nat, offer.nat} <= {"changes", "blocked"}
+        searches: dict[asyncio.Task[None], aioice.Connection] = {}
 
-    @property
-    def host(self) -> str:
-        """The other end's address, or its relay's."""
-        return self._way.peer[0] if self._way else ""
+        def search(
+            connection: aioice.Connection, addresses: list[Address], delay: float
+        ) -> None:
+            task = asyncio.ensure_future(
+                self._check(connection, offer, addresses, delay)
+            )
+            # A failure that nobody asks for any more is none.
+            task.add_done_callback(lambda done: done.cancelled() or done.exception())
+            searches[task] = connection
+
+        if self._direct and direct:
+            search(self._direct, direct, 0.0)
+        own_relay = self._relayed is not None and any(
+            each.type == "relay" for each in self._relayed.local_candidates
+        )
+        if self._relayed and relayed and (own_relay or offer.relay):
+            search(
+                self._relayed,
+                relayed,
+                RELAY_DELAY if searches and not hopeless else 0.0,
+            )
+        try:
+            with quick_checks():
+                async with asyncio.timeout(ICE_TIMEOUT + CHOICE_TIMEOUT):
+                    chosen = await (
+                        self._choose(searches)
+                        if self._controls
+                        else self._be_told(searches)
+                    )
+        finally:
+            for task in searches:
+                task.cancel()
+        if not self._chosen.done():
+            self._chosen.set_result(chosen)
+        is_relayed = chosen is self._relayed
+        self._drop(self._direct if is_relayed else self._relayed)
+        return is_relayed
+
+    async def send(self, datagram: bytes) -> None:
+        """Send over the way that was found."""
+        try:
+            await self._chosen.result().send(datagram)
+        except ConnectionError:
+            # aioice has closed the connection, but waits up to 40 s for a relay that is
+            # gone before it says so.
+            self.lost.set()
 
     async def round_trip(self) -> float:
         """Return the seconds there and back; not a number if two answers were lost or
         took half a second."""
-        pair = self._ice._nominated[1]
-        loop = asyncio.get_running_loop()
+        connection = self._chosen.result()
         for _ in range(2):
-            request = self._ice.build_request(pair, nominate=False)
-            key = self._ice.remote_password.encode()
-            began = loop.time()
-            with contextlib.suppress(stun.TransactionError):
-                await pair.protocol.request(
-                    request, pair.remote_addr, integrity_key=key, retransmissions=0
-                )
-                return loop.time() - began
-        return math.nan
+            if math.isfinite(self._round_trip):
+                break
+            self._round_trip = await self._ask(connection, PING, ROUND_TRIP_TIMEOUT)
+        return self._round_trip
 
     async def close(self) -> None:
         """Free the relay's allocation and close all sockets."""
-        if self._way:
-            self._way.bound.close()
-        with contextlib.suppress(Exception):
-            async with asyncio.timeout(1.0):
-                await aioice.Connection.close(self._ice)
+        for task in self._beside:
+            task.cancel()
+        for connection in filter(None, (self._direct, self._relayed)):
+            await _close(connection)
 
-    def _listen(self, protocol: Any) -> None:
-        """Notice the word of the controlling end, and on which way it came."""
-        received = protocol.datagram_received
-
-        def notice(data: bytes, source: tuple[Any, ...]) -> None:
-            if not (self._word and data == self._word):
-                received(data, source)
-                return
-            address = str(source[0]), int(source[1])
-            if not self._heard.done():
-                self._heard.set_result((protocol, address))
-            # The other end repeats its word until it is returned; ours may be lost, so
-            # each is answered.
-            if not self._controls:
-                protocol.transport.sendto(data, address)
-
-        protocol.datagram_received = notice
-
-    async def _check(self, offer: Offer, delay: float) -> None:
-        """Try the direct ways first, and from ``delay`` s on the relayed ones, which
-        would often be the first to work.
-
-        aioice takes the first way that works, and whatever is added while it tries.
-        """
-        ice = self._ice
-        direct = [each for each in offer.addresses if each.kind != "relay"]
-        relays = [
-            each for each in ice._protocols if each.local_candidate.type == "relay"
-        ]
-        if not direct or len(relays) == len(ice._protocols):
-            delay = 0.0
-        ice._protocols = [each for each in ice._protocols if each not in relays]
-        for each in direct:
-            await ice.add_remote_candidate(_candidate(each))
-        usual = stun.RETRY_RTO
-        stun.RETRY_RTO = RETRANSMISSION
-        checks = asyncio.ensure_future(ice.connect())
+    async def _gather_relayed(self) -> None:
+        connection = self._relayed
+        assert connection
         try:
-            await asyncio.wait([checks], timeout=delay)
-            ice._protocols += relays
-            for candidate in ice.remote_candidates:
-                ice._pair_remote_candidate(candidate)
-            for each in offer.addresses:
-                await ice.add_remote_candidate(_candidate(each))
-            await ice.add_remote_candidate(None)
-            await checks
+            async with asyncio.timeout(GATHER_TIMEOUT):
+                await connection.gather_candidates()
+        except TimeoutError:
+            # A relay that is gone leaves the direct way to be tried.
+            self._relayed = None
+            self._do_beside(_close(connection))
+
+    async def _check(
+        self,
+        connection: aioice.Connection,
+        offer: Offer,
+        addresses: list[Address],
+        delay: float,
+    ) -> None:
+        """Find a way within one connection, and listen to it from then on."""
+        await asyncio.sleep(delay)
+        connection.remote_username = offer.user
+        connection.remote_password = offer.password
+        for each in addresses:
+            await connection.add_remote_candidate(_candidate(each))
+        await connection.add_remote_candidate(None)
+        async with asyncio.timeout(ICE_TIMEOUT):
+            await connection.connect()
+        self._do_beside(self._listen(connection))
+
+    async def _choose(
+        self, searches: dict[asyncio.Task[None], aioice.Connection]
+    ) -> aioice.Connection:
+        """Return the first connection over which the other end answers; it then uses
+        the same one."""
+        failure: BaseException = ConnectionError("there is no address to try")
+        while searches:
+            done, _ = await asyncio.wait(searches, return_when=asyncio.FIRST_COMPLETED)
+            # The direct one stands first.
+            for task in [each for each in searches if each in done]:
+                connection = searches.pop(task)
+                if error := task.exception():
+                    failure = error
+                    continue
+                taken = await self._ask(connection, CHOOSE, CHOICE_TIMEOUT)
+                if math.isfinite(taken):
+                    self._round_trip = taken
+                    for other in searches:
+                        other.cancel()
+                    return connection
+                failure = TimeoutError()
+        raise failure
+
+    async def _be_told(
+        self, searches: dict[asyncio.Task[None], aioice.Connection]
+    ) -> aioice.Connection:
+        """Return the connection that the calling end has chosen."""
+        waiting: set[asyncio.Future[Any]] = {*searches}
+        failure: BaseException = ConnectionError("there is no address to try")
+        found = False
+        while waiting or found:
+            await asyncio.wait(
+                {self._chosen, *waiting}, return_when=asyncio.FIRST_COMPLETED
+            )
+            if self._chosen.done():
+                return self._chosen.result()
+            for task in [each for each in waiting if each.done()]:
+                waiting.discard(task)
+                if error := task.exception():
+                    failure = error
+                else:
+                    found = True
+        raise failure
+
+    async def _listen(self, connection: aioice.Connection) -> None:
+        with contextlib.suppress(ConnectionError):
+            while True:
+                datagram = await connection.recv()
+                if datagram.startswith(CALL_WORD):
+                    await self._heed(connection, datagram)
+                elif self._chosen.done():
+                    self.deliver(datagram)
+        if self._chosen.done() and self._chosen.result() is connection:
+            self.lost.set()
+
+    async def _heed(self, connection: aioice.Connection, word: bytes) -> None:
+        """Take a word of the other end, which is dropped if it is anybody else's."""
+        content = word[len(CALL_WORD) : -_MAC_SIZE]
+        kind, number = content[:1], content[1:]
+        if not hmac.compare_digest(word, self._word(kind, number)):
+            return
+        if kind == REPLY:
+            if (asked := self._asked.get(number)) and not asked.done():
+                asked.set_result(word)
+            return
+        # The other end repeats its word until it is answered, and any answer may be
+        # lost, so each word is answered.
+        with contextlib.suppress(ConnectionError):
+            await connection.send(self._word(REPLY, number))
+        if kind == CHOOSE and not self._controls and not self._chosen.done():
+            self.host = _source_of(word)
+            self._chosen.set_result(connection)
+
+    async def _ask(
+        self, connection: aioice.Connection, kind: bytes, timeout: float
+    ) -> float:
+        """Repeat a word until it is answered; return the seconds there and back, or not
+        a number if no answer came."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + timeout
+        sent: dict[bytes, float] = {}
+        try:
+            while (now := loop.time()) < deadline:
+                number = secrets.token_bytes(_NUMBER_SIZE)
+                sent[number] = now
+                self._asked[number] = loop.create_future()
+                with contextlib.suppress(ConnectionError):
+                    await connection.send(self._word(kind, number))
+                waiting = [self._asked[each] for each in sent]
+                done, _ = await asyncio.wait(
+                    waiting,
+                    timeout=CHOICE_INTERVAL,
+                    return_when=asyncio.FIRST_COMPLETED,
+                )
+                for answered in done:
+                    word = answered.result()
+                    began = sent[word[len(CALL_WORD) + 1 : -_MAC_SIZE]]
+                    self.host = self.host or _source_of(word)
+                    return loop.time() - began
+            return math.nan
         finally:
-            checks.cancel()
-            stun.RETRY_RTO = (
-                usual  # for which an answer is waited for once there is a way
-            )
+            for number in sent:
+                del self._asked[number]
 
-    async def _agree(self) -> tuple[Any, tuple[str, int]]:
-        """Agree on one way: each end may have found several, and each another one
-        first."""
-        async with asyncio.timeout(CHOICE_TIMEOUT):
-            if not self._controls:
-                return await self._heard
-            pair = self._ice._nominated[1]
-            chosen = pair.protocol, pair.remote_addr
-            while not self._heard.done():
-                pair.protocol.transport.sendto(self._word, pair.remote_addr)
-                await asyncio.wait([self._heard], timeout=CHOICE_INTERVAL)
-            return chosen
+    def _word(self, kind: bytes, number: bytes) -> bytes:
+        """Return a word to the other end's `Finder`, which nobody without the key can
+        say."""
+        mac = hmac.digest(self._key, kind + number, hashlib.sha256)[:_MAC_SIZE]
+        return CALL_WORD + kind + number + mac
 
-    def _hand_over(
-        self, protocol: Any, peer: tuple[str, int]
-    ) -> tuple[socket.socket, int]:
-        """Return a duplicate of the socket, and the relay's channel."""
-        # From here on aioice asks for consent on this way alone, and knows it for the
-        # only one.
-        pairs = [
-            each
-            for each in self._ice._check_list
-            if each.protocol is protocol and each.remote_addr == peer
-        ]
-        if not pairs:
-            raise ConnectionError(
-                "the other end has chosen a way that this one has not checked"
-            )
-        self._ice._nominated[1] = pairs[0]
-        self._ice.check_incoming = lambda *_: None
-        self._ice.close = self._note_loss
-        channel = 0
-        self._reader = protocol
-        transport = protocol.transport
-        if isinstance(transport, TurnTransport):
-            self._reader = transport._TurnTransport__inner_protocol
-            transport = self._reader.transport
-            channel = self._reader.peer_to_channel[peer]
-            self._reader.channel_refresh_time = CHANNEL_REFRESH
-            self._reader.channel_refresh_at[channel] = (
-                0.0  # with the next question for consent
-            )
-        self._read_by = transport._loop, transport._sock_fd
-        # Also of a relay whose allocation is not needed: it is freed.
-        for other in [each for each in self._ice._protocols if each is not protocol]:
-            self._ice._protocols.remove(other)
-            other.transport.close()
-        return transport.get_extra_info("socket").dup(), channel
+    def _drop(self, connection: aioice.Connection | None) -> None:
+        """Close the connection that was not chosen, and free its relay's allocation."""
+        if connection:
+            self._do_beside(_close(connection))
 
-    async def _note_loss(self) -> None:
-        # In place of the end that aioice makes when consent is lost, for which it waits
-        # 40 s for a relay that is gone.
-        self.lost.set()
+    def _do_beside(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._beside.add(task)
+        task.add_done_callback(self._beside.discard)
 
-    def _feed(self, live: socket.socket) -> None:
-        """Take what the live side says, or a STUN message that it passes on."""
-        loop, descriptor = self._read_by
-        with contextlib.suppress(OSError, ValueError):
-            match message := live.recv(1 << 16):
-                case b"":
-                    loop.remove_reader(live)
-                case _ if (
-                    message == READING
-                ):  # both processes have the socket, and only one may read it
-                    loop._remove_reader(descriptor)
-                case _ if message == SILENT:
-                    self.silent.set()
-                case _ if message == WANTED and self._way:
-                    self._way.send(live)
-                case _:
-                    self._reader.datagram_received(*read_kept(message))
+
+async def _close(connection: aioice.Connection) -> None:
+    with contextlib.suppress(Exception):
+        async with asyncio.timeout(CLOSE_TIMEOUT):
+            await connection.close()
+
+
+def _source_of(word: bytes) -> str:
+    """Return the address from which a word came; empty where a relay hides it."""
+    loop = asyncio.get_running_loop()
+    return loop.source_of(word) if isinstance(loop, GuardedLoop) else ""
+
+
+def _addresses(connection: aioice.Connection | None) -> list[Address]:
+    if connection is None:
+        return []
+    return [
+        Address(each.type, each.host, each.port, each.priority, each.foundation)
+        for each in connection.local_candidates
+    ]
 
 
 def _candidate(address: Address) -> aioice.Candidate:

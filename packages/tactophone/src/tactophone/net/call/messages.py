@@ -57,11 +57,17 @@ class Address(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Offer(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
-    """Where this end may be reached, and how checks of the way are authenticated."""
+    """Where this end may be reached, and how checks of the way are authenticated.
+
+    - ``addresses``: for a direct way.
+    - ``relayed``: for a way over a relay of either end.
+    - ``relay``: whether this end has a relay.
+    """
 
     user: _IceWord
     password: _IcePassword
     addresses: Annotated[list[Address], msgspec.Meta(max_length=64)]
+    relayed: Annotated[list[Address], msgspec.Meta(max_length=64)]
     nat: Nat
     relay: bool
 

@@ -2,8 +2,8 @@
 and the handle of its parent.
 
 A pair of sockets between the two carries the process's steps and the parent's answers,
-as JSON. Another pair leads from the process to the live side, which gets the way there
-(`tactophone.net.link.way`).
+as JSON. Another pair leads from the process to the live side, whose datagrams it passes
+on (`tactophone.net.call.passage`).
 """
 
 import asyncio
@@ -20,6 +20,7 @@ from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.processes import Child, Parent
 from tactophone.core.settings import CallSettings
 from tactophone.core.version import __version__
+from tactophone.net.call.guard import GuardedLoop
 from tactophone.net.call.messages import (
     Accepted,
     Hello,
@@ -29,6 +30,8 @@ from tactophone.net.call.messages import (
     Role,
     State,
 )
+from tactophone.net.call.passage import Passage
+from tactophone.net.link.way import Way
 
 if TYPE_CHECKING:  # their libraries are loaded in the process alone
     from tactophone.net.call.exchange import Exchange
@@ -61,8 +64,9 @@ class Plan:
     - ``settings``: the servers.
     - ``answers``: whether this end answers a call.
     - ``code``: to use; empty to ask the mailbox for one.
-    - ``secrets``: of the last call with the same other end, from which the code is derived, and of the one before: the
-      other end may have missed the last one. Empty without.
+    - ``secrets``: of the last call with the same other end, from which the code is
+      derived, and of the one before: the other end may have missed the last one. Empty
+      without.
     - ``name``, ``fingerprint``: of this end.
     - ``role``: that this end takes; empty where it takes the other one.
     - ``expected``: fingerprint of the other end; empty where that is not known.
@@ -164,8 +168,8 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
 
 
 def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
-    live.setblocking(False)
-    _in_loop(parent, lambda: _Call(plan, pair, live).run(), twisted=True)
+    loop = GuardedLoop()
+    _in_loop(parent, loop, lambda: _Call(plan, pair, live, loop).run(), twisted=True)
 
 
 def _run_check(
@@ -176,11 +180,16 @@ def _run_check(
 
         _tell(pair, "checked", list((await examine(settings)).sentences()))
 
-    _in_loop(parent, check)
+    _in_loop(parent, asyncio.new_event_loop(), check)
 
 
-def _in_loop(parent: Parent, main: Any, *, twisted: bool = False) -> None:
-    loop = asyncio.new_event_loop()
+def _in_loop(
+    parent: Parent,
+    loop: asyncio.AbstractEventLoop,
+    main: Any,
+    *,
+    twisted: bool = False,
+) -> None:
     asyncio.set_event_loop(loop)
     if twisted:
         from tactophone.net.call.exchange import install
@@ -209,12 +218,18 @@ def _tell(pair: socket.socket, step: Step, content: Any) -> None:
 class _Call:
     """One call, from the code to the end of the last way."""
 
-    def __init__(self, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        pair: socket.socket,
+        live: socket.socket,
+        loop: GuardedLoop,
+    ) -> None:
         from tactophone.net.call.ice import servers_of
 
         self._plan = plan
         self._pair = pair
-        self._live = live
+        self._passage = Passage(live, loop.follow)
         self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
@@ -226,7 +241,10 @@ class _Call:
 
     async def run(self) -> None:
         nat = self._ask_nat()
-        beside = [asyncio.ensure_future(self._heed_parent())]
+        beside = [
+            asyncio.ensure_future(self._heed_parent()),
+            asyncio.ensure_future(self._passage.run()),
+        ]
         try:
             async with contextlib.AsyncExitStack() as exchanges:
                 exchange, hello, secrets = await self._meet(exchanges)
@@ -273,7 +291,7 @@ class _Call:
         Two ends that remember each other may have two codes in common. The caller then
         decides by its greeting.
         """
-        from tactophone.net.call.exchange import Exchange, code_of
+        from tactophone.net.call.exchange import MEET_TIMEOUT, Exchange, code_of
 
         plan = self._plan
         codes = [code_of(each) for each in plan.secrets] or [plan.code]
@@ -288,7 +306,10 @@ class _Call:
         )
 
         async def greeted(place: int) -> tuple[int, bytes, Hello | None]:
-            secret = await opened[place].meet()
+            # The caller of a spoken code waits already; one that is remembered may come
+            # at any time.
+            told = plan.answers and not plan.secrets
+            secret = await opened[place].meet(timeout=MEET_TIMEOUT if told else None)
             return (
                 place,
                 secret,
@@ -347,7 +368,8 @@ class _Call:
     async def _search(
         self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello
     ) -> bool:
-        """Find a way and hand it to the live side; return whether it is relayed."""
+        """Find a way and pass the live side's datagrams over it; return whether it is
+        relayed."""
         from tactophone.net.call import check
         from tactophone.net.call.ice import Finder
 
@@ -363,13 +385,7 @@ class _Call:
             exchange.send(offer)
             theirs = await self._next(exchange, Offer)
             try:
-                relayed = await finder.connect(
-                    theirs,
-                    nat,
-                    self._live,
-                    name=hello.name,
-                    fingerprint=hello.fingerprint,
-                )
+                relayed = await finder.connect(theirs, nat)
             except (ConnectionError, TimeoutError):
                 reason = check.why_no_way(
                     nat, theirs.nat, relay=offer.relay or theirs.relay
@@ -379,6 +395,7 @@ class _Call:
             await finder.close()
             raise
         self._finder = finder
+        self._passage.use(finder, Way(hello.name, hello.fingerprint))
         return relayed
 
     async def _replace(
@@ -387,7 +404,7 @@ class _Call:
         """Keep the way until another one replaces it; return when the search for that
         began, and if it is relayed."""
         keeping = asyncio.ensure_future(finder.lost.wait())
-        searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
+        searching = asyncio.ensure_future(self._search_again(hello, secret))
         try:
             await asyncio.wait(
                 [keeping, searching], return_when=asyncio.FIRST_COMPLETED
@@ -402,16 +419,14 @@ class _Call:
             keeping.cancel()
             searching.cancel()
 
-    async def _search_again(
-        self, finder: "Finder", hello: Hello, secret: bytes
-    ) -> tuple[float, bool]:
-        """Search whenever the live side hears nothing, as the other end does, which
-        then hears nothing either."""
+    async def _search_again(self, hello: Hello, secret: bytes) -> tuple[float, bool]:
+        """Search whenever nothing comes over the way, as the other end does, to which
+        nothing comes either."""
         from tactophone.net.call.exchange import Exchange, code_of
 
         while True:
-            await finder.silent.wait()
-            finder.silent.clear()
+            await self._passage.silent.wait()
+            self._passage.silent.clear()
             nat = self._ask_nat()
             began = time.monotonic()
             with contextlib.suppress(

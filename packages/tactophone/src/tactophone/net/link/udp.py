@@ -38,14 +38,10 @@ def set_filter(
     streams: Collection[int],
     *,
     handshakes: bool = True,
-    stun: bool = True,
-    channel: int | None = None,
+    stun: bool = False,
 ) -> None:
-    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP
-    socket; everything without any SSRC.
-
-    With ``channel`` the socket belongs to a `Way`: STUN passes too (with ``stun``), and
-    where it is not 0, what is in that channel.
+    """Let DTLS (with ``handshakes``), STUN (with ``stun``, for the socket of a call) and
+    the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
 
     Where the system has no such filter, everything passes too: the session refuses the
     same datagrams, only later.
@@ -58,9 +54,7 @@ def set_filter(
             return
         # Two structures of the kernel, sock_filter and sock_fprog: it copies both
         # during the call.
-        instructions = _program(
-            sorted(streams), handshakes=handshakes, stun=stun, channel=channel
-        )
+        instructions = _program(sorted(streams), handshakes=handshakes, stun=stun)
         program = [struct.pack("HBBI", *each) for each in instructions]
         buffer = ctypes.create_string_buffer(b"".join(program))
         pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
@@ -71,19 +65,11 @@ def _program(
     streams: Collection[int],
     *,
     handshakes: bool,
-    stun: bool = True,
-    channel: int | None = None,
+    stun: bool = False,
 ) -> Iterator[Instruction]:
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
-    header = CHANNEL_HEADER if channel else 0
-    if channel is not None and stun:
-        yield from _accept_stun(0)
-    if channel:
-        yield (_LOAD_HALF, 0, 0, _FIRST_BYTE)
-        yield (_JUMP_EQUAL, 1, 0, channel)
-        yield (_RETURN, 0, 0, _NOTHING)
-        if stun:
-            yield from _accept_stun(header)
+    if stun:
+        yield from _accept_stun()
     rtp, compare, dtls = 11, 12, 13 + len(streams)
     drop, accept = dtls + 2, dtls + 3
     handshake = dtls if handshakes else drop
@@ -91,7 +77,7 @@ def _program(
     def skip(index: int, target: int) -> int:
         return target - index - 1
 
-    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
+    yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
     yield (
         _JUMP_AT_LEAST,
         0,
@@ -101,7 +87,7 @@ def _program(
     yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
-    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
+    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
     yield (_AND, 0, 0, 0x7F)
     yield (
         _JUMP_AT_LEAST,
@@ -110,45 +96,37 @@ def _program(
         64,
     )  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
     yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
-    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTCP)
+    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTCP)
     yield (_JUMP, 0, 0, skip(10, compare))
-    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTP)
+    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTP)
     for index, stream in enumerate(streams, compare):
         yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
     yield (_JUMP, 0, 0, skip(dtls - 1, drop))
-    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
+    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
     yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
     yield (_RETURN, 0, 0, _NOTHING)
     yield (_RETURN, 0, 0, _WHOLE)
 
 
-def _accept_stun(header: int) -> Iterator[Instruction]:
-    """Let STUN after ``header`` pass: by its first byte (RFC 7983), its cookie, and a
+def _accept_stun() -> Iterator[Instruction]:
+    """Let STUN pass: by its first byte (RFC 7983), its cookie, and a
     length in words of four bytes."""
-    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
+    yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 7, 0, END_OF_STUN)
-    yield (_LOAD_WORD, 0, 0, header + _FIRST_BYTE + 4)
+    yield (_LOAD_WORD, 0, 0, _FIRST_BYTE + 4)
     yield (_JUMP_EQUAL, 0, 3, STUN_COOKIE)
-    yield (_LOAD_HALF, 0, 0, header + _FIRST_BYTE + 2)
+    yield (_LOAD_HALF, 0, 0, _FIRST_BYTE + 2)
     yield (_AND, 0, 0, 3)
     yield (_JUMP_EQUAL, 1, 0, 0)
     yield (_RETURN, 0, 0, _NOTHING)
     yield (_RETURN, 0, 0, _WHOLE)
 
 
-CHANNEL_HEADER = 4
-"""Bytes before each datagram in a TURN channel: the channel's number and the datagram's
-length (RFC 8656, 12.4)."""
-
 END_OF_STUN = 4
 """First byte from which a datagram is no STUN message any more (RFC 7983 section 7)."""
 
 STUN_COOKIE = 0x2112A442
 """Bytes 4 to 7 of every STUN message (RFC 8489 section 5)."""
-
-MAX_STUN = 8
-"""Maximum STUN messages of one read, from the peer or from others; the rest is dropped,
-and what follows for a while. Two ends exchange four in five seconds."""
 
 _LARGEST = 2_048
 _MOST_AT_ONCE = 256
@@ -198,19 +176,13 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     choose. Raises `DeviceError` when the address is not of this machine, or is in use.
     """
 
-    channel: int | None = None
-    """That the filter lets pass, as in `set_filter`."""
-
-    def __init__(
-        self, host: str = "", port: int = 0, *, bound: socket.socket | None = None
-    ) -> None:
-        self._socket = bound or _open(host, port)
+    def __init__(self, host: str = "", port: int = 0) -> None:
+        self._socket = _open(host, port)
         self._followed: tuple[Address, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
         self._peer_poll = select.poll()
         self._left: list[tuple[bytes, Address]] = []
         self._closed_reads, self._closed = 0, False
-        self._stun_closed = {True: 0, False: 0}
         self._turns = 0
         self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
 
@@ -236,9 +208,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         if remote is None or before is None or before[0] != remote[0]:
             self._connect(remote[0] if remote else None)
         self._closed_reads, self._closed = 0, False
-        self._stun_closed = {True: 0, False: 0}
         for each in filter(None, (self._socket, self._peer_socket)):
-            set_filter(each, remote[1] if remote else (), channel=self.channel)
+            set_filter(each, remote[1] if remote else ())
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
         """Return the datagrams received, each with its source, oldest first; wait up to
@@ -247,24 +218,19 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             if timeout > 0 and not self._left:
                 select.select([self._socket], [], [], timeout)
             datagrams, self._left = self._left, []
-            return self._without_stun(
-                datagrams + _read(self._socket, _MOST_AT_ONCE), timeout, own=False
-            )
+            return datagrams + _read(self._socket, _MOST_AT_ONCE)
         if timeout > 0 and not self._left:
             self._peer_poll.poll(1000 * timeout)
         datagrams, self._left = self._left, []
-        from_peer = self._without_flood(
+        datagrams += self._without_flood(
             self._read_peer(self._peer_socket, self._followed[0]), timeout
         )
-        datagrams += self._without_stun(from_peer, timeout, own=True)
         # Strangers wait while the peer's sound comes: a look at their queue takes as
         # long as a packet.
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
             return datagrams
-        return datagrams + self._without_stun(
-            _read(self._socket, MAX_FOREIGN), timeout, own=False
-        )
+        return datagrams + _read(self._socket, MAX_FOREIGN)
 
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send each without waiting; return how many the system refused."""
@@ -319,51 +285,10 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             :MAX_FOREIGN
         ]
 
-    def _without_stun(
-        self, datagrams: list[tuple[bytes, Address]], waited: float, *, own: bool
-    ) -> list[tuple[bytes, Address]]:
-        """Drop STUN where there is too much, here first and then in the kernel, for the
-        peer's socket (``own``) alone or for everybody's: a stranger closes it for
-        strangers.
-        """
-        if self.channel is None or not self._followed:
-            return datagrams
-        if left := self._stun_closed[own]:
-            self._stun_closed[own] = max(0, left - max(1, round(waited / CLOSED_READ)))
-            if not self._stun_closed[own]:
-                self._set_filter(own)
-            else:  # what was in the queue before the kernel closed
-                return [each for each in datagrams if not self._holds_stun(each[0])]
-        if len(datagrams) <= MAX_STUN:
-            return datagrams
-        found = [each for each in datagrams if self._holds_stun(each[0])]
-        if len(found) <= MAX_STUN:
-            return datagrams
-        self._stun_closed[own] = CLOSED_READS
-        self._set_filter(own)
-        dropped = set(map(id, found[MAX_STUN:]))
-        return [each for each in datagrams if id(each) not in dropped]
-
-    def _holds_stun(self, datagram: bytes) -> bool:
-        return is_stun(datagram) or bool(
-            self.channel and is_stun(datagram[CHANNEL_HEADER:])
-        )
-
-    def _set_filter(self, own: bool) -> None:
-        if (target := self._peer_socket if own else self._socket) and self._followed:
-            closed, stun = own and self._closed, not self._stun_closed[own]
-            set_filter(
-                target,
-                self._followed[1],
-                handshakes=not closed,
-                stun=stun,
-                channel=self.channel,
-            )
-
     def _accept_handshakes(self, accepted: bool) -> None:
         if accepted == self._closed and self._peer_socket and self._followed:
             self._closed = not accepted
-            self._set_filter(True)
+            set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
 
     def _address_of(self, target: Address) -> tuple[Any, ...]:
         """Return the address as the socket takes it; that of the last call is kept, as
@@ -386,12 +311,6 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                     select.poll(),
                 )
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
-
-
-def is_stun(datagram: bytes) -> bool:
-    """Whether a datagram is for the process that keeps a way open, by its first
-    byte."""
-    return bool(datagram) and datagram[0] < END_OF_STUN
 
 
 def resolve(host: str, port: int) -> list[Address]:

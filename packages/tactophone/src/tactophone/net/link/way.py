@@ -1,33 +1,24 @@
-"""The way of a call: a socket that another process opened through two routers, and
-keeps open while this one uses it.
+"""The live side's end of a call: a socket of datagrams to the process that keeps the
+way to the other end open.
 
-The process of the call (`net.call`) has found the way with STUN, perhaps through a TURN
-relay, and goes on to answer checks and to refresh what expires. It reads nothing from
-the socket any more: the live side does, tells protocols apart by their first byte (RFC
-7983), and passes STUN on. Nothing here understands a STUN message.
+The process of the call (`net.call`) finds the way through two routers, perhaps over a
+TURN relay, and passes the session's datagrams on in both directions. Which way that is,
+and that it was replaced by another one, the session does not notice.
 
-The live side is started while the way is still searched for, and waits for it. When it
-hears nothing any more, it says so; the other process may then find a new way, over
-which the session goes on.
+The live side is started while the way is still searched for, and waits for it.
 """
 
 import contextlib
 import json
-import math
+import select
+import time
 from collections.abc import Iterable
-from dataclasses import dataclass
-from socket import recv_fds, send_fds, socket
-from typing import Self, TypeAlias
+from dataclasses import asdict, dataclass
+from socket import socket
+from typing import Any, TypeAlias
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
-from tactophone.net.link.udp import (
-    CHANNEL_HEADER,
-    UdpSocket,
-    is_stun,
-    prepare,
-    set_filter,
-)
 
 Keeper: TypeAlias = socket
 """The live side's end of a pair of sockets, to the process that finds the way and keeps
@@ -37,171 +28,118 @@ PEER: Address = "100::1", 9
 """The other end's address for the session, whichever way leads there; nobody sends from
 it (RFC 6666)."""
 
-WANTED, READING, SILENT = b"wanted", b"reading", b"silent"
-"""What the live side says to the process that keeps the way: a successor needs it, its
-datagrams are read here from now on, and it has brought nothing for `WAY_SILENCE`."""
+DATAGRAM = b"d"
+"""First byte of a message between the two processes that holds a datagram."""
 
-WAY_SILENCE = 1.0
-"""Seconds without a datagram of the peer, who sends several a second, until a new way
-is asked for, and again."""
+WORDS = b"w"
+"""First byte of a message between the two processes that holds words for the other one,
+as JSON."""
 
-_READS = 16
-"""Reads from one look for a new way to the next, while the old one still works in one
-direction."""
+LARGEST_DATAGRAM = 2_048
+"""Bytes of a datagram, as in `udp`: a session's have at most 1,200."""
+
+_MOST_AT_ONCE = 256
+"""Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A found way.
+    """What the live side learns of a way that was found: the name of the other end, and
+    the fingerprint of its key."""
 
-    - ``bound``: the socket: bound, and where the way is relayed connected to the relay.
-    - ``peer``: the other end's address; where the way is relayed, as the relay has it.
-    - ``channel``: number of the relay's channel to the peer; 0 if the way is direct.
-    - ``name``, ``fingerprint``: of the other end.
-    """
-
-    bound: socket
-    peer: Address
-    channel: int
     name: str
     fingerprint: str
 
-    def send(self, live: socket) -> None:
-        content = [self.peer, self.channel, self.name, self.fingerprint]
-        send_fds(live, [json.dumps(content).encode()], [self.bound.fileno()])
 
-    @classmethod
-    def receive(cls, keeper: Keeper) -> Self:
-        """Take what `send` has sent; raises `DeviceError` if the other process has
-        ended."""
-        message, descriptors, *_ = recv_fds(keeper, 1 << 12, 1)
-        if not message:
-            raise DeviceError("the call has ended")
-        (host, port), *content = json.loads(message)
-        return cls(socket(fileno=descriptors[0]), (host, port), *content)
+class WaySocket(contextlib.AbstractContextManager["WaySocket", None]):
+    """As `UdpSocket`, over the way that the keeper has found; closing it leaves the way
+    open for a successor.
 
-
-class WaySocket(UdpSocket):
-    """As `UdpSocket`, over ways that are found; closing it leaves the way open for a
-    successor.
-
-    ``keeper`` leads to the process that finds them; the first one is waited for.
-    ``ask`` for it where a process before this one has taken it already.
+    The first way is waited for. ``ask`` for it where a process before this one has
+    taken it already.
     """
 
     def __init__(self, keeper: Keeper, *, ask: bool = False) -> None:
-        self._keeper, self._silence, self._reads = keeper, -math.inf, 0
+        self._keeper = keeper
+        self._ended = False
+        self._followed: tuple[Address, frozenset[int]] | None = None
         if ask:
-            self._say(WANTED)
+            self._say({"wanted": True})
         keeper.setblocking(True)
-        self.way = Way.receive(keeper)
+        self.way = self._await_way()
         keeper.setblocking(False)
-        self._open()
+        self._poll = select.poll()
+        self._poll.register(keeper, select.POLLIN)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def fileno(self) -> int:
+        return self._keeper.fileno()
+
+    def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
+        """Let the keeper pass on the sound of these SSRCs alone; of everybody with
+        ``None``, when there is no session."""
+        if remote == self._followed:
+            return
+        self._followed = remote
+        self._say({"streams": sorted(remote[1]) if remote else []})
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return the datagrams of the session; STUN goes to the process that keeps the
-        way open."""
-        datagrams = super().receive(timeout)
-        found = [
-            (
-                content,
-                PEER if self.channel or source in (PEER, self.way.peer) else source,
-            )
-            for datagram, source in datagrams
-            if (content := self._content(datagram, source))
-        ]
-        self._reads += 1
-        if found and found[0][1] == PEER:
-            self._silence = 0.0
-        elif not datagrams:
-            self._silence += timeout  # not before the first datagram: the other end may still be starting
-            if self._silence > WAY_SILENCE:
-                self._silence -= WAY_SILENCE
-                self._say(SILENT)
-        if not found or self._reads % _READS == 0:
-            with contextlib.suppress(OSError, DeviceError):
-                self._change(Way.receive(self._keeper))
-        return found
+        """Return the datagrams of the other end, oldest first; wait up to ``timeout`` s
+        for the first."""
+        if self._ended:
+            # A closed socket is always ready. The parent learns of the end of the call
+            # by itself, and then ends this process too.
+            time.sleep(timeout)
+            return []
+        if timeout > 0:
+            self._poll.poll(1000 * timeout)
+        datagrams: list[tuple[bytes, Address]] = []
+        for _ in range(_MOST_AT_ONCE):
+            try:
+                message = self._keeper.recv(LARGEST_DATAGRAM + 1)
+            except BlockingIOError:
+                break
+            except OSError:
+                message = b""
+            if not message:
+                self._ended = True
+                break
+            if message[:1] == DATAGRAM:
+                datagrams.append((message[1:], PEER))
+        return datagrams
 
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
-        """Send to the peer; through a relay each with the header of the channel."""
-        if not self.channel:
-            return super().send(
-                (each, self.way.peer if target == PEER else target)
-                for each, target in datagrams
-            )
-        refused, number = 0, self.channel.to_bytes(2)
+        """Send each to the other end without waiting; return how many the keeper did
+        not take."""
+        refused = 0
         for datagram, _ in datagrams:
             try:
-                self._socket.send(number + len(datagram).to_bytes(2) + datagram)
-            except OSError:
+                self._keeper.send(DATAGRAM + datagram)
+            except OSError:  # it is late, or gone: neither must hold up the sound
                 refused += 1
         return refused
 
-    def _change(self, way: Way) -> None:
-        """Go on over another way; the session notices nothing but what was lost
-        meanwhile."""
-        followed = self._followed
-        self.close()
-        self.way = way
-        self._open()
-        self._silence = (
-            -WAY_SILENCE
-        )  # the other end runs already: without a word of it, this way has died too
-        self.follow(followed)
+    def close(self) -> None:
+        """Do nothing: the socket is the parent's, for a successor."""
 
-    def _open(self) -> None:
-        prepare(self.way.bound)
-        set_filter(
-            self.way.bound, ()
-        )  # that of a process before this one, which the socket keeps
-        self.channel, self._silence = self.way.channel, -math.inf
-        super().__init__(bound=self.way.bound)
-        self._say(READING)
+    def _await_way(self) -> Way:
+        # Datagrams for a process before this one may still be in the queue.
+        while message := self._keeper.recv(1 << 16):
+            if message[:1] == WORDS:
+                return Way(**json.loads(message[1:]))
+        raise DeviceError("the call has ended")
 
-    def _content(self, datagram: bytes, source: Address) -> bytes:
-        """Return what a datagram holds for the session; empty if it holds nothing."""
-        content = channel_content(datagram, self.channel) if self.channel else datagram
-        if is_stun(content) or is_stun(datagram):
-            self._say(write_kept(datagram, self.way.peer if source == PEER else source))
-            return b""
-        return content
-
-    def _say(self, message: bytes) -> None:
-        # A keeper that is late or gone must not hold up the sound.
+    def _say(self, words: dict[str, Any]) -> None:
         with contextlib.suppress(OSError):
-            self._keeper.send(message)
-
-    def _connect(self, peer: Address | None) -> None:
-        # The socket to a relay is connected already: nobody but the relay reaches it.
-        if not self.channel:
-            super()._connect(peer and self.way.peer)
+            self._keeper.send(write_words(words))
 
 
-def channel_content(datagram: bytes, channel: int) -> bytes:
-    """Return what a TURN relay passes on in a channel; empty if the datagram is of
-    another one, or cut.
-
-    >>> channel_content(bytes.fromhex("4000 0002 8001 ff"), 0x4000).hex()
-    '8001'
-    """
-    if int.from_bytes(datagram[:2]) != channel:
-        return b""
-    end = CHANNEL_HEADER + int.from_bytes(datagram[2:CHANNEL_HEADER])
-    return datagram[CHANNEL_HEADER:end] if end <= len(datagram) else b""
+def write_words(words: dict[str, Any]) -> bytes:
+    return WORDS + json.dumps(words).encode()
 
 
-def write_kept(datagram: bytes, source: Address) -> bytes:
-    """Encode a datagram and its source, for the process that keeps the way open."""
-    return f"{source[0]} {source[1]}\n".encode() + datagram
-
-
-def read_kept(message: bytes) -> tuple[bytes, Address]:
-    """Decode what `write_kept` encoded; raises `ValueError` if it is something else.
-
-    >>> read_kept(write_kept(b"datagram", ("192.0.2.7", 3478)))
-    (b'datagram', ('192.0.2.7', 3478))
-    """
-    source, _, datagram = message.partition(b"\n")
-    host, _, port = source.decode().rpartition(" ")
-    return datagram, (host, int(port))
+def write_way(way: Way) -> bytes:
+    """Encode what the live side learns of a way; `WaySocket` decodes it."""
+    return write_words(asdict(way))

@@ -1,0 +1,112 @@
+"""Passes the datagrams of a call on, between the live side and the way in force."""
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from tactophone.net.link.way import (
+    DATAGRAM,
+    LARGEST_DATAGRAM,
+    WORDS,
+    Way,
+    write_way,
+)
+
+if TYPE_CHECKING:
+    from tactophone.net.call.ice import Finder
+
+WAY_SILENCE = 1.0
+"""Seconds without a datagram of the other end, which sends several a second, until a
+new way is asked for, and again."""
+
+SILENCE_TICK = 0.1
+"""Seconds from one look for datagrams to the next. Silence is a number of looks and not
+a difference of times: a machine that was suspended has heard nothing, but for another
+reason."""
+
+QUEUE = 1 << 20
+"""Bytes that wait in the socket to the live side, if the system permits so many."""
+
+
+class Passage:
+    """Between the live side's socket and the way in force, whichever that is.
+
+    ``silent`` is set when nothing comes over the way. ``follow`` is told the SSRCs that
+    the live side wants to hear, none of them for all.
+    """
+
+    def __init__(
+        self, live: socket.socket, follow: Callable[[list[int]], None]
+    ) -> None:
+        self.silent = asyncio.Event()
+        self._live = live
+        self._follow = follow
+        self._finder: Finder | None = None
+        self._way = b""
+        self._heard = False
+        self._silence = 0.0
+        live.setblocking(False)
+        live.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, QUEUE)
+
+    def use(self, finder: "Finder", way: Way) -> None:
+        """Send over this way from now on."""
+        first = self._finder is None
+        self._finder = finder
+        self._heard = not first
+        # The other end runs already if this is not the first way, but may change to it
+        # a little later.
+        self._silence = 0.0 if first else -WAY_SILENCE
+        finder.deliver = self._deliver
+        self._way = write_way(way)
+        if first:
+            self._to_live(self._way)
+
+    async def run(self) -> None:
+        """Pass on what the live side sends, until it and its parent have closed their
+        sockets."""
+        silence = asyncio.ensure_future(self._watch_silence())
+        loop = asyncio.get_running_loop()
+        try:
+            with contextlib.suppress(OSError):
+                while message := await loop.sock_recv(self._live, LARGEST_DATAGRAM + 1):
+                    if message[:1] == DATAGRAM:
+                        if self._finder:
+                            await self._finder.send(message[1:])
+                    elif message[:1] == WORDS:
+                        self._heed(json.loads(message[1:]))
+        finally:
+            silence.cancel()
+
+    def _heed(self, words: dict[str, Any]) -> None:
+        if "streams" in words:
+            self._follow(words["streams"])
+        # A live side that starts again has not seen the words for the one before it. It
+        # has no session yet, so everybody may begin one.
+        if "wanted" in words and self._way:
+            self._follow([])
+            self._to_live(self._way)
+
+    def _deliver(self, datagram: bytes) -> None:
+        self._heard = True
+        self._silence = 0.0
+        self._to_live(DATAGRAM + datagram)
+
+    def _to_live(self, message: bytes) -> None:
+        # The live side may be late, or start again: what does not fit is lost, as in
+        # any network.
+        with contextlib.suppress(OSError):
+            self._live.send(message)
+
+    async def _watch_silence(self) -> None:
+        while True:
+            await asyncio.sleep(SILENCE_TICK)
+            # Not before the first datagram: the other end may still be starting.
+            if not self._heard:
+                continue
+            self._silence += SILENCE_TICK
+            if self._silence > WAY_SILENCE:
+                self._silence -= WAY_SILENCE
+                self.silent.set()
