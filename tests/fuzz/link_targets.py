@@ -3,6 +3,7 @@ peer reach them."""
 
 import contextlib
 import random
+import socket
 from collections.abc import Sequence
 
 from pylibsrtp import Error
@@ -48,8 +49,7 @@ from tactophone.net.link.rtcp import (
 )
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
-from tactophone.net.link.udp import CHANNEL_HEADER
-from tactophone.net.link.way import channel_content, is_stun, read_kept, write_kept
+from tactophone.net.link.way import DATAGRAM, PEER, Way, WaySocket, write_way
 
 from .target import Run, Target
 
@@ -341,6 +341,7 @@ def call_messages() -> tuple[Sequence[bytes], Run]:
         "user",
         "p" * 22,
         [Candidate("srflx", "192.0.2.7", 4000, 5, "f1")],
+        [Candidate("relay", "192.0.2.9", 4001, 5, "f2")],
         "keeps",
         relay=True,
     )
@@ -352,20 +353,17 @@ def call_messages() -> tuple[Sequence[bytes], Run]:
 
 
 def way() -> tuple[Sequence[bytes], Run]:
-    """What comes over the way of a call, and what its two processes pass on."""
-    channel = 0x4001
-    seeds = [
-        b"\x40\x01\x00\x08\x80\x60\x00\x01" + bytes(4),
-        b"\x01\x01\x00\x00",
-        write_kept(_SOUND, ("192.0.2.7", 9)),
-    ]
+    """What comes over the way of a call: a datagram whatever it holds, and no words of
+    the process that passes it on."""
+    seeds = [b"\x80\x60\x00\x01" + bytes(4), b"\x01\x01\x00\x00", b'w{"name":"x"}']
 
     def run(data: bytes) -> None:
-        assert len(channel_content(data, channel)) <= max(0, len(data) - CHANNEL_HEADER)
-        assert read_kept(write_kept(data, ("::1", 9))) == (data, ("::1", 9))
-        is_stun(data)
-        with contextlib.suppress(ValueError):
-            read_kept(data)
+        here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with here, there:
+            there.send(write_way(Way("other", "0A")))
+            there.send(DATAGRAM + data[:1_200])
+            with WaySocket(here) as own:
+                assert own.receive(0.0) == [(data[:1_200], PEER)]
 
     return seeds, run
 

@@ -126,3 +126,23 @@ def test_each_end_reads_how_far_the_other_one_is(
         *words,
         f"{words[0].partition(' is ')[0]} is ready",
     ]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        ["3-escapade-peachy"],
+        ["3-Escapade-Peachy"],
+        ["3 escapade peachy"],
+        ["3", "escapade", "Peachy"],
+        ["3, escapade, peachy"],
+    ],
+)
+def test_a_code_is_understood_as_it_is_spoken(said: list[str]) -> None:
+    assert call.code_as_shown(said) == "3-escapade-peachy"
+
+
+@pytest.mark.parametrize("said", [["3-escapade"], ["3"], ["3-a-b-c"], ["3-escapade-7"]])
+def test_what_begins_as_a_code_and_is_none_is_told_at_once(said: list[str]) -> None:
+    with pytest.raises(ConfigError, match="is no code: a code is a number and two words"):
+        call.code_as_shown(said)

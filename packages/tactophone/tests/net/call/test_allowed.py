@@ -1,13 +1,12 @@
 """Where the other end of a call may make this machine send."""
 
 import asyncio
-import socket
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 pytest.importorskip("aioice")
+
+import aioice
 
 from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, Finder, allowed
 from tactophone.net.call.messages import Address, Offer
@@ -51,7 +50,8 @@ def test_an_end_that_wants_the_relay_alone_names_no_other_address() -> None:
     async def offered(*, relay_only: bool) -> int:
         finder = Finder(controls=True, stun=None, turn=None, relay_only=relay_only)
         try:
-            return len((await finder.gather("unknown")).addresses)
+            offer = await finder.gather("unknown")
+            return len(offer.addresses) + len(offer.relayed)
         finally:
             await finder.close()
 
@@ -59,27 +59,30 @@ def test_an_end_that_wants_the_relay_alone_names_no_other_address() -> None:
     assert asyncio.run(offered(relay_only=True)) == 0
 
 
-def test_only_allowed_addresses_of_an_offer_are_tried() -> None:
+def test_only_allowed_addresses_of_an_offer_are_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tried: list[str] = []
 
+    async def note(_: aioice.Connection, candidate: aioice.Candidate | None) -> None:
+        if candidate:
+            tried.append(candidate.host)
+
+    async def fail(_: aioice.Connection) -> None:
+        raise ConnectionError
+
+    monkeypatch.setattr(aioice.Connection, "add_remote_candidate", note)
+    monkeypatch.setattr(aioice.Connection, "connect", fail)
+
     async def connect() -> None:
-        finder: Any = Finder(controls=True, stun=None, turn=None, relay_only=False)
-        finder._ice = SimpleNamespace(local_password="p" * 22)
-
-        async def check(offer: Offer, _: float) -> None:
-            tried.extend(each.host for each in offer.addresses)
-            raise ConnectionError
-
-        finder._check = check
-        offer = Offer(
-            "abcd",
-            "p" * 22,
-            [address("10.2.0.1"), address("224.0.0.251")],
-            "open",
-            False,
-        )
-        with socket.socket() as live, pytest.raises(ConnectionError):
-            await finder.connect(offer, "open", live, name="robot", fingerprint="")
+        finder = Finder(controls=True, stun=None, turn=None, relay_only=False)
+        await finder.gather("open")
+        addresses = [address("10.2.0.1"), address("224.0.0.251")]
+        offer = Offer("abcd", "p" * 22, addresses, addresses, "open", True)
+        with pytest.raises(ConnectionError):
+            await finder.connect(offer, "open")
+        await finder.close()
 
     asyncio.run(connect())
-    assert tried == ["10.2.0.1"]
+    # For a direct way, and for one over the other end's relay.
+    assert tried == ["10.2.0.1"] * 2

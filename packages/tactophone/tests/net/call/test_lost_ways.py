@@ -107,7 +107,7 @@ def test_a_permission_of_the_relay_is_renewed_before_it_ends_and_a_dead_relay_en
             "--seconds",
             "30",
             "--patch",
-            "tactophone.net.call.ice:CHANNEL_REFRESH=1",
+            "tactophone.net.call.aioice_defaults:CHANNEL_REFRESH=1",
         )
         found(ends, relayed=True)
         time.sleep(7.0)

@@ -18,8 +18,9 @@ OFFER = Offer(
     "user",
     "p" * 22,
     [Address("host", "192.0.2.7", 4000, 5, "f1")],
+    [Address("relay", "192.0.2.9", 4001, 5, "f2")],
     "keeps",
-    relay=False,
+    relay=True,
 )
 HELLO = Hello("lab-7", "robot", "0.1.0", ":".join(["0A"] * 32))
 MESSAGES = [HELLO, Accepted("operator"), OFFER, State("opening"), Refused("no")]

@@ -13,7 +13,7 @@ from .networks import Networks, needs_namespaces
 pytestmark = [needs_namespaces, pytest.mark.realtime]
 
 
-GIVE_UP_SOON = ("--patch", "tactophone.net.call.ice:CONNECT_TIMEOUT=2")
+GIVE_UP_SOON = ("--patch", "tactophone.net.call.ice:ICE_TIMEOUT=2")
 
 
 @pytest.fixture(scope="module")
