@@ -18,8 +18,13 @@ SOURCES = sorted((ROOT / "packages").glob("*/src/**/*.py"))
 PAGE = ROOT / "docs/reference/architecture.md"
 
 
+DOCUMENTED = {"_exit"}
+"""Names with an underscore that their project documents as public (`os._exit`)."""
+
+
 def is_private(name: str) -> bool:
-    return name.startswith("_") and not name.startswith("__") and name.strip("_") != ""
+    begins = name.startswith("_") and not name.startswith("__")
+    return begins and name.strip("_") != "" and name not in DOCUMENTED
 
 
 def listed() -> set[tuple[str, str]]:
@@ -97,12 +102,13 @@ def test_every_private_name_of_another_project_is_listed_and_every_listed_one_us
     None
 ):
     used = {*foreign_uses(), *overridden()}
-    assert used == listed()
+    assert used - listed() == set()
+    texts = {path.name: path.read_text() for path in SOURCES}
+    unused = {(file, name) for file, name in listed() if name not in texts[file]}
+    assert unused == set()
 
 
-@pytest.mark.parametrize(
-    "name", ["_get_help_string", "_fill_text"]
-)
+@pytest.mark.parametrize("name", ["_get_help_string", "_fill_text"])
 def test_argparse_still_has_what_its_formatter_calls(name: str) -> None:
     import argparse
 

@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 
 from tactophone.cli import call
+from tactophone.core.errors import ConfigError
 from tactophone.net.call.process import Found
 from tactophone.net.link.identity import Peers
 
@@ -144,5 +145,7 @@ def test_a_code_is_understood_as_it_is_spoken(said: list[str]) -> None:
 
 @pytest.mark.parametrize("said", [["3-escapade"], ["3"], ["3-a-b-c"], ["3-escapade-7"]])
 def test_what_begins_as_a_code_and_is_none_is_told_at_once(said: list[str]) -> None:
-    with pytest.raises(ConfigError, match="is no code: a code is a number and two words"):
+    with pytest.raises(
+        ConfigError, match="is no code: a code is a number and two words"
+    ):
         call.code_as_shown(said)

@@ -54,7 +54,7 @@ def add_kin(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_folds(parser: argparse._ActionsContainer) -> None:
+def add_folds(parser: options.Container) -> None:
     """Add where folds run, and where their results are kept."""
     add = parser.add_argument
     add(

@@ -24,7 +24,7 @@ EXAMPLES = (
 )
 
 
-def add_recipe(parser: argparse._ActionsContainer) -> None:
+def add_recipe(parser: options.Container) -> None:
     """Add ``--recipe``, and the options for which nobody should need a file."""
     add = parser.add_argument
     add(

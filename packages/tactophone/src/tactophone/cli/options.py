@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeAlias
 
 from tactophone.core.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.core.hand import finger_named, with_fingers
@@ -235,9 +235,11 @@ def flags_of(verb: str) -> list[str]:
     return [name for name, setting in SETTINGS.items() if verb in setting.verbs]
 
 
-def add_flag(
-    group: "argparse._ActionsContainer", name: str, default: Any = None
-) -> None:
+Container: TypeAlias = argparse._ActionsContainer
+"""What takes options: a parser, or a group of its options."""
+
+
+def add_flag(group: Container, name: str, default: Any = None) -> None:
     """Add the option of a setting, with its words, range and default; ``default`` is
     the verb's own."""
     setting = SETTINGS[name]

@@ -18,7 +18,7 @@ def test_aioice_still_refreshes_channels_too_late_and_repeats_checks_too_late() 
     parameters = inspect.signature(aioice_defaults.create_endpoint).parameters
     permission = 300
     assert parameters["channel_refresh_time"].default > permission
-    assert aioice_defaults.CHANNEL_REFRESH < permission
+    assert permission > aioice_defaults.CHANNEL_REFRESH
     assert stun.RETRY_RTO > aioice_defaults.RETRANSMISSION
 
 
