@@ -1,0 +1,134 @@
+"""How long a datagram of a call waits in the process that passes it on.
+
+A datagram of 160 bytes goes from one session to the other every 5 ms, at first between
+two plain UDP sockets, then with the process of a call at one end.
+
+    python benchmarks/call_delay.py
+"""
+
+import argparse
+import asyncio
+import json
+import resource
+import socket
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from tactophone.net.call.guard import GuardedLoop
+from tactophone.net.call.passage import Passage
+from tactophone.net.link.udp import UdpSocket
+from tactophone.net.link.way import PEER, Way, WaySocket
+
+PERIOD = 0.005
+SIZE = 160
+
+
+class Line(asyncio.DatagramProtocol):
+    """A way over loopback, in place of the one that aioice finds."""
+
+    def __init__(self) -> None:
+        self.deliver: Any = None
+        self._transport: Any = None
+        self._target: Any = None
+
+    def connection_made(self, transport: Any) -> None:
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, source: Any) -> None:
+        self._target = source
+        if self.deliver:
+            self.deliver(data)
+
+    async def send(self, datagram: bytes) -> None:
+        self._transport.sendto(datagram, self._target)
+
+
+def keep(live: socket.socket, told: list[Any], ready: threading.Event) -> None:
+    loop = GuardedLoop()
+
+    async def main() -> None:
+        transport, line = await loop.create_datagram_endpoint(
+            Line, local_addr=("127.0.0.1", 0)
+        )
+        told.append(transport.get_extra_info("sockname"))
+        passage = Passage(live, loop.follow)
+        passage.use(line, Way("other", "0A"))
+        ready.set()
+        await passage.run()
+
+    loop.run_until_complete(main())
+
+
+def delays(own: Any, other: UdpSocket, target: Any, count: int) -> list[float]:
+    """Return the delays of datagrams from ``other`` to ``own``, in s."""
+    found = []
+    for _ in range(count):
+        began = time.perf_counter()
+        other.send([(b"\x80" + bytes(SIZE - 1), target)])
+        while not own.receive(1.0):
+            pass
+        found.append(time.perf_counter() - began)
+        time.sleep(PERIOD)
+    return found
+
+
+def figures(found: list[float]) -> dict[str, float]:
+    in_ms = 1_000 * np.array(found)
+    return {
+        "median_ms": round(float(np.median(in_ms)), 3),
+        "p99_ms": round(float(np.percentile(in_ms, 99)), 3),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=2_000, help="datagrams of each")
+    args = parser.parse_args()
+    with UdpSocket("127.0.0.1") as own, UdpSocket("127.0.0.1") as other:
+        plain = delays(own, other, own.address, args.count)
+    here, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    told: list[Any] = []
+    ready = threading.Event()
+    # Its own process, so that neither waits for the other one's interpreter.
+    import multiprocessing
+
+    context = multiprocessing.get_context("fork")
+    pipe, its = context.Pipe()
+
+    def child() -> None:
+        here.close()
+        threading.Thread(
+            target=lambda: (ready.wait(), its.send(told[0])), daemon=True
+        ).start()
+        keep(live, told, ready)
+        its.send(resource.getrusage(resource.RUSAGE_SELF)[:2])
+
+    process = context.Process(target=child)
+    process.start()
+    live.close()
+    with UdpSocket("127.0.0.1") as other, WaySocket(here) as own:
+        passed = delays(own, other, pipe.recv(), args.count)
+    own.send([(b"last", PEER)])
+    here.close()
+    user, system = pipe.recv()
+    process.join()
+    shown = {"plain": figures(plain), "call": figures(passed)}
+    added = shown["call"]["median_ms"] - shown["plain"]["median_ms"]
+    seconds = (user + system) / args.count
+    print(
+        json.dumps(
+            {
+                **shown,
+                "added_median_ms": round(added, 3),
+                "processor_us_a_datagram": round(1e6 * seconds),
+            },
+            indent=2,
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
