@@ -9,6 +9,7 @@ two plain UDP sockets, then with the process of a call at one end.
 import argparse
 import asyncio
 import json
+import multiprocessing
 import resource
 import socket
 import threading
@@ -93,8 +94,6 @@ def main() -> None:
     told: list[Any] = []
     ready = threading.Event()
     # Its own process, so that neither waits for the other one's interpreter.
-    import multiprocessing
-
     context = multiprocessing.get_context("fork")
     pipe, its = context.Pipe()
 
