@@ -184,7 +184,9 @@ def observed(
                 from tactophone.live.telemetry.prediction_log import PredictionLog
 
                 stack.enter_context(PredictionLog(name, path, report=warn))
-        for build in _bridges(settings, name, record, bridges, report):
+            elif path.suffix == ".mcap":
+                stack.enter_context(log_process(name, path, report=warn))
+        for build in _bridges(settings, name, bridges, report):
             from tactophone.faces.bridges.process import BridgeProcess
 
             stack.enter_context(BridgeProcess(build, report=warn))
@@ -245,14 +247,10 @@ def _check(
 def _bridges(
     settings: Settings,
     name: str,
-    record: Sequence[Path],
     bridges: Sequence[str],
     report: Report,
 ) -> "Iterator[Callable[[], Bridge]]":
     chosen = settings.bridges
-    for path in record:
-        if path.suffix == ".mcap":
-            yield log_of(name, path)
     for text in bridges:
         bridge, _, address = text.partition("=")
         if bridge == "foxglove":
@@ -312,12 +310,32 @@ def _bridges(
             )
 
 
-def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
-    """Return what opens the log of a run in its own process."""
+LOG_END_TIMEOUT = 60.0
+"""Seconds that a log may take to end. It runs at a low priority and writes what is left
+and its index, so that a busy machine with a slow disk keeps it waiting; a file without
+its end is worse than a verb that returns late."""
+
+
+def log_process(
+    name: str, path: Path, *, report: Callable[[str], None]
+) -> "BridgeProcess":
+    """Return the process that writes the log of a run, to be entered.
+
+    ``report`` is called from another thread when it fails or does not end in order.
+    """
     extras.require_modules("mcap", "zstandard")
+    from tactophone.faces.bridges.process import BridgeProcess
     from tactophone.live.log.mcap import McapLog
 
-    return partial(McapLog, name, path.absolute())
+    return BridgeProcess(
+        partial(McapLog, name, path.absolute()),
+        report=report,
+        end_timeout=LOG_END_TIMEOUT,
+        unfinished=(
+            f"{path} lacks its end; `tactophone replay` and `feel` read it as it is, "
+            f"and `mcap recover {path} -o finished.mcap` finishes it for other programs"
+        ),
+    )
 
 
 class PageRecorder:
@@ -362,12 +380,10 @@ class PageRecorder:
                 self._answer({"refused": str(error)})
 
     def _begin(self) -> None:
-        from tactophone.faces.bridges.process import BridgeProcess
-
         self._path = (
             self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
         ).absolute()
-        log = BridgeProcess(log_of(self._name, self._path), report=self._fail)
+        log = log_process(self._name, self._path, report=self._fail)
         log.__enter__()
         self._log = log
         self._report(f"recording to {self._path}")

@@ -203,6 +203,11 @@ class Child:
         with suppress(OSError):  # when it has ended by itself
             self._pipe.send(None)
 
+    def wait(self, timeout: float) -> bool:
+        """Wait up to ``timeout`` s, and return whether the process has ended."""
+        self._process.join(timeout)
+        return not self._process.is_alive()
+
     def end(self, timeout: float) -> None:
         """Wait up to ``timeout`` s for the end that was asked for, then kill the
         process."""

@@ -95,3 +95,33 @@ def test_a_bridge_that_never_begins_is_named(monkeypatch: pytest.MonkeyPatch) ->
         BridgeProcess(Slow),
     ):
         pass
+
+
+class Stuck(Idle):
+    """A bridge that would take for ever to end: its disk does not answer."""
+
+    def __exit__(self, *_: object) -> None:
+        while True:
+            time.sleep(1)
+
+
+@pytest.mark.slow
+def test_a_bridge_that_does_not_end_in_time_is_killed_and_named() -> None:
+    lines: list[str] = []
+    with BridgeProcess(
+        Stuck, report=lines.append, end_timeout=0.3, unfinished="a.mcap lacks its end"
+    ):
+        pass
+    assert lines == [
+        "Stuck had not ended after 0.3 s and was killed: a.mcap lacks its end"
+    ]
+
+
+@pytest.mark.slow
+def test_a_bridge_that_is_killed_while_it_ends_is_named() -> None:
+    lines: list[str] = []
+    with BridgeProcess(Stuck, report=lines.append, end_timeout=60) as bridge:
+        killer = threading.Timer(0.5, os.kill, (bridge.pid, signal.SIGKILL))
+        killer.start()
+    assert len(lines) == 1
+    assert "(signal SIGKILL)" in lines[0]

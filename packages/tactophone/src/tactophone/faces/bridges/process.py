@@ -18,7 +18,7 @@ BRIDGE_START_TIMEOUT = 120.0
 """Seconds after which a bridge that has not begun ends the start of the run."""
 
 BRIDGE_END_TIMEOUT = 5.0
-"""Seconds that a bridge may take to end, for a log to write its index."""
+"""Seconds that a bridge may take to pass on what is left and to end."""
 
 BRIDGE_NICENESS = 5
 """On a busy machine a bridge waits, not the sound."""
@@ -44,17 +44,28 @@ class Bridge(AbstractContextManager[Any, None], Protocol):
 class BridgeProcess:
     """Runs a bridge while the context lasts.
 
-    ``build`` must be picklable. ``report`` is called with a line when the bridge ends
-    by itself, from another thread. Raises `TactophoneError` when the bridge cannot
-    begin: its file cannot be written, its library is missing.
+    ``build`` must be picklable. ``report`` is called with a line, from another thread,
+    when the bridge ends by itself or does not end in order; a bridge that has not ended
+    ``end_timeout`` s after it was asked to is killed. ``unfinished`` says what a bridge
+    that did not end in order leaves behind. Raises `TactophoneError` when the bridge
+    cannot begin: its file cannot be written, its library is missing.
     """
 
     def __init__(
-        self, build: Callable[[], Bridge], *, report: Callable[[str], None] = ignore
+        self,
+        build: Callable[[], Bridge],
+        *,
+        report: Callable[[str], None] = ignore,
+        end_timeout: float = BRIDGE_END_TIMEOUT,
+        unfinished: str = "what it drove may keep its last value",
     ) -> None:
         self._name = getattr(build, "func", build).__name__
         self._report = report
+        self._end_timeout = end_timeout
+        self._unfinished = unfinished
         self._asked_to_end = False
+        # Set before the kill, so that the thread which sees the end knows its cause.
+        self._overdue = False
         self._child = Child(
             _run, build, name="tactophone-bridge", niceness=BRIDGE_NICENESS
         )
@@ -99,15 +110,29 @@ class BridgeProcess:
         how = self._child.how_ended()
         if told:
             self._report(told[-1])
-        elif how and not self._asked_to_end:
+        if not how:
+            return
+        if self._overdue:
+            waited = f"{self._end_timeout:g} s"
             self._report(
-                f"{self._name} ended ({how}): the run goes on without it, and what it drove may keep its last value"
+                f"{self._name} had not ended after {waited} and was killed: "
+                f"{self._unfinished}"
+            )
+        elif self._asked_to_end:
+            self._report(
+                f"{self._name} did not end in order ({how}): {self._unfinished}"
+            )
+        elif not told:
+            self._report(
+                f"{self._name} ended ({how}): the run goes on without it, and "
+                f"{self._unfinished}"
             )
 
     def _end(self) -> None:
         self._asked_to_end = True
         self._child.ask_to_end()
-        self._child.end(BRIDGE_END_TIMEOUT)
+        self._overdue = not self._child.wait(self._end_timeout)
+        self._child.kill()
 
 
 def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
