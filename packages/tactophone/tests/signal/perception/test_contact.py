@@ -6,14 +6,12 @@ import pytest
 from tactophone.core.types import AudioBlock
 from tactophone.signal.perception.contact import (
     CLEAR_DB,
-    TOUCH_HOLD,
     Contact,
     ContactGate,
 )
-from tactophone.signal.perception.levels import SLOW, LoudnessRule
+from tactophone.signal.perception.levels import LoudnessRule
 from tactophone.signal.perception.noise_floor import (
     LOWEST_DBFS,
-    SHORTEST_ALARM,
     SPREAD_DB,
     NoiseFloor,
     RecordingFloor,
@@ -134,10 +132,6 @@ def test_a_touch_is_known_at_once_though_the_bands_take_longer() -> None:
     first = next(each.time for each in found if each.touching)
     assert 1.0 < first < 1.003
     assert all(each.touching and not each.held for each in found if each.time > first)
-
-
-def test_a_false_alarm_lasts_as_long_as_the_gate_measures_and_holds() -> None:
-    assert SHORTEST_ALARM == SLOW + TOUCH_HOLD
 
 
 def test_a_stroke_that_turned_is_not_held_until_the_bands_hear_it_again() -> None:

@@ -27,7 +27,6 @@ from tactophone.core.processes import atomic_write
 from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.contact import (
     CLEAR_DB,
-    TOUCH_HOLD,
     Contact,
     ContactGate,
 )
@@ -50,6 +49,7 @@ from tactophone.signal.perception.levels import (
 from tactophone.signal.perception.noise_floor import (
     BAND_MARGIN_DB,
     SHORTEST_ALARM,
+    TOUCH_HOLD,
     NoiseFloor,
     measure_floor,
 )

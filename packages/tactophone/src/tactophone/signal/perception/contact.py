@@ -57,9 +57,6 @@ SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025,
 15:5057)."""
 
-TOUCH_HOLD = 0.1
-"""Seconds that a touch is held over silence within it."""
-
 BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 """Mean over the bands of what exceeds floor and margin that begins contact, and that
 ends it."""

@@ -8,7 +8,7 @@ from tactophone.core.errors import ModelError, did_you_mean
 from tactophone.core.plugins import DETECTORS, load, registered
 from tactophone.core.tips import DEFAULT_TIP, TIPS
 from tactophone.core.types import ContactRule, Detector
-from tactophone.signal.perception.contact import TOUCH_HOLD, ContactGate
+from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import TouchDetector, WindowDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import (
@@ -17,7 +17,7 @@ from tactophone.signal.perception.model_file import (
     read_model,
 )
 from tactophone.signal.perception.no_touch import read_no_touch
-from tactophone.signal.perception.noise_floor import SPREAD_DB, NoiseFloor
+from tactophone.signal.perception.noise_floor import SPREAD_DB, TOUCH_HOLD, NoiseFloor
 
 _FOLDER = Path(str(files("tactophone.signal.perception"))) / "models"
 

@@ -52,9 +52,12 @@ CELL_HOPS = 40
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
-SHORTEST_ALARM = 0.132
-"""Seconds that a false alarm lasts at least: what the gate measures, and its hold
-(`TOUCH_HOLD`)."""
+TOUCH_HOLD = 0.1
+"""Seconds that a touch is held over silence within it."""
+
+SHORTEST_ALARM = SLOW + TOUCH_HOLD
+"""Seconds that a false alarm lasts at least: what the gate's level covers, and its
+hold."""
 
 RELEASE_SHARE = 0.2
 """Of the margin: a touch ends where the level is so far under the threshold, still over
