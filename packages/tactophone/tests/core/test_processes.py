@@ -172,3 +172,20 @@ def test_what_is_written_reaches_no_file_by_a_link_at_its_unfinished_name(
         with atomic_write(path) as unfinished:
             unfinished.write_text("new")
         assert (victim.read_text(), path.read_text()) == ("mine", "new")
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+    for name in ("fsync", "replace"):
+        real = getattr(os, name)
+
+        def noted(*values, name=name, real=real):
+            calls.append(name)
+            return real(*values)
+
+        monkeypatch.setattr(os, name, noted)
+    with atomic_write(tmp_path / "table.csv") as unfinished:
+        unfinished.write_text("new")
+    assert calls == ["fsync", "replace"]

@@ -173,3 +173,11 @@ def test_the_machines_own_name_passes_only_where_it_listens_everywhere(
 
 def test_a_token_has_24_random_bytes() -> None:
     assert len(AccessControl("127.0.0.1", 1).token) == 32
+
+
+def test_every_character_of_the_token_counts() -> None:
+    access = AccessControl("127.0.0.1", 8470)
+    for place in range(len(access.token)):
+        other = "A" if access.token[place] != "A" else "B"
+        wrong = access.token[:place] + other + access.token[place + 1 :]
+        assert access.refusal(token=wrong, host="127.0.0.1:8470", origin=None)

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 from collections import Counter
 from itertools import cycle
@@ -569,3 +570,17 @@ def test_a_prediction_without_a_command_equals_itself_and_is_valid_json() -> Non
     assert comparison.equal == 1
     assert "level_dbfs" not in json.loads(encoded(*first))
     assert json.loads(encoded(*second))["event"] == "slip"
+
+
+def test_a_log_is_written_through_no_link_and_only_its_user_reads_it(
+    tmp_path: Path,
+) -> None:
+    victim, path = tmp_path / "victim", tmp_path / "run.mcap"
+    victim.write_text("mine")
+    for link in (os.symlink, os.link):
+        link(victim, path)
+        with LogFile(path, []):
+            pass
+        assert victim.read_text() == "mine"
+        assert path.stat().st_mode & 0o777 == 0o600
+        path.unlink()

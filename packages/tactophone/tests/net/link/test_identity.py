@@ -13,7 +13,12 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from tactophone.core.errors import ConfigError
-from tactophone.net.link.identity import Identity, Peers, parse_fingerprint
+from tactophone.net.link.identity import (
+    Identity,
+    Peers,
+    parse_fingerprint,
+    write_private,
+)
 
 
 def test_an_identity_is_saved_and_loaded(tmp_path: Path) -> None:
@@ -143,3 +148,25 @@ def test_a_certificate_without_a_name_is_refused_in_words(tmp_path: Path) -> Non
     Identity(key, certificate).save(tmp_path)
     with pytest.raises(ConfigError, match="no usable key and certificate"):
         Identity.load(tmp_path)
+
+
+@pytest.mark.parametrize("mode", [0o620, 0o602])
+def test_peers_that_the_group_or_others_may_write_are_refused(
+    tmp_path: Path, mode: int
+) -> None:
+    Peers().trusting("robot one", "ab" * 32).save(tmp_path)
+    (tmp_path / "peers.txt").chmod(mode)
+    with pytest.raises(ConfigError, match="no other user may access it"):
+        Peers.load(tmp_path)
+
+
+def test_a_private_file_is_never_written_through_what_stands_at_its_name(
+    tmp_path: Path,
+) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (tmp_path / "link").symlink_to(victim)
+    for name in ("victim", "link"):
+        with pytest.raises(FileExistsError):
+            write_private(tmp_path / name, b"key")
+    assert victim.read_text() == "mine"

@@ -334,3 +334,17 @@ def test_nothing_secret_is_shown() -> None:
 
 
 SHARED = connected()
+
+
+def test_forged_packets_of_the_right_stream_are_no_sign_of_life() -> None:
+    pair = connected()
+    pair.robot.send(rtp(pair))
+    (datagram, _), *_ = pair.robot.outgoing()
+    forged = datagram[:-1] + bytes([datagram[-1] ^ 1])
+    # The robot is dead; a stranger repeats its header, which anybody can read.
+    events = []
+    for _ in range(round(2 * SESSION_TIMEOUT / 0.1)):
+        pair.now += 0.1
+        events += pair.operator.receive(forged, source=AT_ROBOT, now=pair.now)
+        events += pair.operator.poll(pair.now)
+    assert events == [Disconnected("nothing received for 5 s")]
