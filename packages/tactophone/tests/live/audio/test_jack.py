@@ -124,6 +124,41 @@ def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_foll
         server.stop()
 
 
+def test_a_rate_that_changes_in_a_run_is_silence_and_a_fault_until_it_is_back(
+    jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PipeWire changes it; jackd cannot, so that the binding's answer is changed."""
+    rate = [48_000]
+    monkeypatch.setattr(
+        pytest.importorskip("jack").Client, "samplerate", property(lambda _: rate[0])
+    )
+    recorder = Recorder()
+    client = JackClient(
+        "robot",
+        recorder,
+        inputs={"contact": "system:capture_1"},
+        outputs={"coil": ""},
+        server=jack_server.name,
+    )
+    client.open()
+    try:
+        assert eventually(lambda: len(recorder.peaks) > 3)
+        rate[0] = 96_000
+        assert "runs at 96000 Hz now, but 48000 Hz is needed" in client.fault
+        client.revive()
+        assert "96000 Hz now" in client.fault
+        # The period that was under way may still be heard.
+        time.sleep(0.1)
+        recorder.peaks.clear()
+        time.sleep(0.1)
+        assert recorder.peaks == []
+        rate[0] = 48_000
+        assert client.fault == ""
+        assert eventually(lambda: len(recorder.peaks) > 3)
+    finally:
+        client.close()
+
+
 def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -> None:
     player, listener = Recorder(), Recorder()
     player.level = 0.5

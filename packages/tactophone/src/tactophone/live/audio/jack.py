@@ -136,7 +136,6 @@ class JackClient:
         self._connected_at = 0
         self._losses = 0
         self._rate = 0
-        self._other_rate = ""
         self._unconnected = ""
 
     @property
@@ -171,7 +170,7 @@ class JackClient:
                 f"{self._named()} stands still: "
                 "if it stays so, start it again, and the client reconnects"
             )
-        return self._other_rate or self._unconnected
+        return self._other_rate() or self._unconnected
 
     def open(self) -> None:
         """Join the graph and connect the ports.
@@ -206,15 +205,17 @@ class JackClient:
     def revive(self) -> None:
         """Join again if the server was lost, and connect again what is not connected.
 
-        A successor of another sample rate is a fault, and the client takes no part in
-        it: it would render other frequencies, and read others.
+        Another sample rate than at the start is a fault, and the client is silent and
+        hears nothing while it lasts: it would render other frequencies, and read
+        others. A server may come back with another rate, and PipeWire changes its own
+        in the middle of a run, when another program asks for one that it allows.
         """
         if self._lost:
             self.close()
         with contextlib.suppress(jack_module().JackError):
             if self._client is None:
                 self._join(jack_module())
-            if not self._other_rate and self._connected_at != self._changes.value:
+            if not self._other_rate() and self._connected_at != self._changes.value:
                 self._connect_ports()
 
     def close(self) -> None:
@@ -276,25 +277,29 @@ class JackClient:
         self._client = client
         self._cycle = None
         _OPEN.add(self)
-        self._other_rate = ""
-        if client.samplerate != self._rate:
-            advice = f"start it with that rate (jackd ... -r {self._rate})"
-            if is_pipewire():
-                advice = (
-                    f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets it"
-                )
-            found = f"{self._named()} runs at {client.samplerate} Hz now"
-            wanted = f"{self._rate} Hz is needed"
-            self._other_rate = f"{found}, but {wanted}: {advice}"
-            return
         if self._process is not None:
             inputs = PortArrays(client.inports)
             outputs = PortArrays(client.outports)
-            self._cycle = _Cycle(self, self._process, inputs, outputs)
+            self._cycle = _Cycle(
+                self, client, self._rate, self._process, inputs, outputs
+            )
             client.set_process_callback(self._cycle)
         client.activate()
         # No count of changes is negative: the ports are connected at the next look.
         self._connected_at = -1
+
+    def _other_rate(self) -> str:
+        """Return in words that the server runs at another rate than at the start, or an
+        empty text."""
+        if not self._rate or self.sample_rate in (0, self._rate):
+            return ""
+        advice = f"start it with that rate (jackd ... -r {self._rate})"
+        if is_pipewire():
+            advice = (
+                f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets it"
+            )
+        found = f"{self._named()} runs at {self.sample_rate} Hz now"
+        return f"{found}, but {self._rate} Hz is needed: {advice}"
 
     def _connect_ports(self) -> None:
         self._unconnected = ""
@@ -326,11 +331,18 @@ class JackClient:
 
 class _Cycle:
     """The callback of one client of a `JackClient`; once ``asked``, it writes silence,
-    and its thread ends."""
+    and its thread ends. While the server runs at another ``rate``, it writes silence
+    and passes no sound on.
+
+    The rate is looked at in each period, which costs a call of libjack: what libjack
+    calls back for a new rate would have to enter Python (see the head of this file).
+    """
 
     def __init__(
         self,
         owner: JackClient,
+        client: Any,
+        rate: int,
         process: Process,
         inputs: PortArrays,
         outputs: PortArrays,
@@ -338,6 +350,8 @@ class _Cycle:
         self.asked = False
         self.called_at = time.monotonic()
         self._owner = owner
+        self._client = client
+        self._rate = rate
         self._process = process
         self._inputs = inputs
         self._outputs = outputs
@@ -348,7 +362,7 @@ class _Cycle:
         self.called_at = time.monotonic()
         self._thread = self._thread or threading.get_native_id()
         try:
-            if not self.asked:
+            if not self.asked and self._client.samplerate == self._rate:
                 self._process(self._inputs.now(size), self._outputs.now(size))
                 return
         except Exception:
