@@ -82,6 +82,27 @@ def test_opus_keeps_touch_below_one_kilohertz() -> None:
     assert 20 * np.log10(sound.std() / error.std()) > 25
 
 
+def signal_to_noise_of_taps() -> float:
+    """Return the ratio in dB for taps of 300 Hz that decay within 10 ms."""
+    time = np.arange(4_800) / 48_000
+    tap = 0.3 * np.sin(2 * np.pi * 300 * time) * np.exp(-time / 0.010)
+    taps = np.tile(np.repeat(tap[:, np.newaxis], 2, axis=1), (10, 1))
+    sound = np.ascontiguousarray(taps, np.float32)
+    decoded = round_trip(Codec("opus"), sound)
+    error = decoded[4_920:] - sound[4_800:-120]
+    return float(20 * np.log10(sound.std() / error.std()))
+
+
+def test_taps_are_kept_as_well_as_with_the_encoders_longest_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours = signal_to_noise_of_taps()
+    monkeypatch.setattr("tactophone.net.link.codec.COMPLEXITY", 10)
+    assert ours > signal_to_noise_of_taps() - 0.5
+    monkeypatch.setattr("tactophone.net.link.codec.COMPLEXITY", 0)
+    assert ours > signal_to_noise_of_taps() + 1.0
+
+
 def test_pcm_is_lossless_for_16_bit_sound() -> None:
     sound = (np.arange(-32_768, 32_768, dtype=np.float32) / 32_768).reshape(-1, 2)
     np.testing.assert_array_equal(
