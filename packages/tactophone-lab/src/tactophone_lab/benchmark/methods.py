@@ -77,14 +77,20 @@ FAST_STEPS = 200
 """Least steps of the network in a fast benchmark, of which its nine folds would
 otherwise take most of the time."""
 
-NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
-"""Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
+NETWORK_LATENCY = 3.04e-3
+"""Delay of the resampler from 48 kHz to the paper's network's 2 kHz, in s."""
+
+FEATURE_LATENCY = 0.38e-3
+"""Delay of the resampler from 48 kHz to the features' 16 kHz, in s."""
 
 
 FULL_DRIVE = Limits(ceiling=1.0)
 
-WINDOW_SIZE, HOP = 1024, 128 / 3
-"""Samples of a vibration, at 4 kHz: the paper's 256 and 10.67 ms."""
+WINDOW_SIZE = 1024
+"""Samples of a window of vibration at 4 kHz: the paper's 256 ms."""
+
+HOP = 128 / 3
+"""Samples of vibration at 4 kHz between two windows: the paper's 10.67 ms."""
 
 BAND_EDGES = np.geomspace(35, 1000, 9)
 """Hz, of the bands of a vibration."""

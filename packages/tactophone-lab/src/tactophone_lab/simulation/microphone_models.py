@@ -40,14 +40,19 @@ _HUM = ((1, 1.0), (2, 0.35), (3, 0.5), (5, 0.3), (7, 0.2), (9, 0.1))
 _MOTOR = (1.0, 0.6, 0.45, 0.3, 0.2, 0.15)
 """Amplitudes of the first harmonics of a geared motor's whine."""
 
-_STILL, _BRAKE = 0.02, 0.05
-"""Activity under which a motor stands, and seconds after which its brake closes; a turn
-is shorter."""
+_STILL = 0.02
+"""Activity, 0 to 1, under which a motor stands."""
 
-_JERK_DECAY, _GEAR_CORNER = 0.1, 1500.0
-"""Seconds in which a jerk falls to 1/e, and Hz over which gears fall by 6 dB an octave:
-of the one gripper that was recorded, a start lasts 0.4 s and motion reaches 2 kHz
-(docs/research/contact.md)."""
+_BRAKE = 0.05
+"""Seconds of standing after which a motor's brake closes; a turn is shorter."""
+
+_JERK_DECAY = 0.1
+"""Seconds in which a jerk falls to 1/e. A start of the one gripper that was recorded
+lasts 0.4 s (docs/research/contact.md)."""
+
+_GEAR_CORNER = 1500.0
+"""Frequency in Hz over which gears fall by 6 dB an octave. The motion of the same
+gripper reaches 2 kHz."""
 
 _CEILING = 1.0 - 2.0**-23
 

@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 from tactophone.core.microphones import AIR
 from tactophone.core.types import FloatArray
 
-_FASTEST_ROOM, _SLOWEST_ROOM = 0.05, 0.3
-"""Seconds in which a room's sound falls by 60 dB."""
+_FASTEST_ROOM = 0.05
+"""Seconds in which the sound of the driest room falls by 60 dB."""
+
+_SLOWEST_ROOM = 0.3
+"""Seconds in which the sound of the most reverberant room falls by 60 dB."""
 
 _LOW_PASS_ORDER = 4
 

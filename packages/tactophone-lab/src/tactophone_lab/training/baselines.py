@@ -122,7 +122,7 @@ class FeatureRecipe:
     seed: int = 0
     """Of the augmentation."""
     tip: str = ""
-    """That the model is for; empty: that of the recordings."""
+    """Tip the model is trained for; empty means the tip named by the recordings."""
 
     @property
     def name(self) -> str:

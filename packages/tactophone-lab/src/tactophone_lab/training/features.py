@@ -61,8 +61,11 @@ from tactophone_lab.training.recipe_options import (
     FeatureSpec,
 )
 
-LOWEST, HIGHEST = 40.0, 7600.0
-"""Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own
+LOWEST = 40.0
+"""Lower end of the lowest band, in Hz."""
+
+HIGHEST = 7600.0
+"""Upper end of the highest band, in Hz. Above it public recordings contain nothing of the surface, only their own
 noise floor."""
 
 POWER_FLOOR = 1e-9
@@ -81,9 +84,12 @@ and 1.3 kHz at 16 kHz."""
 _ENVELOPE_STEP = 1e-3
 """Seconds of a step of its envelope."""
 
-LEAST_POWER, LEAST_SHARE = 1e-14, 1e-6
-"""Of the treble, and of its variance over its squared mean: silence and a steady tone
-have finite logarithms."""
+LEAST_POWER = 1e-14
+"""Least power of the treble, so that silence has a finite logarithm."""
+
+LEAST_SHARE = 1e-6
+"""Least variance of the treble's power over its squared mean, so that a steady tone has
+a finite logarithm."""
 
 _SHAPE_MATRIX = np.array([[1, -0.5, 0, -1], [0, 0, -2, 1], [0, 0, 1, 0], [0, 1, 0, 0]])
 """From the logarithms of four measures (rows: power, the slope's power and fourth
@@ -622,8 +628,11 @@ def run_statistics(
             yield parts(states[1 : len(each) + 1, column], channels, values)
 
 
-_AT_ONCE, _TOGETHER = 256, 32
-"""Windows of a call of the description, and recordings of a call of the statistics."""
+_AT_ONCE = 256
+"""Windows that one call of the description takes."""
+
+_TOGETHER = 32
+"""Recordings that one call of the statistics takes."""
 
 DESCRIPTION = "description"
 Part = Literal["description", "statistics", "whole"]

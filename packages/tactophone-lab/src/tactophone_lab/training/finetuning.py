@@ -120,13 +120,11 @@ def finetuning_recipe(
             f"{start}: of kind {card.kind}, but only kind paper can be fine-tuned; train the other kinds anew on both "
             "data sets, which takes a minute"
         )
-    variant: Variant = (
-        "one-channel"
-        if card.channels == 1
-        else "fine-tuned"
-        if strategy == "fine-tuned"
-        else "general"
-    )
+    variant: Variant = "general"
+    if card.channels == 1:
+        variant = "one-channel"
+    elif strategy == "fine-tuned":
+        variant = "fine-tuned"
     settings = replace(
         network_settings(variant),
         batch_size=BATCH_SIZE,

@@ -71,9 +71,13 @@ FIT_TAIL = 0.1
 """Share of an object's windows that lies beyond the quantile that faces the other
 class."""
 
-MIN_SCALE, MIN_LOGIT_SCALE = 1e-3, 0.5
-"""Least deviation of a feature and of a logit within an object: steadier sound is not
-known more precisely."""
+MIN_SCALE = 1e-3
+"""Least deviation of a feature within an object: steadier sound is not known more
+precisely."""
+
+MIN_LOGIT_SCALE = 0.5
+"""Least deviation of the shipped model's logit within an object, for the same
+reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,8 +125,8 @@ class LeftOut:
     """Share of an object's windows that are right: by the shipped model, and fitted
     without this object (or NaN).
 
-    Where the shipped boundary stays, nothing was fitted: both are that of the shipped
-    model.
+    Where the shipped boundary stays, nothing was fitted: both are the shipped model's
+    share.
     """
 
     name: str
@@ -209,7 +213,7 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     """Fit the boundary to the objects of a set-up, by the tip's own score unless
     another is clearly better.
 
-    That of a hard tip is impulses, that of a soft one the model's logit. With one
+    A hard tip's score is impulses, a soft tip's the model's logit. With one
     object of a class there is nothing to choose by. The shipped boundary stays if most
     objects of either class do not prove it wrong. Raises `ValueError` if there is no
     smooth or no rough object.

@@ -56,8 +56,11 @@ Weights: TypeAlias = Mapping[str, FloatArray]
 
 Storage = Literal["int8", "float32"]
 
-OPSET, IR_VERSION = 17, 9
-"""Of 2022: every ONNX Runtime that the package admits can read them."""
+OPSET = 17
+"""ONNX operator set, from 2022: every ONNX Runtime that the package admits reads it."""
+
+IR_VERSION = 9
+"""Version of the ONNX file format that goes with it."""
 
 UNTESTED = "none in training; untested, unless a score below names a real set"
 """What a card says about real sound if the training sound was simulated."""

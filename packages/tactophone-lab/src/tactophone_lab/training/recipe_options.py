@@ -29,12 +29,18 @@ FeatureKind = Literal["texture", "cues"]
 """Features that recipes other than the paper's network learn from; also the kind in
 their model cards."""
 
-BAND_COUNT, SHAPES = 16, 4
+BAND_COUNT = 16
+"""Frequency bands among the values that describe one channel of a window in texture
+features; `tactophone_lab.training.features` computes them."""
+
+SHAPES = 4
+"""Shapes of the waveform, which follow the bands."""
+
 BAND_VALUES = BAND_COUNT + SHAPES
+"""All values that describe one channel of a window."""
+
 CREST_INDEX = BAND_COUNT + 1
-"""Bands and shapes of the waveform among the values that describe one channel of a
-window in texture features, their sum, and the index of the crest among them; clicks
-follow it. `tactophone_lab.training.features` computes them."""
+"""Index of the crest among these values; clicks follow it."""
 
 CUES = (
     "level_db",
