@@ -98,7 +98,7 @@ def peak_amplitude(profile: Profile) -> float:
     It is found by trying, so that a profile need not declare it: 101 values of
     roughness for either touch, ends included.
     """
-    peak = 0.0
+    amplitudes = []
     for touch in SURFACE_LABELS:
         for step in range(101):
             roughness = step / 100
@@ -107,5 +107,5 @@ def peak_amplitude(profile: Profile) -> float:
                 Prediction(probabilities, touch, roughness, 0.0, 0.0, 0.0)
             )
             if is_finite(command):
-                peak = max(peak, min(command.amplitude, 1.0))
-    return peak
+                amplitudes.append(min(command.amplitude, 1.0))
+    return max(amplitudes, default=0.0)
