@@ -101,7 +101,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
             terminalreporter.write_line(line)
     if _rerun:
         terminalreporter.write_line(
-            f"{len(_rerun)} reruns were needed; `make test` fails at {MOST_RERUNS + 1} in all:"
+            f"{len(_rerun)} reruns were needed; `make test` fails at "
+            f"{MOST_RERUNS + 1} in all:"
         )
         for name in _rerun:
             terminalreporter.write_line(f"  {name}")

@@ -98,7 +98,8 @@ class Ablation:
         recipe = RecipeFile().changed(entries, where=str(path)).configured()
         if not isinstance(recipe, NetworkRecipe):
             raise ConfigError(
-                f"{path}: recipe {recipe.name}, but ablations are of the paper's network: paper-fast"
+                f"{path}: recipe {recipe.name}, but ablations are of the paper's "
+                "network: paper-fast"
             )
         return cls(recipe, **changes)
 
@@ -119,7 +120,10 @@ class Ablation:
 
     @property
     def identity(self) -> str:
-        return f"ablation {self.recipe.identity} {[getattr(self, name) for name in CHANGES]}"
+        return (
+            f"ablation {self.recipe.identity} "
+            f"{[getattr(self, name) for name in CHANGES]}"
+        )
 
     @property
     def size(self) -> int:

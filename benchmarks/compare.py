@@ -197,7 +197,8 @@ def print_pairs(
                 gain = means[columns.index("graded")] - means[columns.index("paper")]
                 low, high = interval(gain, others)
                 print(
-                    f"graded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to {high:+.4f})"
+                    f"graded over paper: {mean_of(gain, others):+.4f} ({low:+.4f} to "
+                    f"{high:+.4f})"
                 )
 
 

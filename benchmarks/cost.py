@@ -136,7 +136,8 @@ def check(totals: dict[str, dict[str, int]], path: Path) -> None:
         print(f"not compared: {path.name} was counted with {other}")
         return
     worse = [
-        f"{fingers} fingers, {name}: {now} instructions, {before} in {path.name} ({now / before - 1:+.1%})"
+        f"{fingers} fingers, {name}: {now} instructions, {before} in {path.name} "
+        f"({now / before - 1:+.1%})"
         for fingers, rows in totals.items()
         for name, now in rows.items()
         if abs(now - (before := kept["counts"].get(fingers, {}).get(name, now)))
@@ -159,7 +160,8 @@ def table(fingers: int, rows: dict[str, dict[str, Any]]) -> str:
         name: row["total"] * row["rate"] for name, row in rows.items() if row["side"]
     }
     lines = [
-        f"\nFingers: {fingers}. Thousand instructions a unit; share of all that both ends execute in a second.\n",
+        f"\nFingers: {fingers}. Thousand instructions a unit; share of all that both "
+        "ends execute in a second.\n",
         "| end | stage | unit | all | share | bound | Python | NumPy | C library |",
         "|---|---|---|--:|--:|--:|--:|--:|--:|",
     ]

@@ -2,10 +2,10 @@
 wind and a phone's gain control.
 
 They were written down before any model was trained on varied waveforms, so that no
-choice could be made by them. What training varies (`tactophone_lab.training.augmentation`:
-low-pass, noise, equaliser, speed, one simple room) is not among them. Each is a
-function of sound ``(samples, channels)``, its rate and a random generator; level and
-length stay about the same.
+choice could be made by them. What training varies
+(`tactophone_lab.training.augmentation`: low-pass, noise, equaliser, speed, one simple
+room) is not among them. Each is a function of sound ``(samples, channels)``, its rate
+and a random generator; level and length stay about the same.
 
 These *ten* have been looked at often. Eight more were written down before any of them
 was scored, in four pairs: coded (headset, old headset), quiet sound lost (conference,

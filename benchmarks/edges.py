@@ -112,7 +112,10 @@ def describe(take: TakePredictions) -> str:
         take.probabilities[here, Touch.NONE].mean(),
         1 - take.contact[here].mean(),
     )
-    return f"| {take.recording.surface} | {after.label_name} | {share:.2f} | {unknown:.2f} | {quiet:.2f} |"
+    return (
+        f"| {take.recording.surface} | {after.label_name} | {share:.2f} | "
+        f"{unknown:.2f} | {quiet:.2f} |"
+    )
 
 
 def main() -> None:
@@ -149,9 +152,12 @@ def main() -> None:
             takes = [getattr(edge, name) for edge in edges]
             delays = edge_delays(takes, rule, latency=FEATURE_LATENCY)
             print(
-                f"{name}: {len(edges)} edges, p50 {delays.quantile_ms(0.5):.0f} ms, p95 {delays.quantile_ms(0.95):.0f} "
-                f"ms, never {delays.missed}; p95 of those reported {1e3 * np.quantile(delays.times, 0.95):.0f} ms\n\n"
-                "| never reported | to | P(rough), p50 | unknown | without contact |\n|---|---|--:|--:|--:|"
+                f"{name}: {len(edges)} edges, p50 {delays.quantile_ms(0.5):.0f} ms, "
+                f"p95 {delays.quantile_ms(0.95):.0f} "
+                f"ms, never {delays.missed}; p95 of those reported "
+                f"{1e3 * np.quantile(delays.times, 0.95):.0f} ms\n\n"
+                "| never reported | to | P(rough), p50 | unknown | without contact "
+                "|\n|---|---|--:|--:|--:|"
             )
             lost = [
                 take

@@ -236,10 +236,12 @@ def main() -> None:
             )
             waits[first].append(_waited(jack) - before[0])
     print(
-        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in {AFTERMATH:g} s after a kill.\n"
+        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in "
+        f"{AFTERMATH:g} s after a kill.\n"
     )
     print(
-        "| operator killed | time to silence: p50, worst | over 100 ms | JACK waited for a processor: p50, worst |"
+        "| operator killed | time to silence: p50, worst | over 100 ms | JACK waited "
+        "for a processor: p50, worst |"
     )
     print("|---|---|--:|---|")
     for first, name in enumerate(
@@ -249,7 +251,8 @@ def main() -> None:
             [1e3 * each for each in column[first]] for column in (found, waits)
         )
         print(
-            f"| {name} | {statistics.median(times):.0f}, {max(times):.0f} ms | {sum(each > 100 for each in times)} of "
+            f"| {name} | {statistics.median(times):.0f}, {max(times):.0f} ms | "
+            f"{sum(each > 100 for each in times)} of "
             f"{len(times)} | {statistics.median(waited):.0f}, {max(waited):.0f} ms |"
         )
 

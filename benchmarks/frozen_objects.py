@@ -45,7 +45,8 @@ def main() -> None:
         )
     recall = measure(scores[REFERENCE])["rough_accuracy"]
     print(
-        f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own threshold | linoleum |"
+        f"| smooth as rough | at {REFERENCE}'s recall of {recall:.3f} | at its own "
+        "threshold | linoleum |"
     )
     print("|---|--:|--:|--:|")
     for name, found in scores.items():
@@ -53,7 +54,8 @@ def main() -> None:
         own = measure(found)["false_positive_rate"]
         rough = (found.score[linoleum] >= 0.5).mean()
         print(
-            f"| {name} | {false_positives_at_recall(found, recall):.3f} | {own:.3f} | {rough:.3f} |"
+            f"| {name} | {false_positives_at_recall(found, recall):.3f} | {own:.3f} | "
+            f"{rough:.3f} |"
         )
     print_rendered(recordings)
 

@@ -60,10 +60,12 @@ def main() -> None:
         print_peers(args.impulses)
     if args.only in (None, "failures"):
         print(
-            f"| robot killed, until -60 dB | {times_to_silence(kill_robot)} | 5 times: median, worst |"
+            f"| robot killed, until -60 dB | {times_to_silence(kill_robot)} | 5 "
+            "times: median, worst |"
         )
         print(
-            f"| operator frozen, until -60 dB | {times_to_silence(freeze_operator)} | the same |"
+            f"| operator frozen, until -60 dB | {times_to_silence(freeze_operator)} | "
+            "the same |"
         )
 
 

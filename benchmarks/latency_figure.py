@@ -116,7 +116,8 @@ def measured(table: str, cell: str) -> tuple[float, float]:
     )
     if found is None:
         raise SystemExit(
-            f"docs/research/latency.md has no figures for {cell!r}: paste what latency.py prints"
+            f"docs/research/latency.md has no figures for {cell!r}: paste what "
+            "latency.py prints"
         )
     return float(found[1]), float(found[2])
 

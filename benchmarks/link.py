@@ -177,7 +177,8 @@ def skewed_clocks() -> Iterator[Row]:
         settled = np.array(delays[len(delays) // 100 :])
         yield Row(
             f"clock skew {ppm:+d} ppm over 8 h, 2 ms jitter",
-            f"delay within {1e3 * np.ptp(settled):.2f} ms; {late} of {count} packets late ({late / count:.3%})",
+            f"delay within {1e3 * np.ptp(settled):.2f} ms; {late} of {count} packets "
+            f"late ({late / count:.3%})",
             "zita-style loop: unstable",
         )
 
@@ -293,7 +294,8 @@ def stall(sound: FloatArray, model: str) -> Iterator[Row]:
         last = float(out[-1])
     yield Row(
         "stall of 200 ms",
-        f"normal in {1e3 * max(waits):.0f} ms at worst ({len(waits)} stalls), largest step {steepest:.4f}",
+        f"normal in {1e3 * max(waits):.0f} ms at worst ({len(waits)} stalls), largest "
+        f"step {steepest:.4f}",
     )
 
 

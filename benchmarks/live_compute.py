@@ -85,7 +85,8 @@ def print_table(model: str, fingers: int) -> None:
     ]
     hop_ms = 1000 * HOP_SIZE / RATE
     print(
-        f"Model `{model}` on ONNX Runtime, fingers: {fingers}, {RUNS} x {UPDATES} updates at a hop of {hop_ms:.2f} ms, "
+        f"Model `{model}` on ONNX Runtime, fingers: {fingers}, {RUNS} x {UPDATES} "
+        f"updates at a hop of {hop_ms:.2f} ms, "
         "torch loaded: no.\n"
     )
     print("| quantity | wall | processor |\n|---|--:|--:|")

@@ -227,13 +227,15 @@ def main() -> None:
             and (not take.take.isdigit() or int(take.take) <= TAKES)
         ]
         print(
-            "| channel | rough right | smooth right | nothing rendered |\n|---|--:|--:|--:|"
+            "| channel | rough right | smooth right | nothing rendered "
+            "|\n|---|--:|--:|--:|"
         )
         for channel, shares in rendered_right(takes, args.model):
             print("| {} | {:.3f} | {:.3f} | {:.3f} |".format(channel, *shares))
         return
     print(
-        "| SIMULATED | contact in the air | touch to contact, p50 | p95 |\n|---|--:|--:|--:|"
+        "| SIMULATED | contact in the air | touch to contact, p50 | p95 "
+        "|\n|---|--:|--:|--:|"
     )
     for words, (share, *late) in simulated(args.seeds):
         print(f"| {words} | {share:.1f} % | {late[0]:.0f} ms | {late[1]:.0f} ms |")

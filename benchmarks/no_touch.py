@@ -51,11 +51,16 @@ from tactophone_lab.training.tracks import extract_features, noise_level
 RATE = 48_000
 
 SPOKEN = {
-    "en-us": "The quick brown fox jumps over the lazy dog. She sells sea shells by the sea shore. Please lift the box, "
-    "turn it around, and put it back on the table. Nobody was there to hear what the robot had touched that morning.",
-    "de": "Zwölf Boxkämpfer jagen Viktor quer über den großen Sylter Deich. Bitte heben Sie die Kiste an, drehen Sie "
-    "sie um und stellen Sie sie zurück auf den Tisch. Niemand war da, der hörte, was der Roboter berührt hatte.",
-    "fr-fr": "Portez ce vieux whisky au juge blond qui fume. Soulevez la boîte, tournez-la et remettez-la sur la "
+    "en-us": "The quick brown fox jumps over the lazy dog. She sells sea shells by "
+    "the sea shore. Please lift the box, "
+    "turn it around, and put it back on the table. Nobody was there to hear what the "
+    "robot had touched that morning.",
+    "de": "Zwölf Boxkämpfer jagen Viktor quer über den großen Sylter Deich. Bitte "
+    "heben Sie die Kiste an, drehen Sie "
+    "sie um und stellen Sie sie zurück auf den Tisch. Niemand war da, der hörte, was "
+    "der Roboter berührt hatte.",
+    "fr-fr": "Portez ce vieux whisky au juge blond qui fume. Soulevez la boîte, "
+    "tournez-la et remettez-la sur la "
     "table. Personne n'était là pour entendre ce que le robot avait touché ce matin.",
 }
 
@@ -63,14 +68,21 @@ Floats = NDArray[np.float64]
 
 
 OTHERS = {
-    "es+m1": "El veloz murciélago hindú comía feliz cardillo y kiwi mientras tocaba el saxofón detrás del palenque.",
-    "it+f2": "Quel vituperabile xenofobo zelante assaggia il whisky ed esclama: alleluja, che bella giornata di sole.",
-    "sv+m3": "Flygande bäckasiner söka hwila på mjuka tuvor, och yxskaftbud ge vår wc-zonmö iq-hjälp hela dagen.",
-    "pl+f3": "Pchnąć w tę łódź jeża lub ośm skrzyń fig, a potem szybko wrócić do domu przez las.",
-    "ru+m5": "Съешь же ещё этих мягких французских булок, да выпей чаю, а потом расскажи мне всё.",
+    "es+m1": "El veloz murciélago hindú comía feliz cardillo y kiwi mientras tocaba "
+    "el saxofón detrás del palenque.",
+    "it+f2": "Quel vituperabile xenofobo zelante assaggia il whisky ed esclama: "
+    "alleluja, che bella giornata di sole.",
+    "sv+m3": "Flygande bäckasiner söka hwila på mjuka tuvor, och yxskaftbud ge vår "
+    "wc-zonmö iq-hjälp hela dagen.",
+    "pl+f3": "Pchnąć w tę łódź jeża lub ośm skrzyń fig, a potem szybko wrócić do domu "
+    "przez las.",
+    "ru+m5": "Съешь же ещё этих мягких французских булок, да выпей чаю, а потом "
+    "расскажи мне всё.",
     "hi+f4": "ऋषियों को सताने वाले दुष्ट राक्षसों के राजा रावण का सर्वनाश करने वाले श्रीराम.",
-    "pt+m7": "Luís argüia à Júlia que brações, fé, chá, óxido, pôr, zângão eram palavras do português.",
-    "nl+f1": "Pa's wijze lynx bezag vroom het fikse aquaduct, en daarna gingen we samen naar de markt.",
+    "pt+m7": "Luís argüia à Júlia que brações, fé, chá, óxido, pôr, zângão eram "
+    "palavras do português.",
+    "nl+f1": "Pa's wijze lynx bezag vroom het fikse aquaduct, en daarna gingen we "
+    "samen naar de markt.",
 }
 """Other languages and voices, to train with."""
 
@@ -150,7 +162,8 @@ def sounds(seconds: float, draws: int = 1) -> Iterator[tuple[str, Floats]]:
             yield f"speech, {language}", spoken(language, seconds)
     else:
         print(
-            "espeak-ng is not installed (apt install espeak-ng): speech is the generated voice alone\n"
+            "espeak-ng is not installed (apt install espeak-ng): speech is the "
+            "generated voice alone\n"
         )
     voice = draw_no_touch("voice", seconds, 100, lead=0)[:, 0].astype(float)
     yield "generated voice", signal.resample_poly(voice, RATE, NO_TOUCH_RATE)
@@ -212,7 +225,8 @@ def no_touch_features(
             takes.append(Recording(path, name, None, ("air",), segments=segments))
     if not shutil.which("espeak-ng"):
         raise SystemExit(
-            "espeak-ng is not installed, and what tells speech from touch is fitted to it: apt install espeak-ng"
+            "espeak-ng is not installed, and what tells speech from touch is fitted "
+            "to it: apt install espeak-ng"
         )
     for number, voice in enumerate(OTHERS):
         path, seconds = folder / f"speech-{number}.wav", 8.0
@@ -284,7 +298,8 @@ def fit(training_set: TrainingSet, folder: Path) -> tuple[FloatArray, float, flo
     fitted = regression(np.ones(len(whole), bool))
     missed = float((whole[label] @ fitted[:-1] + fitted[-1] < limit).mean())
     print(
-        f"no touch that counts as touch, windows of training sounds: {missed:.3f}; limit {limit:.2f}"
+        f"no touch that counts as touch, windows of training sounds: {missed:.3f}; "
+        f"limit {limit:.2f}"
     )
     ready = fitted[:-1] / scale
     return np.float32(ready), float(fitted[-1] - limit - centre @ ready), missed
@@ -327,7 +342,8 @@ def main() -> None:
     for name, sound in sounds(args.seconds, args.draws):
         rough, onsets, code, noticed = measure(sound, args.model)
         print(
-            f"| {name} | {rough:.3f} | {onsets:.0f} | {code or 'none'} | {noticed:.1f} s |",
+            f"| {name} | {rough:.3f} | {onsets:.0f} | {code or 'none'} | "
+            f"{noticed:.1f} s |",
             flush=True,
         )
 

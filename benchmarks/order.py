@@ -125,7 +125,8 @@ def main() -> None:
     span = f"Ra {10 ** height[0]:.1f} to {10 ** height[-1]:.0f} um"
     print(f"{len(names)} SIMULATED rough kinds, {span}, every other kept out\n")
     print(
-        "| ranked by | Spearman | 90 % | pairs in order, Ra 2 times | pairs |\n|---|--:|--:|--:|--:|"
+        "| ranked by | Spearman | 90 % | pairs in order, Ra 2 times | pairs "
+        "|\n|---|--:|--:|--:|--:|"
     )
     out = np.arange(1, len(names), 2)
     for words, score in (
@@ -160,7 +161,8 @@ def print_order(words: str, score: Floats, height: Floats) -> None:
     first, second = np.nonzero(height[:, None] - height[None] >= np.log10(2))
     right = (score[first] > score[second]).mean()
     print(
-        f"| {words} | {spearmanr(score, height).statistic:.2f} | {low:.2f} to {high:.2f} | {right:.2f} | {len(first)} |"
+        f"| {words} | {spearmanr(score, height).statistic:.2f} | {low:.2f} to "
+        f"{high:.2f} | {right:.2f} | {len(first)} |"
     )
 
 

@@ -4,14 +4,18 @@ sound, and to silence.
 ``python benchmarks/page.py [delays] [deadman] [microphone] [viewers] [game] [alone]``
 runs the named parts, or all.
 
-- ``delays``: a run alternates between no contact and rough. From the moment at which the command is published to the
-  call of ``navigator.vibrate`` or ``playEffect``, and to the first sample of sound in
-  the audio thread.
+- ``delays``: a run alternates between no contact and rough. From the moment at which
+  the command is published to the call of ``navigator.vibrate`` or ``playEffect``, and
+  to the first sample of sound in the audio thread.
 - ``deadman``: the run is killed while it vibrates; until the pad's motors are reset.
-- ``microphone``: clicks in the microphone of a page (``tactophone try``), to the motor of another page.
-- ``viewers``: latency of a loopback with no viewer and with ten that render the vibration.
-- ``game``: from a press on a rough stone to the first sample of sound, over the live system (``tactophone play``).
-- ``alone``: processor time of the page that needs no server (examples/browser), all of Chromium's processes together.
+- ``microphone``: clicks in the microphone of a page (``tactophone try``), to the motor
+  of another page.
+- ``viewers``: latency of a loopback with no viewer and with ten that render the
+  vibration.
+- ``game``: from a press on a rough stone to the first sample of sound, over the live
+  system (``tactophone play``).
+- ``alone``: processor time of the page that needs no server (examples/browser), all of
+  Chromium's processes together.
 
 Needs Debian's chromium and chromium-driver. A motor is replaced by a function that
 notes the time.
@@ -441,7 +445,8 @@ def alone() -> None:
                 )
         server.shutdown()
     print(
-        f"| page without a server, share of a core | 3 | {np.median(shares):.3f} (median) | {max(shares):.3f} | 0.25 |"
+        f"| page without a server, share of a core | 3 | {np.median(shares):.3f} "
+        f"(median) | {max(shares):.3f} | 0.25 |"
     )
 
 

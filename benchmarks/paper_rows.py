@@ -202,7 +202,8 @@ def marked(kind: str, seed: int) -> tuple[SimulatedObject, float]:
 
 def irregularities(models: Sequence[str]) -> None:
     print(
-        "| model | mark | speed (cm/s) | hits | of | false on plain glass | place after the mark, p50 (mm) |"
+        "| model | mark | speed (cm/s) | hits | of | false on plain glass | place "
+        "after the mark, p50 (mm) |"
     )
     print("|---|---|--:|--:|--:|--:|--:|")
     for model in models or SHIPPED:
@@ -229,7 +230,8 @@ def irregularities(models: Sequence[str]) -> None:
                     places += [1e3 * (x - place) for x in found[:1]]
                 middle = f"{np.median(places):.0f}" if places else "-"
                 print(
-                    f"| {model} | {kind} | {100 * speed:.0f} | {len(places)} | {STROKES} | {false} | {middle} |",
+                    f"| {model} | {kind} | {100 * speed:.0f} | {len(places)} | "
+                    f"{STROKES} | {false} | {middle} |",
                     flush=True,
                 )
 
@@ -266,7 +268,8 @@ def regularity(_: Sequence[str]) -> None:
     periods = np.geomspace(0.3e-3, 2.5e-3, 8)
     stone = find("smooth competition stone")
     print(
-        "| texture | surfaces | rank correlation with ridges or grains a metre |\n|---|--:|--:|"
+        "| texture | surfaces | rank correlation with ridges or grains a metre "
+        "|\n|---|--:|--:|"
     )
     for name, features in (
         (
@@ -292,7 +295,8 @@ def regularity(_: Sequence[str]) -> None:
                 )
                 density.append(1 / period)
         print(
-            f"| {name} | {len(periods)} | {stats.spearmanr(ratio, density).statistic:.2f} |",
+            f"| {name} | {len(periods)} | "
+            f"{stats.spearmanr(ratio, density).statistic:.2f} |",
             flush=True,
         )
 

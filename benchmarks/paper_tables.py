@@ -222,8 +222,10 @@ def predict_held_out(
     kept = dataset.labelled()
     if not any(take.known("split") not in ("train", "") for take in kept.recordings):
         raise DatasetError(
-            f"{dataset.root}: has no test objects and no competition runs; Tables I and II need the authors' layout: "
-            "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset --authors-layout` makes it)"
+            f"{dataset.root}: has no test objects and no competition runs; Tables I "
+            "and II need the authors' layout: "
+            "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset "
+            "--authors-layout` makes it)"
         )
     # Where contact is not labelled, the authors' test threshold labels it: they score
     # by it.
@@ -316,7 +318,8 @@ def file_method(path: Path, folder: Path, report: Callable[[str], None]) -> Kept
     recipe = RecipeFile.read(path).configured()
     if isinstance(recipe, FeatureRecipe):
         raise ConfigError(
-            f"{path}: recipe {recipe.name}, but a table takes files of the paper's network"
+            f"{path}: recipe {recipe.name}, but a table takes files of the paper's "
+            "network"
         )
     return KeptMethod(recipe, path.stem, folder, report)
 
@@ -607,7 +610,8 @@ def play_task(
     ]:
         hint = did_you_mean(unknown[0], allowed)
         raise ConfigError(
-            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}"
+            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and "
+            f"model files{hint}"
         )
     report("rendering visits")
     sound = render_visits(visits=visits)
@@ -703,7 +707,8 @@ def print_held_out(
     kept = sorted(path.stem for path in cache.folder.glob("*.onnx"))
     if form == "markdown" and kept:
         print(
-            f"\nModels, each by the hash of its recipe, its recordings and the code that trains it: {', '.join(kept)}."
+            "\nModels, each by the hash of its recipe, its recordings and the code "
+            f"that trains it: {', '.join(kept)}."
         )
 
 
@@ -731,7 +736,8 @@ def paper_parts(title: str, rows: Sequence[TableRow]) -> list[output.Part]:
         for row in rows
     ]
     note = Text(
-        "Below a score, its 90 % interval over takes of the test objects and 5 s pieces of the competition's runs: one "
+        "Below a score, its 90 % interval over takes of the test objects and 5 s "
+        "pieces of the competition's runs: one "
         "object a class says nothing of other objects."
     )
     return [title, output.table(cells, padding=(0, 1, 0, 0)), note]
@@ -777,11 +783,19 @@ def print_task(names: Sequence[str], rounds: int, form: str) -> None:
         )
         for each in outcomes
     ]
-    first = "Table III as the paper has it: min:s, sensing and retrieval of a rough stone; N/A: not attempted"
-    second = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {rounds} rounds a method"
+    first = (
+        "Table III as the paper has it: min:s, sensing and retrieval of a rough "
+        "stone; N/A: not attempted"
+    )
+    second = (
+        "Table III: SIMULATED OPERATOR, five stones, two of them rough, "
+        f"{rounds} rounds a method"
+    )
     note = (
-        "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
-        "objects, on which the shipped models are trained, and plays with stones new to both. The paper's teams are "
+        "Shares with 90 % intervals, times as median and 5 to 95 %. The operator "
+        "practises on the catalogue's training "
+        "objects, on which the shipped models are trained, and plays with stones new "
+        "to both. The paper's teams are "
         "people with a robot, who also moved an arm and fetched the stone."
     )
     if form == "markdown":
@@ -813,7 +827,10 @@ def print_ablations(
             cache,
             report=lambda done, of: update(completed=done, note=of),
         )
-    title = f"The paper's network and what its authors tried, {dataset.name} ({origin_of(dataset)}), {name}"
+    title = (
+        f"The paper's network and what its authors tried, {dataset.name} "
+        f"({origin_of(dataset)}), {name}"
+    )
     table = [
         {
             "network": row.name,
@@ -842,7 +859,8 @@ def main() -> None:
         action="append",
         default=[],
         metavar="DIR",
-        help="recordings in the authors' layout, repeatable; any for ablations, the first",
+        help="recordings in the authors' layout, repeatable; any for ablations, the "
+        "first",
     )
     parser.add_argument(
         "--methods",
@@ -881,7 +899,8 @@ def main() -> None:
     try:
         if {"1", "2", "ablations"} & {*args.tables} and not args.data:
             raise ConfigError(
-                "--data is missing: `tactophone simulate dataset DIR --authors-layout` makes some"
+                "--data is missing: `tactophone simulate dataset DIR "
+                "--authors-layout` makes some"
             )
         for folder in args.data if {"1", "2"} & {*args.tables} else ():
             print_held_out(open_dataset(folder), args.tables, names, cache, args.form)

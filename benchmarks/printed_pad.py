@@ -96,7 +96,8 @@ def main() -> None:
         [take for take in TAKES if take.name in QUIET],
     )
     print(
-        "| bed | mass | tilt | right | smooth as rough | gaps | AUC |\n|---|--:|--:|--:|--:|--:|--:|"
+        "| bed | mass | tilt | right | smooth as rough | gaps | AUC "
+        "|\n|---|--:|--:|--:|--:|--:|--:|"
     )
     for bed, tilt, mass in ROWS:
         tip = printed(SILICONE[bed], mass) if bed else TRAINED
@@ -122,7 +123,8 @@ def main() -> None:
             found.rules["two-class"]["auc"],
         )
         print(
-            f"| {bed or 'as in training'} | {1e3 * mass or 6:g} g | {tilt:g}° | {' | '.join(map(str, scores))} |",
+            f"| {bed or 'as in training'} | {1e3 * mass or 6:g} g | {tilt:g}° | "
+            f"{' | '.join(map(str, scores))} |",
             flush=True,
         )
 

@@ -198,7 +198,8 @@ def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
     all channels, and the verdict."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print(
-        "\n| against the older design | gain | 90 % over surfaces | kept |\n|---|--:|--:|---|"
+        "\n| against the older design | gain | 90 % over surfaces | kept "
+        "|\n|---|--:|--:|---|"
     )
     for words, channels in (
         (AS_IT_IS, [AS_IT_IS]),
@@ -216,7 +217,8 @@ def print_gain(real: Dataset, shares: Shares, older: Shares) -> None:
             gain, low, high = paired_gain(rough, np.array(gains))
             verdict = "yes" if low > 0 else "no"
             print(
-                f"| {words}, {' and '.join(tiers)} | {gain:+.3f} | {low:+.3f} to {high:+.3f} | {verdict} |"
+                f"| {words}, {' and '.join(tiers)} | {gain:+.3f} | {low:+.3f} to "
+                f"{high:+.3f} | {verdict} |"
             )
 
 
@@ -282,7 +284,8 @@ def print_surfaces(real: Dataset, counts: Counts) -> None:
             for touch in (first[name].label or 0, Touch.NONE)
         )
         print(
-            f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | {gap:.3f} |"
+            f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | "
+            f"{gap:.3f} |"
         )
 
 
@@ -291,7 +294,8 @@ def print_channels(real: Dataset, counts: dict[str, Counts], groups: list[str]) 
     all; then the groups' means."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print(
-        "\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|"
+        "\n| channel | core: balanced (right) | all: balanced (right) | nothing "
+        "rendered |\n|---|--:|--:|--:|"
     )
     table = {}
     for channel, of_surface in counts.items():

@@ -81,7 +81,8 @@ def main() -> None:
         numbers = list(map(int, args.operators.split(",")))
         each = packet_costs(numbers)
         print(
-            "| operators | settings | processor time of the robot | connected | to encode, seal and send a packet |"
+            "| operators | settings | processor time of the robot | connected | to "
+            "encode, seal and send a packet |"
         )
         print("|--:|---|--:|--:|--:|")
         for name in args.rows.split(","):
@@ -92,7 +93,8 @@ def main() -> None:
                 )
         return
     print(
-        "| fingers | settings | processor time, both ends, 5 ms packets | as settings | p50 / p99 "
+        "| fingers | settings | processor time, both ends, 5 ms packets | as settings "
+        "| p50 / p99 "
         "| missed | operator | Mbit/s | decisions |"
     )
     print("|--:|---|--:|--:|--:|--:|--:|--:|---|")
@@ -226,7 +228,10 @@ def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) ->
                 / (time.monotonic() - begun)
             )
         connected = watcher.snapshot().gauges["operators"]
-    return f"| {operators} | {name} | {statistics.median(shares):.1f} % | {connected:.0f} | {packet_cost:.0f} µs |"
+    return (
+        f"| {operators} | {name} | {statistics.median(shares):.1f} % | "
+        f"{connected:.0f} | {packet_cost:.0f} µs |"
+    )
 
 
 def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":
@@ -245,7 +250,10 @@ class RunningCost(NamedTuple):
 
     @property
     def shares(self) -> str:
-        return f"{self.robot + self.operator:.1f} % (robot {self.robot:.1f}, operator {self.operator:.1f})"
+        return (
+            f"{self.robot + self.operator:.1f} % (robot {self.robot:.1f}, operator "
+            f"{self.operator:.1f})"
+        )
 
 
 def running_cost(settings: "Settings", server: str, seconds: int) -> RunningCost:

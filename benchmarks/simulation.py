@@ -23,7 +23,10 @@ OFFLINE, LIVE = 30.0, 20.0
 
 BLOCK = 128
 
-_START = "from tactophone_lab.simulation.demonstration import demonstration; demonstration().render(128)"
+_START = (
+    "from tactophone_lab.simulation.demonstration import demonstration; "
+    "demonstration().render(128)"
+)
 
 
 def offline(name: str) -> float:
@@ -73,7 +76,8 @@ def main() -> None:
     share, slowest = live()
     print(f"| live, five stones, blocks of {BLOCK} | {share:.1%} of a core |")
     print(
-        f"| ... time for a block of {1000 * BLOCK / 48_000:.2f} ms, p99 | {slowest:.2f} ms |"
+        f"| ... time for a block of {1000 * BLOCK / 48_000:.2f} ms, p99 | "
+        f"{slowest:.2f} ms |"
     )
     with tempfile.TemporaryDirectory() as cache:
         print(

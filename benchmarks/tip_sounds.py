@@ -2,8 +2,8 @@
 wrong tip is noticed.
 
     python benchmarks/tip_sounds.py FOLDER ... --out
-    packages/tactophone/src/tactophone/signal/perception/models/tips.npz python benchmarks/tip_sounds.py
-    FOLDER ... [--seconds 10]
+    packages/tactophone/src/tactophone/signal/perception/models/tips.npz python
+    benchmarks/tip_sounds.py FOLDER ... [--seconds 10]
 
 A run is a session of a FOLDER that `tactophone simulate dataset` wrote, its takes one
 after another. With TACTOPHONE_RECORDINGS, `lmt` is a stylus: the odd groups of

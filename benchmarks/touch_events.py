@@ -121,9 +121,11 @@ def simulated(
     classes["knock", "knock"] += classes.pop(("knock", MISSED), 0)
     noise = f"{tip}, " + ("competition's noise" if motors else "quiet room")
     rows = [
-        f"| simulated, {len(names)} objects, {noise}: touch-downs F at 50 ms / 10 ms | {pooled.score(0.05):.3f} / "
+        f"| simulated, {len(names)} objects, {noise}: touch-downs F at 50 ms / 10 ms "
+        f"| {pooled.score(0.05):.3f} / "
         f"{pooled.score(0.01):.3f} ({pooled.true} true, {pooled.found} found) |",
-        f"| the same: class right | {class_accuracy(classes):.3f} of {classes.total()} |",
+        f"| the same: class right | {class_accuracy(classes):.3f} of "
+        f"{classes.total()} |",
     ]
     for kind in KINDS:
         total = sum(count for (true, _), count in classes.items() if true == kind)
@@ -152,7 +154,10 @@ def sliding(names: tuple[str, ...], *, motors: bool, seed: int) -> str:
         false += len(found) - len(match_moments(list(scene.times("tap")), found, 0.05))
         minutes += len(scene.sound) / 48_000 / 60
     noise = "competition's noise" if motors else "quiet room"
-    return f"| simulated sliding, {noise}: false taps in 10 min | {10 * false / minutes:.1f} ({minutes:.1f} min) |"
+    return (
+        f"| simulated sliding, {noise}: false taps in 10 min | "
+        f"{10 * false / minutes:.1f} ({minutes:.1f} min) |"
+    )
 
 
 def tapsense(folder: Path) -> Iterator[str]:
@@ -168,7 +173,8 @@ def tapsense(folder: Path) -> Iterator[str]:
                     [begin for begin, _ in truth], moments(detected(sound, rate), "tap")
                 )
         yield (
-            f"| `tapsense`, {part} files, one air microphone: F at 50 ms / 10 ms | {pooled.score(0.05):.3f} / "
+            f"| `tapsense`, {part} files, one air microphone: F at 50 ms / 10 ms | "
+            f"{pooled.score(0.05):.3f} / "
             f"{pooled.score(0.01):.3f} ({pooled.true} true, {pooled.found} found) |"
         )
 
@@ -195,11 +201,15 @@ def phac(folder: Path) -> Iterator[str]:
             begins, [press for press in presses(first, rate) if press < end]
         )
     score = pooled.score(PHAC_WINDOW)
-    yield f"| `phac`, first taps, 2.2 kHz: F at 250 ms | {score:.3f} ({pooled.true} true, {pooled.found} found) |"
+    yield (
+        f"| `phac`, first taps, 2.2 kHz: F at 250 ms | {score:.3f} ({pooled.true} "
+        f"true, {pooled.found} found) |"
+    )
     for chosen, gate in pressed.items():
         title = "materials of the threshold" if chosen else "other materials"
         yield (
-            f"| the same by a contact gate {PRESS_DB:g} dB over the median, {title}: F at 50 ms of the label's begin | "
+            f"| the same by a contact gate {PRESS_DB:g} dB over the median, {title}: "
+            "F at 50 ms of the label's begin | "
             f"{gate.score(0.05):.3f} ({gate.true} true, {gate.found} found) |"
         )
     yield from press_power(folder)
@@ -241,7 +251,10 @@ def press_power(folder: Path) -> Iterator[str]:
             )
     for (low, high), levels in over.items():
         press, resting = np.median(levels, axis=0)
-        title = f"`phac`, {low}-{high} Hz: loudest 20 ms of presses, of rest, over the median of rest"
+        title = (
+            f"`phac`, {low}-{high} Hz: loudest 20 ms of presses, of rest, over "
+            "the median of rest"
+        )
         yield f"| {title} | {press:.0f}, {resting:.0f} dB |"
 
 
@@ -273,7 +286,10 @@ def lmt(folder: Path) -> Iterator[str]:
                 false += len(moments(detected(sound, rate), "tap"))
                 minutes += len(sound) / rate / 60
         share = f"{10 * false / minutes:.1f} ({minutes:.1f} min)"
-        yield f"| `lmt`, sliding stylus, one microphone, {title}: taps in 10 min | {share} |"
+        yield (
+            f"| `lmt`, sliding stylus, one microphone, {title}: taps in 10 min | "
+            f"{share} |"
+        )
 
 
 def double_taps(folder: Path) -> Iterator[str]:
@@ -293,7 +309,10 @@ def double_taps(folder: Path) -> Iterator[str]:
         windows = sound.reshape(-1, TAPS_WINDOW)
         heard = [found_among_noise(window, window) for window in windows]
         share = np.mean([bool(taps) for taps in heard])
-        yield f"| `taps`, a laptop's palm rest, {title}: a tap | {share:.1%} of {len(windows)} |"
+        yield (
+            f"| `taps`, a laptop's palm rest, {title}: a tap | {share:.1%} of "
+            f"{len(windows)} |"
+        )
         if file.startswith("double"):
             yield from second_taps(windows, heard, rate, title)
 
@@ -326,7 +345,10 @@ def second_taps(
         ]
         found[number % 2].append((near[0], near[1]))
     for odd, pairs in found.items():
-        words = f"{title}, {len(pairs)} {('even', 'odd')[odd]} windows of two onsets: second as recorded / completed"
+        words = (
+            f"{title}, {len(pairs)} {('even', 'odd')[odd]} windows of two onsets: "
+            "second as recorded / completed"
+        )
         yield "| {} | {:.1%} / {:.1%} |".format(words, *np.mean(pairs, axis=0))
 
 
@@ -438,7 +460,8 @@ def main() -> None:
             for row in score(folder):
                 print(row, flush=True)
     print(
-        f"\n{MISSED.capitalize()}: none of its kinds near. Took {time.perf_counter() - began:.0f} s."
+        f"\n{MISSED.capitalize()}: none of its kinds near. Took "
+        f"{time.perf_counter() - began:.0f} s."
     )
 
 

@@ -281,7 +281,8 @@ class Night:
     def _promise(self, kept: bool, what: str) -> None:
         if not kept:
             raise BrokenPromiseError(
-                f"seed {self.seed}, {self.now - 1_000:.3f} s into the night: {what}; {self.story}"
+                f"seed {self.seed}, {self.now - 1_000:.3f} s into the night: {what}; "
+                f"{self.story}"
             )
 
     def _plan(self) -> tuple[list[tuple[float, float]], list[float]]:

@@ -18,7 +18,8 @@ def main(path: str) -> None:
             if prediction.touch != previous:
                 name = Touch(prediction.touch).name.lower()
                 print(
-                    f"{prediction.end:8.3f} s  {name:6}  roughness {prediction.roughness:.2f}"
+                    f"{prediction.end:8.3f} s  {name:6}  roughness "
+                    f"{prediction.roughness:.2f}"
                 )
             previous = prediction.touch
     for note in recording.notes:

@@ -34,7 +34,8 @@ def main(path: str) -> None:
         for block in source:
             for command in pipeline.push(block).commands:
                 print(
-                    f"{command.time:8.3f} s  {command.frequency:.0f} Hz  {command.amplitude:.2f}"
+                    f"{command.time:8.3f} s  {command.frequency:.0f} Hz  "
+                    f"{command.amplitude:.2f}"
                 )
 
 

@@ -83,7 +83,8 @@ def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
         "version": {"major": 1, "minor": 0, "patch": 0},
         "metadata": {
             "editor": "tactophone",
-            "description": f"frequency 0 to 1 is {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz by ratio",
+            "description": f"frequency 0 to 1 is {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz "
+            "by ratio",
         },
         "signals": {
             "continuous": {

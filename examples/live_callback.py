@@ -15,7 +15,8 @@ def print_step(step: tactophone.PipelineStep) -> None:
     """Print what a block led to."""
     for prediction in step.predictions:
         print(
-            f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  {prediction.roughness:.2f}"
+            f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  "
+            f"{prediction.roughness:.2f}"
         )
 
 

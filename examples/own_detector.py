@@ -90,5 +90,6 @@ if __name__ == "__main__":
         for block in source:
             for prediction in pipeline.push(block).predictions:
                 print(
-                    f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  {prediction.roughness:.2f}"
+                    f"{prediction.end:8.3f} s  {prediction.touch.name.lower():6}  "
+                    f"{prediction.roughness:.2f}"
                 )

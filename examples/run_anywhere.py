@@ -151,7 +151,10 @@ def as_text(
 ) -> str:
     """Return a line for a window."""
     none, smooth, rough = probabilities
-    return f"{end:.4f} {none:.6f} {smooth:.6f} {rough:.6f} {level:7.2f} {touch:6} {roughness:.4f}"
+    return (
+        f"{end:.4f} {none:.6f} {smooth:.6f} {rough:.6f} {level:7.2f} {touch:6} "
+        f"{roughness:.4f}"
+    )
 
 
 if __name__ == "__main__":

@@ -26,7 +26,8 @@ async def watch(url: str, count: int) -> None:
         for _ in range(count):
             prediction = json.loads((await view.receive_bytes())[HEAD:])
             print(
-                f"{prediction['window_end']:.2f} s  {prediction['touch']:6} {prediction['amplitude']}"
+                f"{prediction['window_end']:.2f} s  {prediction['touch']:6} "
+                f"{prediction['amplitude']}"
             )
 
 

@@ -85,7 +85,8 @@ class FingerDimensions:
     def __post_init__(self) -> None:
         if self.disc / 2 + FIT > self.inner:
             raise ValueError(
-                f"a disc of {self.disc:g} mm does not fit into a finger of {self.width:g} mm; widen it"
+                f"a disc of {self.disc:g} mm does not fit into a finger of "
+                f"{self.width:g} mm; widen it"
             )
 
     @property

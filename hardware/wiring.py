@@ -32,7 +32,8 @@ WIDTH, HEIGHT = 170, 50
 def draw() -> str:
     """Return the drawing."""
     parts = [
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 780 420" font-family="sans-serif" font-size="13">',
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 780 420" '
+        'font-family="sans-serif" font-size="13">',
         '<rect width="780" height="420" fill="#ffffff"/>',
     ]
     for begin, end, words in WIRES:
@@ -40,13 +41,15 @@ def draw() -> str:
     for left, top, title, note in BOXES.values():
         middle = left + WIDTH / 2
         parts.append(
-            f'<rect x="{left}" y="{top}" width="{WIDTH}" height="{HEIGHT}" rx="6" fill="#eef4f9" stroke="#0072B2"/>'
+            f'<rect x="{left}" y="{top}" width="{WIDTH}" height="{HEIGHT}" rx="6" '
+            'fill="#eef4f9" stroke="#0072B2"/>'
         )
         parts.append(
             f'<text x="{middle}" y="{top + 21}" text-anchor="middle">{title}</text>'
         )
         parts.append(
-            f'<text x="{middle}" y="{top + 39}" text-anchor="middle" font-size="11" fill="#555">{note}</text>'
+            f'<text x="{middle}" y="{top + 39}" text-anchor="middle" font-size="11" '
+            f'fill="#555">{note}</text>'
         )
     return "\n".join([*parts, "</svg>", ""])
 
@@ -74,8 +77,10 @@ def _wire(begin: tuple[int, int], end: tuple[int, int], words: str) -> list[str]
             )
     x0, y0, x1, y1 = points
     return [
-        f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#555" stroke-width="1.5"/>',
-        f'<text x="{place[0]}" y="{place[1]}" text-anchor="{anchor}" font-size="10" fill="#333">{words}</text>',
+        f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="#555" '
+        'stroke-width="1.5"/>',
+        f'<text x="{place[0]}" y="{place[1]}" text-anchor="{anchor}" font-size="10" '
+        f'fill="#333">{words}</text>',
     ]
 
 

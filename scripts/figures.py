@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Writes measured figures into the pages that state them, each from one place.
 
-A page marks a figure with comments that no reader sees: ``<!--fig:NAME-->0.79<!--/-->``.
-Its value stands in ``docs/figures.toml``, with what it is and the command that measures
-it, or in the card of a shipped model. After a new measurement, change it there and run
+A page marks a figure with comments that no reader sees:
+``<!--fig:NAME-->0.79<!--/-->``. Its value stands in ``docs/figures.toml``, with what it
+is and the command that measures it, or in the card of a shipped model. After a new
+measurement, change it there and run
 
     python scripts/figures.py
 

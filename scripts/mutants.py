@@ -49,7 +49,8 @@ TARGETS = {  # the file, and the tests of its room; those that kill most come fi
     ),
     "session": (
         "net/link/session.py",
-        "test_session_bounds.py test_session.py test_renewal.py test_hostile_callers.py test_session_states.py",
+        "test_session_bounds.py test_session.py test_renewal.py "
+        "test_hostile_callers.py test_session_states.py",
     ),
 }
 SWAPS: dict[type[ast.AST], type[ast.AST]] = {
@@ -252,7 +253,8 @@ def run(name: str, share: float, seed: int) -> tuple[int, int]:
             print(f"{file}:{mutant.line} {mutant.old} -> {mutant.new}", flush=True)
     killed = len(chosen) - alive
     print(
-        f"{file}: {len(chosen)} mutants, {killed} killed, {alive} survived ({killed / len(chosen):.0%})",
+        f"{file}: {len(chosen)} mutants, {killed} killed, {alive} survived "
+        f"({killed / len(chosen):.0%})",
         flush=True,
     )
     return len(chosen), alive

@@ -21,7 +21,8 @@ def points() -> list[dict[str, str]]:
     for point in found:
         if kind(point) not in KINDS:
             raise ValueError(
-                f"point {point['number']}: state {point['state']!r} must begin with {', '.join(KINDS)}"
+                f"point {point['number']}: state {point['state']!r} must begin with "
+                f"{', '.join(KINDS)}"
             )
     return found
 
@@ -44,7 +45,10 @@ def written(page: str) -> str:
         end = page.index("\n\n", start) + 1
         page = page[:start] + table + page[end:]
     count = Counter(kind(row) for row in rows)
-    words = f"Of {len(rows)} points {count['works']} work, {count['partly']} work partly and {count['no']} do not."
+    words = (
+        f"Of {len(rows)} points {count['works']} work, {count['partly']} work "
+        f"partly and {count['no']} do not."
+    )
     return re.sub(r"Of \d+ points [^.]*\.", words, page)
 
 

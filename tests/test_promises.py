@@ -47,7 +47,8 @@ def test_a_session_prints_them_and_fails_where_it_must_check_all(
     # Without evdev the file of the gamepad's promise is skipped as a whole.
     without_evdev = (
         "import sys; sys.modules['evdev'] = None; import pytest; "
-        "sys.exit(pytest.main(['-q', 'packages/tactophone/tests/live/audio/test_gamepad.py']))"
+        "sys.exit(pytest.main(['-q', "
+        "'packages/tactophone/tests/live/audio/test_gamepad.py']))"
     )
     done = subprocess.run(
         [sys.executable, "-c", without_evdev],

@@ -107,11 +107,15 @@ def main() -> None:
         detector = roc_auc_score(truth[touching] == 2, rough[touching])
         surfaces = np.unique(groups)
         low, high = interval(touching, groups, truth, score, rough)
-        words = f"{name}: AUC {probe_auc:.3f}, detector {detector:.3f}, ratio {probe_auc / detector:.3f}"
+        words = (
+            f"{name}: AUC {probe_auc:.3f}, detector {detector:.3f}, ratio "
+            f"{probe_auc / detector:.3f}"
+        )
         print(f"{words} ({low:.2f} to {high:.2f} over surfaces)")
     share = 100 * spent / drawn * FPS
     print(
-        f"{len(surfaces)} surfaces, {int(touching.sum())} frames of contact; drawing: {share:.1f} % of a core"
+        f"{len(surfaces)} surfaces, {int(touching.sum())} frames of contact; drawing: "
+        f"{share:.1f} % of a core"
     )
 
 

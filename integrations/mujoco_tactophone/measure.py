@@ -210,7 +210,8 @@ def print_detector_and_cost() -> None:
     shares = np.array([[own[name], theirs[name]] for name in own]).T
     for name, first, second, label in zip(own, *shares, rough, strict=True):
         print(
-            f"{name}, {'rough' if label else 'smooth'}: {first:.2f}, in MuJoCo {second:.2f}"
+            f"{name}, {'rough' if label else 'smooth'}: {first:.2f}, in MuJoCo "
+            f"{second:.2f}"
         )
     for name, each in (
         ("alone", shares[0]),
@@ -221,10 +222,12 @@ def print_detector_and_cost() -> None:
     reference, microphone, stepped = np.array(spent[2:]).T  # the first two compile
     low, ratio, high = np.quantile(microphone / reference, [0.25, 0.5, 0.75])
     print(
-        f"cost of step and read over the finger's: {ratio:.2f} (quartiles {low:.2f} to {high:.2f})"
+        f"cost of step and read over the finger's: {ratio:.2f} (quartiles {low:.2f} "
+        f"to {high:.2f})"
     )
     print(
-        f"with the physics: {(stepped + microphone).mean() / OPTIONS.duration:.2f} of real time"
+        f"with the physics: {(stepped + microphone).mean() / OPTIONS.duration:.2f} of "
+        "real time"
     )
 
 

@@ -33,7 +33,8 @@ class TactophoneCamera(Camera):
         super().__init__(config)
         if (config.width, config.height) != (SIZE, SIZE):
             raise ValueError(
-                f"{config.width} x {config.height}: the picture has {SIZE} x {SIZE}; leave both out"
+                f"{config.width} x {config.height}: the picture has {SIZE} x {SIZE}; "
+                "leave both out"
             )
         self.config = config
         self._sound: LiveSound | LoggedSound | None = None

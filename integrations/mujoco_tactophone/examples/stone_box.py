@@ -83,7 +83,8 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     found, taken = solved(arguments.episodes, random=arguments.random)
     print(
-        f"{found} of {arguments.episodes} episodes solved, {taken / max(arguments.episodes, 1):.0f} actions each"
+        f"{found} of {arguments.episodes} episodes solved, "
+        f"{taken / max(arguments.episodes, 1):.0f} actions each"
     )
     if arguments.picture:
         draw(arguments.picture)

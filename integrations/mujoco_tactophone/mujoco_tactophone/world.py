@@ -45,7 +45,8 @@ def stones_model(names: Sequence[str], width: float = WIDTH) -> mujoco.MjModel:
         f'<text name="stone{k}" data="{name}"/>' for k, name in enumerate(names)
     )
     stones = "".join(
-        f'<geom name="stone{k}" type="box" pos="{k * PITCH} 0 -0.01" size="{width / 2} 0.035 0.01" '
+        f'<geom name="stone{k}" type="box" pos="{k * PITCH} 0 -0.01" '
+        f'size="{width / 2} 0.035 0.01" '
         f'rgba="0.55 0.55 0.6 1"/>'
         for k in range(len(names))
     )

@@ -106,8 +106,14 @@ def test_nothing_is_heard_where_nothing_slips() -> None:
 
 
 def test_the_surface_of_a_geom_is_named_by_text_or_material() -> None:
-    named = '<asset><material name="brick"/></asset><custom><text name="a" data="{text}"/></custom>'
-    world = '<geom name="a" type="box" size="1 1 1"/><geom name="b" type="box" size="1 1 1" material="brick"/>'
+    named = (
+        '<asset><material name="brick"/></asset><custom><text name="a" '
+        'data="{text}"/></custom>'
+    )
+    world = (
+        '<geom name="a" type="box" size="1 1 1"/><geom name="b" type="box" '
+        'size="1 1 1" material="brick"/>'
+    )
     tip = '<body pos="0 0 3"><freejoint/><geom name="tip" size="0.01"/></body>'
     xml = f"<mujoco>{named}<worldbody>{world}{tip}</worldbody></mujoco>"
     model = mujoco.MjModel.from_xml_string(xml.format(text="lava stone"))

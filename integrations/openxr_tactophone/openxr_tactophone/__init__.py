@@ -70,7 +70,8 @@ class HapticStream:
     ) -> None:
         if not 0 <= lowest < highest <= HIGHEST_HZ:
             raise ValueError(
-                f"a band of {lowest} to {highest} Hz; wanted 0 <= lowest < highest <= {HIGHEST_HZ:.0f}"
+                f"a band of {lowest} to {highest} Hz; wanted 0 <= lowest < highest <= "
+                f"{HIGHEST_HZ:.0f}"
             )
         self._lowest, self._highest, self._pulsed = lowest, highest, pulsed
         self._begun = False

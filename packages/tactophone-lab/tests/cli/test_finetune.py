@@ -51,8 +51,8 @@ def test_a_model_with_more_false_positives_elsewhere_is_refused_unless_anyway(
     shown = " ".join(capsys.readouterr().out.split())
     # One smooth surface elsewhere: no interval.
     assert (
-        "refused: elsewhere smooth as rough is now 1.000 (was 0.000); nothing was written"
-        in shown
+        "refused: elsewhere smooth as rough is now 1.000 (was 0.000); nothing was "
+        "written" in shown
     )
     assert not out.exists()
     assert main([*command, "--anyway", "--json"]) == 0

@@ -72,15 +72,18 @@ VERBS = {
         "{disk}/old.onnx",
     ),
     "evaluate": (
-        "evaluate --data {scrapes} --recipe level --split 2-fold --cache {disk}/c --workers 1",
+        "evaluate --data {scrapes} --recipe level --split 2-fold --cache {disk}/c "
+        "--workers 1",
         "{disk}/c/",
     ),
     "benchmark": (
-        "benchmark --data {scrapes} --methods level --splits 2-fold --workers 1 --out {disk}/b --cache {disk}/c",
+        "benchmark --data {scrapes} --methods level --splits 2-fold --workers 1 --out "
+        "{disk}/b --cache {disk}/c",
         "{disk}/c/",
     ),
     "set-threshold": (
-        "set-threshold texture --out {disk}/old.onnx --data {scrapes} --false-bumps 9/min",
+        "set-threshold texture --out {disk}/old.onnx --data {scrapes} --false-bumps "
+        "9/min",
         "{disk}/old",
     ),
 }

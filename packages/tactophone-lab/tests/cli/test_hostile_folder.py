@@ -25,11 +25,15 @@ VERBS = {
     "loopback": "loopback --source finger --actuator none",
     "send": "send --source finger --peer 127.0.0.1:9",
     "receive": "receive --actuator none --set link.port=48931",
-    "call": "call --check --set call.mailbox=ws://127.0.0.1:9/v1 --set call.stun=127.0.0.1:9",
-    "answer": "answer 3-escapade-peachy --yes --source finger --set call.mailbox=ws://127.0.0.1:9/v1",
+    "call": "call --check --set call.mailbox=ws://127.0.0.1:9/v1 --set "
+    "call.stun=127.0.0.1:9",
+    "answer": "answer 3-escapade-peachy --yes --source finger --set "
+    "call.mailbox=ws://127.0.0.1:9/v1",
     "setup": "setup --dashboard --source finger --yes",
-    "simulate": "simulate dataset set --objects 1,2,3 --takes wiggle --seconds 0.5 --jobs 2",
-    "benchmark": "benchmark --data surfaces --methods level --splits 2-fold --workers 2 --out b --cache c",
+    "simulate": "simulate dataset set --objects 1,2,3 --takes wiggle --seconds 0.5 "
+    "--jobs 2",
+    "benchmark": "benchmark --data surfaces --methods level --splits 2-fold --workers "
+    "2 --out b --cache c",
 }
 """A command of each verb that starts processes."""
 

@@ -82,8 +82,8 @@ def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     assert main(command) == 1
     words = " ".join(capsys.readouterr().out.split())
     assert (
-        "smooth as rough is now 0.300 (0.10-0.50) as rendered (was 0.100 (0.00-0.20)); nothing was written"
-        in words
+        "smooth as rough is now 0.300 (0.10-0.50) as rendered (was 0.100 "
+        "(0.00-0.20)); nothing was written" in words
     )
     assert "--anyway" in words
     assert not out.exists()

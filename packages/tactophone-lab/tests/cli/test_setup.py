@@ -183,7 +183,8 @@ def test_a_hand_needs_the_name_of_the_finger_to_set_up(
 ) -> None:
     assert main([*QUICK, "--fingers", "2", "--out", str(tmp_path / "own.onnx")]) == 1
     assert capsys.readouterr().err == (
-        "tactophone: --fingers names thumb, index, but one finger is needed: add --finger thumb\n"
+        "tactophone: --fingers names thumb, index, but one finger is needed: add "
+        "--finger thumb\n"
     )
     objects = ["--smooth", "whiteboard", "--rough", "brick"]
     for words in (["--fingers", "2", "--finger", "index"], ["--fingers", "1"]):

@@ -88,7 +88,7 @@ def test_the_card_lists_the_contents(tmp_path: Path) -> None:
     card = write_card(open_dataset(audiofolder(tmp_path))).read_text()
     assert card.startswith("---\n")
     assert (
-        "8 recordings of 4 surfaces, 0.1 minutes, at 4000 Hz. Channels: contact and air."
-        in card
+        "8 recordings of 4 surfaces, 0.1 minutes, at 4000 Hz. Channels: contact and "
+        "air." in card
     )
     assert "| stone 00 | rough | not stated | hand, table | 2 |" in card

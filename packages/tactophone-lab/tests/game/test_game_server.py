@@ -112,7 +112,8 @@ def test_a_vibration_can_be_felt_before_the_round_and_stop_ends_it(
     browser.execute_script(
         "window.played = []; const post = MessagePort.prototype.postMessage;"
         "MessagePort.prototype.postMessage = function (data, ...rest) {"
-        "if (data) window.played.push(Math.max(...data)); return post.call(this, data, ...rest); };"
+        "if (data) window.played.push(Math.max(...data)); return post.call(this, "
+        "data, ...rest); };"
     )
     browser.find_element(By.ID, "test").click()
     wait(browser, lambda: "buzz of half a second" in text(browser, "test-state"))
@@ -148,7 +149,8 @@ def test_the_result_is_kept_as_a_picture(browser: webdriver.Chrome, box: Page) -
     begin(browser, box)
     finish(browser)
     browser.execute_script(
-        "HTMLAnchorElement.prototype.click = function () {window.saved = [this.download, this.href.slice(0, 5)]; };"
+        "HTMLAnchorElement.prototype.click = function () {window.saved = "
+        "[this.download, this.href.slice(0, 5)]; };"
     )
     browser.find_element(By.ID, "card").click()
     wait(browser, lambda: browser.execute_script("return window.saved"))

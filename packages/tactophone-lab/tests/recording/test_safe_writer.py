@@ -227,8 +227,10 @@ def test_two_recorders_never_share_a_folder(tmp_path: Path) -> None:
     """The second took the running take of the first for one that was cut off, and
     removed its sound."""
     program = (
-        "import sys; from pathlib import Path; from tactophone_lab.recording.safe_writer import recording_in\n"
-        "with recording_in(Path(sys.argv[1])): print('recording', flush=True); sys.stdin.read()"
+        "import sys; from pathlib import Path; from "
+        "tactophone_lab.recording.safe_writer import recording_in\n"
+        "with recording_in(Path(sys.argv[1])): print('recording', flush=True); "
+        "sys.stdin.read()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(tmp_path)], stdin=-1, stdout=-1, text=True

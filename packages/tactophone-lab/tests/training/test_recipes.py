@@ -131,8 +131,10 @@ def test_the_graph_predicts_what_scikit_learn_does(
 
 def test_listing_recipes_imports_no_classifier() -> None:
     script = (
-        "import sys; from tactophone_lab.training.recipes import RECIPES; list(RECIPES); "
-        "print([name for name in ('torch', 'sklearn', 'onnx', 'scipy') if name in sys.modules])"
+        "import sys; from tactophone_lab.training.recipes import RECIPES; "
+        "list(RECIPES); "
+        "print([name for name in ('torch', 'sklearn', 'onnx', 'scipy') if name in "
+        "sys.modules])"
     )
     assert (
         subprocess.run(
@@ -144,7 +146,8 @@ def test_listing_recipes_imports_no_classifier() -> None:
 
 def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
-        'recipe = "paper"\nvariant = "one-channel"\nepochs = 2\nlearning_rate = 0.001\ncontact_threshold = "off"\n'
+        'recipe = "paper"\nvariant = "one-channel"\nepochs = 2\nlearning_rate = '
+        '0.001\ncontact_threshold = "off"\n'
     )
     recipe = RecipeFile.read(tmp_path / "mine.toml").configured(
         start=tmp_path / "a.onnx"

@@ -30,7 +30,8 @@ def test_a_silent_channel_is_left_out(live: int, tmp_path: Path) -> None:
     assert found.shape == (9000, 1)
     assert (found[:, 0] == samples[:, live]).all()
     assert preparation.notes(2) == [
-        f"channel {2 - live} of 2 has no microphone: taken as a recording of one channel"
+        f"channel {2 - live} of 2 has no microphone: taken as a recording of one "
+        "channel"
     ]
 
 

@@ -17,7 +17,8 @@ def test_a_finger_has_its_own_settings_and_shares_the_rest(tmp_path: Path) -> No
     settings = change(
         hand(
             tmp_path,
-            '[thumb]\nprofile = "lra"\nceiling = 0.2\n[index]\nair = ""\nthreshold_dbfs = -34',
+            '[thumb]\nprofile = "lra"\nceiling = 0.2\n[index]\nair = '
+            '""\nthreshold_dbfs = -34',
         ),
         ["link.codec=pcm16"],
     )

@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[4]
     [
         "import tactophone.signal.perception.model_file, onnxruntime",
         "import tactophone_lab, onnxruntime",
-        f"import sys; sys.path.insert(0, {str(ROOT / 'examples')!r}); import run_anywhere",
+        f"import sys; sys.path.insert(0, {str(ROOT / 'examples')!r}); import "
+        "run_anywhere",
     ],
     ids=["the telephone", "the laboratory", "the exported example"],
 )

@@ -261,7 +261,10 @@ def test_feel_imports_the_core_dependencies_alone() -> None:
         "opuslib_next",
         "jack",
     )
-    imported = f"import sys, tactophone.cli.feel; print([name for name in {extras} if name in sys.modules])"
+    imported = (
+        f"import sys, tactophone.cli.feel; print([name for name in {extras} if "
+        "name in sys.modules])"
+    )
     done = subprocess.run(
         [sys.executable, "-c", imported], capture_output=True, text=True, check=True
     )

@@ -70,12 +70,13 @@ def demonstrate(
     """Run both sides over sound, in real time, with the simulated network of the
     settings between them.
 
-    - ``recording``: WAV or FLAC of the only finger; it is opened as `tactophone.app.feel` opens it. Without it, and
-      without a file in the settings of each finger, a simulated finger is rendered into
-      ``folder``.
+    - ``recording``: WAV or FLAC of the only finger; it is opened as
+      `tactophone.app.feel` opens it. Without it, and without a file in the settings of
+      each finger, a simulated finger is rendered into ``folder``.
     - ``name``: of the run.
     - ``follow``: waits for its end; by default until a side ends.
-    - ``report``, ``warn``: called with what people should know, and with what has gone wrong, from any thread.
+    - ``report``, ``warn``: called with what people should know, and with what has gone
+      wrong, from any thread.
 
     Writes picture, vibration and timeline to ``folder``. Raises `ConfigError` if a
     setting does not fit, and `TactophoneError` if no side ever started.
@@ -174,7 +175,8 @@ def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Set
         )
     if recording:
         raise ConfigError(
-            "--recording applies to a single finger; with --fingers, set device = FILE in each finger's table"
+            "--recording applies to a single finger; with --fingers, set device = "
+            "FILE in each finger's table"
         )
     paths = write_demonstration(folder, names_of(settings), seed=seed, tip=tip)
     fingers = (

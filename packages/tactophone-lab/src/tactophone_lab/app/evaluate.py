@@ -59,7 +59,8 @@ def evaluate_model(
         warnings.append("warning: the model was trained on these very recordings")
     if (tip := tip_of(dataset.recordings)) and tip_mismatch(card, tip):
         warnings.append(
-            f"warning: the model is for the tip {card.tip}, but the recordings are of {tip}"
+            f"warning: the model is for the tip {card.tip}, but the recordings are of "
+            f"{tip}"
         )
     return make_report(takes, decision=card.decision), warnings
 
@@ -139,7 +140,8 @@ def _opposite(scores: Report) -> dict[str, tuple[str, float]]:
 def _doubt(label: str, right: float) -> str:
     other = "smooth" if label == "rough" else "rough"
     return (
-        f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all other kinds; "
+        f"its label {label} looks wrong: {1 - right:.0%} {other} to a model of all "
+        "other kinds; "
         "listen to it, and set it right"
     )
 
@@ -157,8 +159,8 @@ def evaluate_recipe(
     by name.
 
     - ``how``: one of `tactophone_lab.datasets.splits.SPLITS`.
-    - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on labels permuted over surfaces
-      so many times.
+    - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on
+      labels permuted over surfaces so many times.
     """
     from tactophone_lab.benchmark.folds import cross_validate, permute_labels
     from tactophone_lab.benchmark.methods import method_of, recipe_method

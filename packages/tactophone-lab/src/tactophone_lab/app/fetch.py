@@ -75,11 +75,13 @@ def _download(address: str, target: Path) -> None:
                     done += len(chunk)
     except (OSError, ValueError, urllib.error.URLError) as error:
         raise DatasetError(
-            f"{address}: cannot be downloaded ({error}); try again: it goes on where it ended"
+            f"{address}: cannot be downloaded ({error}); try again: it goes on where "
+            "it ended"
         ) from None
     if total and done < total:
         raise DatasetError(
-            f"{address}: ended after {done} of {total} bytes; try again: it goes on there"
+            f"{address}: ended after {done} of {total} bytes; try again: it goes on "
+            "there"
         )
 
 
@@ -90,7 +92,8 @@ def _unpack(archive: Path, out: Path) -> None:
                 path = PurePosixPath(entry.filename)
                 if path.is_absolute() or ".." in path.parts or "\\" in entry.filename:
                     raise DatasetError(
-                        f"{archive}: holds {entry.filename!r}, outside its folder; do not use it"
+                        f"{archive}: holds {entry.filename!r}, outside its folder; do "
+                        "not use it"
                     )
             files.extractall(out)
     except zipfile.BadZipFile as error:

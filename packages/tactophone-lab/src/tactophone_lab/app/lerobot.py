@@ -162,8 +162,10 @@ def export(
     )
     if not felt:
         raise ConfigError(
-            f"{log} covers no frame of episode {episode} of {dataset}: give the time of its first frame, in s since "
-            f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to {fingers[0].times[-1]:.1f}"
+            f"{log} covers no frame of episode {episode} of {dataset}: give the time "
+            "of its first frame, in s since "
+            f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to "
+            f"{fingers[0].times[-1]:.1f}"
         )
     # As many as fall between any two frames, so that each stands in a frame.
     most = max(
@@ -176,7 +178,8 @@ def export(
     most = max(most, *(_felt_before(info, finger, dataset) for finger in fingers))
     if frames * most > MOST_NUMBERS:
         raise DatasetError(
-            f"{dataset}: {frames} frames of {most} predictions each are too many; export fewer frames"
+            f"{dataset}: {frames} frames of {most} predictions each are too many; "
+            "export fewer frames"
         )
     _copy(dataset, out)
 
@@ -226,11 +229,13 @@ def _read_info(dataset: Path) -> dict[str, Any]:
             raise ValueError("a feature has neither names nor null")
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
-            f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of version v3.0"
+            f"{dataset}: no LeRobot data set ({error}); wanted meta/info.json of "
+            "version v3.0"
         ) from None
     if info.get("codebase_version") != "v3.0":
         raise DatasetError(
-            f"{dataset}: version {info.get('codebase_version')}, but v3.0 is wanted; convert it with lerobot"
+            f"{dataset}: version {info.get('codebase_version')}, but v3.0 is wanted; "
+            "convert it with lerobot"
         )
     return info
 
@@ -271,7 +276,8 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
             AttributeError,
         ) as error:
             raise DatasetError(
-                f"{log}: a prediction cannot be read ({error!r:.80}); was the file changed?"
+                f"{log}: a prediction cannot be read ({error!r:.80}); was the file "
+                "changed?"
             ) from None
     if not found:
         raise DatasetError(f"{log}: no prediction in it; record the operator's side")
@@ -322,7 +328,8 @@ def _felt_before(info: dict[str, Any], finger: Finger, dataset: Path) -> int:
     most = len(names) // len(finger.values)
     if names != finger.names(most):
         raise ConfigError(
-            f"{dataset}: its {finger.feature} has other columns than {', '.join(finger.values)}; "
+            f"{dataset}: its {finger.feature} has other columns than "
+            f"{', '.join(finger.values)}; "
             "export all logs into the original, with touch events in all or in none"
         )
     return most
@@ -410,7 +417,8 @@ def _extended_state(
     for name in names:
         if name not in (there := fingers[0].values):
             raise ConfigError(
-                f"--into-state {name}: no value of a prediction; there are {', '.join(there)}"
+                f"--into-state {name}: no value of a prediction; there are "
+                f"{', '.join(there)}"
             )
     if names and STATE not in info["features"]:
         raise ConfigError(
@@ -526,7 +534,8 @@ def _write_meta(
         path.unlink()
         parquet.write_table(pyarrow.table(columns), path)
     info["tactophone"] = {
-        "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in Hz; the others 0 to 1",
+        "columns_unit": "age in s before the frame; level_dbfs in dBFS; frequency in "
+        "Hz; the others 0 to 1",
         "touch": [touch.name.lower() for touch in Touch],
         "event": ["", *EVENT_KINDS],
     }
@@ -562,18 +571,21 @@ def _count_frames(paths: Iterable[Path]) -> int:
         except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(
-                f"{path}: no frames of a LeRobot data set ({reason}); was the file changed?"
+                f"{path}: no frames of a LeRobot data set ({reason}); was the file "
+                "changed?"
             ) from None
         count += head.num_rows
         if (
             values := sum(each.num_values for each in _column_chunks(head))
         ) > MOST_VALUES:
             raise DatasetError(
-                f"{path}: {values} values, but at most {MOST_VALUES} are read; export smaller files"
+                f"{path}: {values} values, but at most {MOST_VALUES} are read; export "
+                "smaller files"
             )
     if count > MOST_FRAMES:
         raise DatasetError(
-            f"{count} frames, but at most {MOST_FRAMES} are read at once; export parts of the data set"
+            f"{count} frames, but at most {MOST_FRAMES} are read at once; export "
+            "parts of the data set"
         )
     return count
 
@@ -593,7 +605,8 @@ def _copy(dataset: Path, out: Path) -> None:
     except shutil.Error as error:  # of each file: source, target and reason
         shutil.rmtree(out)
         raise ConfigError(
-            f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder"
+            f"--out {out}: {error.args[0][0][2]}; free some space, or name another "
+            "folder"
         ) from None
 
 
@@ -618,6 +631,7 @@ def _write_sound(log: Path, out: Path) -> list[Path]:
                 placed.append(sound.path.replace(path))
             except OSError as error:
                 raise DatasetError(
-                    f"{path}: cannot be written ({error.strerror}); was the data set changed?"
+                    f"{path}: cannot be written ({error.strerror}); was the data set "
+                    "changed?"
                 ) from None
     return placed

@@ -25,8 +25,8 @@ def record_object(
 ) -> list[Recording]:
     """Record the takes that the data set lacks; return those finished.
 
-    - ``key``: returns what was pressed since the block before. Without it, and where no person takes part, each take is
-      started and kept at once.
+    - ``key``: returns what was pressed since the block before. Without it, and where no
+      person takes part, each take is started and kept at once.
     - ``follow``: called after each block, to show the recorder.
     - ``report``: called with what people should know.
 
@@ -36,7 +36,8 @@ def record_object(
     with recording_in(plan.root):
         for recovered in recover(plan.root):
             report(
-                f"finished {recovered.path}, which was cut off: {recovered.known('quality')}"
+                f"finished {recovered.path}, which was cut off: "
+                f"{recovered.known('quality')}"
             )
         known = open_dataset(plan.root) if manifests_in(plan.root) else None
         with AudioInput(settings, target.name) as audio:

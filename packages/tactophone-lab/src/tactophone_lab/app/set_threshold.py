@@ -1,5 +1,5 @@
-"""``tactophone set-threshold``: the decision rule of a model, chosen for a rate of false
-bumps."""
+"""``tactophone set-threshold``: the decision rule of a model, chosen for a rate of
+false bumps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -92,7 +92,10 @@ def record_set_up(
         )
         for number, (name, is_rough) in enumerate(objects):
             begin(2 + number, audio)
-            words = f"Slide to and fro on {name} ({'rough' if is_rough else 'smooth'}), now fast, now slowly"
+            words = (
+                f"Slide to and fro on {name} "
+                f"({'rough' if is_rough else 'smooth'}), now fast, now slowly"
+            )
             act = SimulatedAct("stroke", seconds)
             if number and audio.name == "finger":
                 # A simulated finger lies on one object; the same seed gives the same
@@ -162,7 +165,8 @@ def fit_finger(
     floor = measure_floor(silence, sample_rate=rate, rule=original.card.gate.rule)
     if not floor.known:
         raise ModelError(
-            "the silence was not steady: keep the finger and the table still, and run setup again"
+            "the silence was not steady: keep the finger and the table still, and run "
+            "setup again"
         )
     threshold, collected = floor.threshold_dbfs, []
     for number, (each, rough, samples) in enumerate(sounds.objects, 1):
@@ -188,7 +192,8 @@ def check_kind(model: str) -> None:
     card = read_model(model_path(model)).card
     if card.kind != KIND:
         raise ModelError(
-            f"model {card.name} is of kind {card.kind}; setup fits kind {KIND}: try --model texture"
+            f"model {card.name} is of kind {card.kind}; setup fits kind {KIND}: try "
+            "--model texture"
         )
 
 

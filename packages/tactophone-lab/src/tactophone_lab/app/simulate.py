@@ -110,8 +110,8 @@ def plan_competition(
     tip: str = DEFAULT_TIP,
     authors_layout: bool = False,
 ) -> list[CompetitionRun]:
-    """Plan a number of runs a day over five stones; raises `ConfigError` for a tip that the
-    authors' layout does not have."""
+    """Plan a number of runs a day over five stones; raises `ConfigError` for a tip that
+    the authors' layout does not have."""
     if authors_layout:
         _check_layout(tip)
     return [

@@ -261,8 +261,10 @@ def _check_seen(ray: Any, paths: list[Path]) -> None:
         )
         if absent:
             raise ConfigError(
-                f"--ray: {node['NodeManagerHostname']} does not see {absent[0]} ({len(absent)} of {len(paths)} "
-                "recordings): put the data set at the same path on every machine, as on a shared disk"
+                f"--ray: {node['NodeManagerHostname']} does not see {absent[0]} "
+                f"({len(absent)} of {len(paths)} "
+                "recordings): put the data set at the same path on every machine, as "
+                "on a shared disk"
             )
 
 
@@ -277,7 +279,8 @@ def load_ray(workers: int) -> Any:
     """
     if importlib.util.find_spec("ray") is None:
         raise ConfigError(
-            "Ray is not installed: pip install 'tactophone-lab[ray]', or leave --ray away"
+            "Ray is not installed: pip install 'tactophone-lab[ray]', or leave --ray "
+            "away"
         )
     import ray
 

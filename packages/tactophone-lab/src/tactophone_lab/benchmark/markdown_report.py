@@ -110,7 +110,8 @@ def _section(
     ]
     return [
         f"### {split}",
-        "As rendered (gate, abstention, decision rule inside); windows in true contact, two-class rule.",
+        "As rendered (gate, abstention, decision rule inside); windows in true "
+        "contact, two-class rule.",
         _table(REPORT_COLUMNS, [row_of(result) for result in results]),
         f"The {control_of(of_dataset, split)}.",
         "Accuracy by both rules; by the authors', a prediction none counts as smooth.",

@@ -5,9 +5,9 @@ Every recipe of :data:`tactophone_lab.training.recipes.RECIPES` is a method thro
 :func:`method_of`.
 
 A passthrough (`tactophone.signal.haptics.passthrough`), built in or from a plug-in, has
-no detector: the finger itself must separate rough from smooth. In :class:`RendererMethod` a regression
-takes its place, on what a finger can perceive of the vibration: its level, its peaks,
-and its strength in bands from 35 Hz to 1 kHz.
+no detector: the finger itself must separate rough from smooth. In
+:class:`RendererMethod` a regression takes its place, on what a finger can perceive of
+the vibration: its level, its peaks, and its strength in bands from 35 Hz to 1 kHz.
 
 Besides what the protocol wants, each has ``rule``, the decision rule of the live
 system, and ``latency``, the seconds from a window's end to its prediction.
@@ -306,7 +306,8 @@ def methods_for(
     allowed = method_names(channels_of(dataset))
     if unknown := [name for name in names if name not in (*allowed, *method_names(2))]:
         raise ConfigError(
-            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
+            f"no method {', '.join(unknown)}; there are "
+            f"{', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
         )
     chosen = [name for name in allowed if name in (names or allowed)]
     return tuple(_make_method(name, dataset, fast=fast) for name in chosen)

@@ -30,13 +30,19 @@ FAST_SEED = 5
 """Random seed of these takes."""
 
 NOTES = (
-    "Each table is of one data set and one split; every recording was predicted by a model that was trained without "
-    "its side of the split. Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first "
+    "Each table is of one data set and one split; every recording was predicted by a "
+    "model that was trained without "
+    "its side of the split. Intervals: 90 % of bootstrap draws of the surfaces. p: "
+    "paired bootstrap against the first "
     "method; in brackets corrected (Holm) for all methods and measures of the table.",
-    "As rendered: what the operator gets, contact gate, abstention and decision rule inside; a gap counts as wrong. "
-    "Scores of windows are of updates in true contact, whatever a method's own contact gate reports. Delays are over "
-    "all changes: those without a correct decision within 0.6 s count as infinite. The control, texture trained "
-    "and scored on labels permuted over the surfaces, should be at chance: what it scores over 0.5 it scores by "
+    "As rendered: what the operator gets, contact gate, abstention and decision rule "
+    "inside; a gap counts as wrong. "
+    "Scores of windows are of updates in true contact, whatever a method's own "
+    "contact gate reports. Delays are over "
+    "all changes: those without a correct decision within 0.6 s count as infinite. "
+    "The control, texture trained "
+    "and scored on labels permuted over the surfaces, should be at chance: what it "
+    "scores over 0.5 it scores by "
     "recognising surfaces, not by roughness.",
 )
 
@@ -54,18 +60,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="DIR",
-        help="a data set, repeatable; each is scored by itself, so that real and simulated sound never mix (default: a "
+        help="a data set, repeatable; each is scored by itself, so that real and "
+        "simulated sound never mix (default: a "
         "small simulated one, rendered first)",
     )
     add_filter(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
     words = (
-        "names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
+        "names, separated by commas, as `evaluate --split` takes them (default: by "
+        "kin, and by stroke, "
         "pressure, scenario and session where the data has them)"
     )
     add("--splits", metavar="LIST", help=words)
-    words = "three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours"
+    words = (
+        "three folds by kin only, the network trained for 200 steps in place of "
+        "600: minutes, not hours"
+    )
     add("--fast", action="store_true", help=words)
     words = "folder for results.json, report.md and its figures"
     add("--out", type=Path, default=Path("benchmark"), metavar="DIR", help=words)
@@ -175,4 +186,7 @@ def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
         f"{name} {pitch:.1f} / {both:.1f}"
         for name, (pitch, both) in steps_by_profile().items()
     )
-    yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"
+    yield (
+        "just-noticeable steps from smooth to rough, of frequency / with level: "
+        f"{steps}"
+    )

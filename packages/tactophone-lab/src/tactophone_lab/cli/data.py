@@ -25,14 +25,20 @@ if TYPE_CHECKING:
 
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
-    words = "keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable"
+    words = (
+        "keep only recordings whose tier, surface, scenario or other key has one "
+        "of these values; repeatable"
+    )
     parser.add_argument(
         "--filter", action="append", metavar="KEY=VALUE[,VALUE...]", help=words
     )
 
 
 def add_labels(parser: argparse.ArgumentParser) -> None:
-    words = "what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or the data card beside them)"
+    words = (
+        "what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or "
+        "the data card beside them)"
+    )
     parser.add_argument("--labels", metavar="N=NAME[,...]", help=words)
 
 
@@ -49,7 +55,8 @@ def add_kin(parser: argparse.ArgumentParser) -> None:
         "--kin",
         type=Path,
         metavar="CSV",
-        help="file with the columns surface,kin: surfaces of one kin stay on one side of a split (default: "
+        help="file with the columns surface,kin: surfaces of one kin stay on one side "
+        "of a split (default: "
         "the column kin, or the versions of a surface, by name)",
     )
 
@@ -155,6 +162,7 @@ def _filtered(dataset: Dataset, text: str) -> Dataset:
             {recording.known(key) or "(nothing)" for recording in dataset.recordings}
         )
         raise DatasetError(
-            f"--filter {text}: no recording has it; {key} is one of {', '.join(known[:12])}"
+            f"--filter {text}: no recording has it; {key} is one of "
+            f"{', '.join(known[:12])}"
         )
     return kept

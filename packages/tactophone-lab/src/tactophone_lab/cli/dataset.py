@@ -64,13 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub = add(
         "check",
         _check,
-        "read every file and report what is wrong; exit 1 if a recording cannot be used",
+        "read every file and report what is wrong; exit 1 if a recording cannot be "
+        "used",
     )
     sub.add_argument(
         "--calibration",
         type=Path,
         metavar="FILE",
-        help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)",
+        help="calibration with the contact threshold (default: "
+        f"{DEFAULT_CONTACT_DBFS:g} dBFS)",
     )
     add_labels(sub)
     options.add_recorded_channels(sub)
@@ -78,7 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub = add(
         "show",
         _show,
-        "list surfaces, labels and recordings; with --plot, draw levels and spectrograms",
+        "list surfaces, labels and recordings; with --plot, draw levels and "
+        "spectrograms",
     )
     sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
     options.add_json(sub, "print JSON instead of a table")
@@ -99,8 +102,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub = add(
         "import",
         _import,
-        "convert another layout to this one, as FLAC: the paper's authors', manifest.csv, folders rough/ and smooth/, "
-        "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, file_name and label without surface, "
+        "convert another layout to this one, as FLAC: the paper's authors', "
+        "manifest.csv, folders rough/ and smooth/, "
+        "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, "
+        "file_name and label without surface, "
         "or an MCAP file of --record",
     )
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
@@ -187,7 +192,9 @@ def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
             yield f"warning: {count} times {kind!r}, such as {first}; --json lists all"
     bad = {problem.path for problem in problems if problem.fatal}
     found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
-    yield f"{recordings} recording{'s' * (recordings != 1)}, {len(bad)} unusable, {found}"
+    yield (
+        f"{recordings} recording{'s' * (recordings != 1)}, {len(bad)} unusable, {found}"
+    )
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -249,7 +256,8 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
 
     if args.label not in LABEL_NAMES:
         raise ConfigError(
-            f"--label {args.label}: must be one of {', '.join(filter(None, LABEL_NAMES))}"
+            f"--label {args.label}: must be one of "
+            f"{', '.join(filter(None, LABEL_NAMES))}"
         )
     with TemporaryDirectory(prefix="tactophone-") as folder:
         takes = [
@@ -300,8 +308,10 @@ def _import(args: argparse.Namespace) -> int:
         surfaces = converted.surfaces
         shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")
         output.note(
-            f"warning: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
-            f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
+            f"warning: {len(surfaces)} surfaces were taken from file names: {shown}; "
+            "correct the column surface of "
+            f"{args.out / FILE_NAME} where two names are one surface, as splits keep "
+            "a surface on one side"
         )
     return 0
 

@@ -102,7 +102,10 @@ def _parts(shown: "Demonstration", *, verbose: bool) -> Iterator[output.Part]:
         yield from live.counts_and_budget(last.counters, last.gauges)
         yield ""
     if lost := last.counters["xruns"] * last.gauges["device_period"]:
-        yield f"{lost:.1f} s of vibration are missing: this machine stood still for too long"
+        yield (
+            f"{lost:.1f} s of vibration are missing: this machine stood still for "
+            "too long"
+        )
     for name, finger in shown.fingers.items():
         yield from _words(name, finger.scores)
     files = {
@@ -120,7 +123,13 @@ def _words(name: str, scores: "RunScores") -> Iterator[str]:
     of = f"{name}, " * bool(name)
     if math.isfinite(scores.smooth_right):
         bumps = f"{scores.false_bumps} false bump{'s' * (scores.false_bumps != 1)}"
-        yield f"{of}on the smooth stone: {output.percent(scores.smooth_right)} of predictions are smooth, {bumps}"
+        yield (
+            f"{of}on the smooth stone: {output.percent(scores.smooth_right)} of "
+            f"predictions are smooth, {bumps}"
+        )
     if math.isfinite(scores.rough_right):
         dips = f"{scores.dips} dip{'s' * (scores.dips != 1)}"
-        yield f"{of}on the rough stone:  {output.percent(scores.rough_right)} of predictions are rough, {dips}"
+        yield (
+            f"{of}on the rough stone:  {output.percent(scores.rough_right)} of "
+            f"predictions are rough, {dips}"
+        )

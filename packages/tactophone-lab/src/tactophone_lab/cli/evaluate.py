@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "tactophone evaluate texture --data recordings",
     "tactophone evaluate --data recordings --recipe texture --baselines",
-    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1",
+    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 "
+    "--vary seed=0,1",
 )
 
 FLICKER = 60.0
@@ -65,7 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         nargs="?",
         metavar="MODEL",
-        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
+        help="a model file or the name of a shipped one; leave it out to "
+        "cross-validate a recipe",
     )
     add(
         "--data",
@@ -88,7 +90,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
-    words = f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)"
+    words = (
+        f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with "
+        "--vary 5-fold)"
+    )
     group.add_argument("--split", metavar="NAME", help=words)
     group.add_argument(
         "--baselines",
@@ -96,10 +101,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=1,
         metavar="N",
-        help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
+        help="also cross-validate the recipe level, and the recipe on labels permuted "
+        "over surfaces N times, %(type)s "
         "(without N: 1)",
     )
-    words = "an entry of a recipe file and its values, repeatable: every combination is tried, best first"
+    words = (
+        "an entry of a recipe file and its values, repeatable: every combination "
+        "is tried, best first"
+    )
     group.add_argument(
         "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...", help=words
     )
@@ -162,12 +171,14 @@ def _parts(
     first = next(iter(reports.values()))
     known = math.isfinite(first.rendered.balanced_accuracy.low)
     yield (
-        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
+        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} "
+        "updates, "
         f"{first.contact:.0%} of them in contact by the gate.\n"
         + (
             "In brackets: 90 % intervals, surfaces drawn anew.\n"
             if known
-            else f"No intervals: fewer than {FEWEST_SURFACES} surfaces of a class say too little of others.\n"
+            else f"No intervals: fewer than {FEWEST_SURFACES} surfaces of a class say "
+            "too little of others.\n"
         )
     )
     yield from _table(
@@ -182,14 +193,23 @@ def _parts(
         },
     )
     if not known and any(name.startswith("permuted") for name in reports):
-        yield "Of so few surfaces a permutation keeps or exchanges most labels, so one control may lie far from 0.5.\n"
+        yield (
+            "Of so few surfaces a permutation keeps or exchanges most labels, so "
+            "one control may lie far from 0.5.\n"
+        )
     bumps = _per_minute(first.false_bumps)
     dips = _per_minute(first.dips)
-    yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
+    yield (
+        f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough "
+        f"contact: {dips}\n"
+    )
     unknown, inside, outside = map(
         output.percent, (first.unknown, first.unknown_wrong, first.known_wrong)
     )
-    yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
+    yield (
+        f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, "
+        f"{outside} of all others\n"
+    )
     # Three columns of a score and its interval are what 80 characters hold.
     headings = dict(
         zip(
@@ -281,7 +301,8 @@ def _vary(args: argparse.Namespace) -> int:
     ]
     output.show(values, [table], as_json=args.json)
     output.log().print(
-        "the best of many is partly luck: score it again on surfaces that no trial was scored on"
+        "the best of many is partly luck: score it again on surfaces that no trial "
+        "was scored on"
     )
     return 0
 

@@ -7,8 +7,10 @@ from tactophone.cli import options, output
 
 EXAMPLES = (
     "tactophone export lerobot run.mcap --with robot-data --out felt-data",
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data --episode 3 --start 1767225600.25",
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data --into-state roughness,contact",
+    "tactophone export lerobot run.mcap --with robot-data --out felt-data --episode 3 "
+    "--start 1767225600.25",
+    "tactophone export lerobot run.mcap --with robot-data --out felt-data "
+    "--into-state roughness,contact",
 )
 
 
@@ -48,14 +50,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start",
         type=options.Within(float, 0, unit="s since 1970"),
         metavar="S",
-        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction",
+        help="time of the episode's first frame, %(type)s; by default that of the "
+        "log's first prediction",
     )
     add(
         "--into-state",
         type=lambda words: tuple(words.split(",")),
         default=(),
         metavar="NAMES",
-        help="also append the newest values of these columns to observation.state, the one feature that policies read: "
+        help="also append the newest values of these columns to observation.state, "
+        "the one feature that policies read: "
         "roughness,contact,amplitude",
     )
     options.add_json(parser, "print the summary as JSON")
@@ -73,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
         into_state=args.into_state,
     )
     words = (
-        f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
+        f"{found.folder}: {len(found.features)} features of {found.rows} predictions "
+        f"in {found.felt} of "
         f"{found.frames} frames; {len(found.sound)} files of sound"
     )
     output.show(found, [words], as_json=args.json)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone finetune general.onnx recordings --general simulated",
-    "tactophone finetune paper recordings --general simulated --strategy fine-tuned --out mine.onnx",
+    "tactophone finetune paper recordings --general simulated --strategy fine-tuned "
+    "--out mine.onnx",
 )
 
 SCORE_NAMES = {
@@ -63,7 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--strategy",
         choices=("blend", "fine-tuned"),
         default="blend",
-        help="train on both and mix with the old parameters, or the paper's own fine-tuning",
+        help="train on both and mix with the old parameters, or the paper's own "
+        "fine-tuning",
     )
     add(
         "--anyway",

@@ -22,7 +22,8 @@ if TYPE_CHECKING:  # their imports take a second, which would slow down --help
 EXAMPLES = (
     "tactophone latency --dummy",
     "tactophone latency --dummy --codec pcm16 --packet-duration 0.0025 --impulses 400",
-    "tactophone latency --impulse-port system:playback_2 --vibration-port system:capture_3 --json",
+    "tactophone latency --impulse-port system:playback_2 --vibration-port "
+    "system:capture_3 --json",
 )
 
 PERCENTILES = (50, 95, 99)
@@ -182,19 +183,23 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
     )
     sent = "predictions only" if link.send_predictions else codec
     words = [
-        f"{measured.impulses} impulses, {measured.missed} without vibration; periods of {measured.period} samples "
+        f"{measured.impulses} impulses, {measured.missed} without vibration; periods "
+        f"of {measured.period} samples "
         f"({1000 * measured.period / LIVE_SAMPLE_RATE:.2f} ms); {sent}; encrypted.",
         "The sum and the end-to-end time are measured with different clocks; "
         f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]
     if measured.restarts:
         words.append(
-            f"A stalled side was restarted {measured.restarts} times and stayed muted: is the machine too busy?"
+            f"A stalled side was restarted {measured.restarts} times and stayed "
+            "muted: is the machine too busy?"
         )
     if dummy:
         words.append(
-            "A server without a sound card delivers each period at its beginning, so capture is up to a period too "
-            "short (under 0 is shown as 0): a card adds one period there, and one or two at the device."
+            "A server without a sound card delivers each period at its beginning, so "
+            "capture is up to a period too "
+            "short (under 0 is shown as 0): a card adds one period there, and one or "
+            "two at the device."
         )
     return "\n".join(words)
 
@@ -207,8 +212,10 @@ def _decision_notes(delays: "DecisionDelays", model: str) -> str:
         len(delays.edge) + delays.missed_edges,
     )
     return (
-        f"Decisions of the detector {model}: simulated finger, virtual time, packets of 2.5 ms; link and devices add "
+        f"Decisions of the detector {model}: simulated finger, virtual time, packets "
+        "of 2.5 ms; link and devices add "
         "to it. "
-        f"{touches} touches, {delays.missed_touches} missed; {edges} edges between smooth and rough, "
+        f"{touches} touches, {delays.missed_touches} missed; {edges} edges between "
+        "smooth and rough, "
         f"{delays.missed_edges} not detected within {MAX_DECISION_DELAY:g} s."
     )

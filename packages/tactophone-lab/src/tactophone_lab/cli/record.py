@@ -43,7 +43,8 @@ STAGE_STYLES = {
 
 EXAMPLES = (
     "tactophone record slate --label rough --calibration calibration.toml",
-    "tactophone record 'polished marble' --label smooth --source finger --seconds 2 --takes short_light,long_light",
+    "tactophone record 'polished marble' --label smooth --source finger --seconds 2 "
+    "--takes short_light,long_light",
 )
 
 
@@ -99,7 +100,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--takes",
         default="all",
         metavar="LIST",
-        help=f"comma-separated takes, of {', '.join(take.name for take in TAKES)}; or 'all'",
+        help=f"comma-separated takes, of {', '.join(take.name for take in TAKES)}; or "
+        "'all'",
     )
     add(
         "--yes",
@@ -146,7 +148,10 @@ def run(args: argparse.Namespace) -> int:
         for take, level, quality in known
     ]
     folder = str(args.out)
-    words = f"{len(takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
+    words = (
+        f"{len(takes)} takes in {folder}: check them with `tactophone dataset "
+        f"check {folder}`"
+    )
     values = [
         {"file": each.path, "take": each.take, **each.properties} for each in takes
     ]
@@ -200,7 +205,8 @@ def _quality(recorder: Recorder) -> Text:
     text.append(recorder.quality, "green" if recorder.quality == GOOD else "yellow")
     if recorder.levels:
         text.append(
-            f"  ({recorder.levels.contact:.0%} contact, {recorder.levels.level_dbfs:.0f} dBFS)",
+            f"  ({recorder.levels.contact:.0%} contact, "
+            f"{recorder.levels.level_dbfs:.0f} dBFS)",
             "dim",
         )
     return text

@@ -63,14 +63,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cutoff",
         type=Within(float, 0, over=True, unit="mm"),
         metavar="MM",
-        help="cutoff of the Gaussian filter, %(type)s (default: by ISO 21920-3, from the Ra found)",
+        help="cutoff of the Gaussian filter, %(type)s (default: by ISO 21920-3, from "
+        "the Ra found)",
     )
     add(
         "--resolution",
         type=Within(float, 0, unit="um"),
         default=0.0,
         metavar="UM",
-        help="height that the sensor just resolves, %(type)s: a smaller Ra is reported with a warning",
+        help="height that the sensor just resolves, %(type)s: a smaller Ra is "
+        "reported with a warning",
     )
     add(
         "--write-metadata",
@@ -93,7 +95,8 @@ def run(args: argparse.Namespace) -> int:
     step = args.pixel or stated
     if step is None:
         raise ConfigError(
-            f"{args.file} does not state how far apart its heights are: give --pixel, in m"
+            f"{args.file} does not state how far apart its heights are: give --pixel, "
+            "in m"
         )
     cutoff = args.cutoff * 1e-3 if args.cutoff else None
     try:

@@ -1,5 +1,5 @@
-"""``tactophone set-threshold``: the decision rule of a model, chosen for a rate of false
-bumps."""
+"""``tactophone set-threshold``: the decision rule of a model, chosen for a rate of
+false bumps."""
 
 import argparse
 from collections.abc import Callable
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone set-threshold texture --data recordings --false-bumps 2/min",
-    "tactophone set-threshold finger.onnx --data recordings --false-positives 0.05 --dry-run",
+    "tactophone set-threshold finger.onnx --data recordings --false-positives 0.05 "
+    "--dry-run",
 )
 
 
@@ -36,7 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_filter(parser)
     goal = parser.add_mutually_exclusive_group(required=True)
-    words = "false bumps to allow: rough predicted on smooth, over 0 to 600 a minute of contact"
+    words = (
+        "false bumps to allow: rough predicted on smooth, over 0 to 600 a minute "
+        "of contact"
+    )
     goal.add_argument("--false-bumps", metavar="N/min", help=words)
     goal.add_argument(
         "--false-positives",
@@ -48,7 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="FILE",
-        help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)",
+        help="model file to write (default: MODEL itself; of a shipped one, a copy in "
+        "this folder)",
     )
     add(
         "--plot",

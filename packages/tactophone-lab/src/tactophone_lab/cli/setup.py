@@ -30,7 +30,10 @@ from tactophone_lab.app.setup import (
 if TYPE_CHECKING:
     from tactophone_lab.training.finger_fit import SetUpFit
 
-QUESTION = "Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark."
+QUESTION = (
+    "Which tip touches?  Ink it, press it on glass as hard as you will slide, "
+    "and look at the mark."
+)
 
 EXAMPLES = (
     "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
@@ -60,10 +63,19 @@ def _fitted(result: Fitted) -> Iterator[output.Part]:
     ]
     if not fit.abstains:
         unknown = output.percent(fit.unknown)
-        yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
+        yield (
+            f"{unknown} of this sound is unknown to {start}: the new model never "
+            "abstains"
+        )
     if fit.keeps:
-        yield f"the boundary of {start} fits your objects and was kept; your tip and threshold are saved"
-    yield f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}"
+        yield (
+            f"the boundary of {start} fits your objects and was kept; your tip and "
+            "threshold are saved"
+        )
+    yield (
+        f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: "
+        f"{fit.score}"
+    )
     if not after >= 0.75:  # also where it is NaN
         yield output.styled("yellow", "note:", f" {_estimate(fit)}")
     tip = "" if result.tip == DEFAULT_TIP else f"--tip {result.tip} "
@@ -91,7 +103,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         words = (
-            f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
+            f"{label} objects of your own, separated by commas; two or more, as "
+            "unlike as you have (default: "
             f"{', '.join(names)})"
         )
         add(f"--{label}", metavar="NAMES", help=words)
@@ -200,7 +213,8 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
     )
     if not names:
         raise ConfigError(
-            f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'"
+            f"--{label}: name a {label} object at least, such as --{label} "
+            f"'{', '.join(SMOOTH)}'"
         )
     return names
 
@@ -227,7 +241,10 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
 def _estimate(fit: "SetUpFit") -> str:
     after = fit.balanced_accuracy
     if math.isnan(after):
-        return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
+        return (
+            "one object of a kind: no estimate; name two smooth and two rough "
+            "objects to have one"
+        )
     if after < 0.75:
         words = (
             "the wrong way round: check which objects are smooth"
@@ -235,9 +252,17 @@ def _estimate(fit: "SetUpFit") -> str:
             else "little better than chance"
         )
         return (
-            f"{words}; check the tip that you named, and add objects; if neither helps, no shipped model fits this "
-            "finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
+            f"{words}; check the tip that you named, and add objects; if neither "
+            "helps, no shipped model fits this "
+            "finger: `tactophone record` six objects or more, then `tactophone train "
+            "--recipe texture`"
         )
     if fit.keeps:
-        return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
-    return f"right on {output.percent(after)} of what it was not fitted to, over both kinds"
+        return (
+            f"the shipped boundary stays, right on {output.percent(after)} of this "
+            "sound over both kinds"
+        )
+    return (
+        f"right on {output.percent(after)} of what it was not fitted to, over both "
+        "kinds"
+    )

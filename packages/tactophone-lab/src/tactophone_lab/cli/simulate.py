@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone simulate objects",
-    "tactophone simulate dataset simulated --objects 0,5 --takes short_light,long_light --seconds 2",
+    "tactophone simulate dataset simulated --objects 0,5 --takes "
+    "short_light,long_light --seconds 2",
     "tactophone simulate competition competition --runs 1",
 )
 
@@ -28,7 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_json(
         add_action("objects", words, _objects), "print JSON instead of a table"
     )
-    words = "render the paper's data set, seven takes of each object; continues after an interruption"
+    words = (
+        "render the paper's data set, seven takes of each object; continues after "
+        "an interruption"
+    )
     add = add_action("dataset", words, _dataset).add_argument
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
     _add_sound(add)
@@ -39,7 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="length of a take, %(type)s",
     )
-    words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all' for the catalogue"
+    words = (
+        "numbers or names separated by commas, 'paper' for the paper's 23, or "
+        "'all' for the catalogue"
+    )
     add("--objects", default="paper", metavar="LIST", help=words)
     words = f"takes separated by commas, of {takes}; or 'all'"
     add("--takes", default="all", metavar="LIST", help=words)
@@ -63,7 +70,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="write opus/stereo/NN_variant.wav, as the paper's authors do",
     )
-    words = "gain of the contact preamplifier, %(type)s; at -12 hardly any take clips, but models expect 0"
+    words = (
+        "gain of the contact preamplifier, %(type)s; at -12 hardly any take "
+        "clips, but models expect 0"
+    )
     add(
         "--gain",
         type=Within(float, -40, 40, unit="dB"),
@@ -71,7 +81,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DB",
         help=words,
     )
-    words = "angle between the finger's bed and the surface, %(type)s; the printed finger's bed leans by 30 degrees"
+    words = (
+        "angle between the finger's bed and the surface, %(type)s; the printed "
+        "finger's bed leans by 30 degrees"
+    )
     add(
         "--tilt",
         type=Within(float, 0, 75, unit="°"),
@@ -105,7 +118,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="write finals_recordings/day_D_word.wav, as the authors do",
     )
-    words = "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each"
+    words = (
+        "let the fingers of a hand stroke a smooth and a rough stone, and write "
+        "the sound and labels of each"
+    )
     add = add_action("hand", words, _hand).add_argument
     add(
         "out",

@@ -31,14 +31,16 @@ def add_recipe(parser: options.Container) -> None:
         "--recipe",
         metavar="NAME|FILE.toml",
         default="texture",
-        help=f"%(default)s unless given; one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
+        help=f"%(default)s unless given; one of {', '.join(RECIPES)}; or a file with "
+        "recipe = NAME and any of "
         f"{', '.join(RecipeFile.__struct_fields__[:-1])} (docs/guide/training.md)",
     )
     add(
         "--channels",
         type=int,
         choices=(1, 2),
-        help="microphones to use (default: as many as the recordings have); the recipes paper and paper-fast take "
+        help="microphones to use (default: as many as the recordings have); the "
+        "recipes paper and paper-fast take "
         "them from variant",
     )
     words = (
@@ -50,7 +52,8 @@ def add_recipe(parser: options.Container) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable",
+        help="any other entry of a recipe file, such as variant=one-channel or "
+        "seed=1; repeatable",
     )
 
 
@@ -116,13 +119,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         dest="start",
         metavar="MODEL",
-        help="continue from this model's parameters instead of random ones (recipe paper)",
+        help="continue from this model's parameters instead of random ones (recipe "
+        "paper)",
     )
     add(
         "--calibration",
         type=Path,
         metavar="FILE",
-        help="contact threshold from `tactophone check`, for labels and for the model's gate, in place of "
+        help="contact threshold from `tactophone check`, for labels and for the "
+        "model's gate, in place of "
         "contact_threshold in a recipe file (recipe paper)",
     )
     add(

@@ -1,5 +1,5 @@
-"""BioTac vibration as published: CSV files with the columns pac1 to pac22 become sound of
-one contact channel at 2.2 kHz."""
+"""BioTac vibration as published: CSV files with the columns pac1 to pac22 become sound
+of one contact channel at 2.2 kHz."""
 
 from pathlib import Path
 
@@ -81,7 +81,8 @@ def import_biotac(folder: Path, out: Path) -> ImportedSet:
         )
     if not recordings:
         raise DatasetError(
-            f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}"
+            f"{folder}: nothing to import: "
+            f"{problems[0] if problems else 'it holds no such files'}"
         )
     write_metadata(out, recordings)
     return ImportedSet(tuple(recordings), tuple(problems))

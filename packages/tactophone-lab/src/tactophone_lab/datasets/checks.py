@@ -156,7 +156,10 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
     lacking = [recording for recording in dataset.recordings if not holds(recording)]
     if count == 1 or not lacking or len(lacking) == len(dataset.recordings):
         return dataset, ()
-    message = "one microphone, but the others of the set have contact and air; train on one with --channels 1"
+    message = (
+        "one microphone, but the others of the set have contact and air; train "
+        "on one with --channels 1"
+    )
     paths = {recording.path for recording in lacking}
     problems = tuple(
         Problem(recording.path, "channels", message, fatal=False)
@@ -188,7 +191,8 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
         yield Problem(
             path,
             "missing",
-            "the manifest names it, but there is no such file; restore it or drop its line",
+            "the manifest names it, but there is no such file; restore it or drop its "
+            "line",
         )
         return
     if path.stat().st_size == 0:
@@ -246,13 +250,15 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
     if measured.sample_rate < MIN_RATE:
         yield (
             "rate",
-            f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again",
+            f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record "
+            "it again",
             True,
         )
     if duration < MIN_DURATION:
         yield (
             "short",
-            f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it",
+            f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it "
+            "again or drop it",
             True,
         )
     threshold = 10 ** (CHECKED_SILENT_DBFS / 20)
@@ -268,14 +274,16 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         )
         yield (
             "silent",
-            f"{where} stays under {CHECKED_SILENT_DBFS:.0f} dBFS; check the microphone and its gain",
+            f"{where} stays under {CHECKED_SILENT_DBFS:.0f} dBFS; check the "
+            "microphone and its gain",
             whole,
         )
     if max(measured.clipped) > FAULT_CLIPPED_SHARE * measured.size:
         share = sum(measured.clipped) / (measured.size * measured.channels)
         yield (
             "clipped",
-            f"{share:.2%} of its samples lie at full scale; record it again with less gain",
+            f"{share:.2%} of its samples lie at full scale; record it again with less "
+            "gain",
             False,
         )
 
@@ -284,7 +292,10 @@ def _manifest_faults(
     recording: Recording, measured: _Measurements
 ) -> Iterator[tuple[str, str, bool]]:
     if recording.channels and len(recording.channels) != measured.channels:
-        found = f"the manifest names {len(recording.channels)} channels, but the file has {measured.channels}"
+        found = (
+            f"the manifest names {len(recording.channels)} channels, but the file "
+            f"has {measured.channels}"
+        )
         yield "channels", f"{found}; correct the column channels", True
     elif not recording.channels and measured.channels > MOST_CHANNELS:
         found = f"{measured.channels} channels, but a finger has contact and air"
@@ -308,7 +319,10 @@ def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
             continue
         first = seen.setdefault(recording.surface, recording)
         if first.label is not recording.label:
-            labels = f"{recording.known('label')} here, {first.known('label')} in {first.path.name}"
+            labels = (
+                f"{recording.known('label')} here, {first.known('label')} in "
+                f"{first.path.name}"
+            )
             message = (
                 f"{recording.surface} is {labels}; give each surface a single label"
             )
@@ -364,7 +378,10 @@ def _leaks(dataset: Dataset) -> Iterator[Problem]:
             sides.setdefault(recording.surface, set()).add(side)
     for surface, names in sorted(sides.items()):
         if len(names) > 1:
-            message = f"{surface} is in {' and '.join(sorted(names))}; keep each surface on one side"
+            message = (
+                f"{surface} is in {' and '.join(sorted(names))}; keep each "
+                "surface on one side"
+            )
             yield Problem(dataset.root, "leak", message, fatal=False)
 
 
@@ -377,7 +394,10 @@ def _imbalance(dataset: Dataset) -> Iterator[Problem]:
     counts = Counter(surfaces.values())
     for label in SURFACE_LABELS:
         if surfaces and counts[label] < MIN_LABEL_SHARE * len(surfaces):
-            message = f"{counts[label]} of {len(surfaces)} surfaces are {label.name.lower()}; record more of them"
+            message = (
+                f"{counts[label]} of {len(surfaces)} surfaces are "
+                f"{label.name.lower()}; record more of them"
+            )
             yield Problem(dataset.root, "unbalanced", message, fatal=False)
 
 
@@ -443,18 +463,21 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
     name, rate = air.name, one.sample_rate
     if one.channels != 1 or two.channels != 1:
         return (
-            f"it and {name} hold {one.channels} and {two.channels} channels; two mono files make a pair",
+            f"it and {name} hold {one.channels} and {two.channels} channels; two mono "
+            "files make a pair",
             True,
         )
     if rate != two.sample_rate:
         return (
-            f"{rate} Hz, but {name} has {two.sample_rate} Hz; resample one of them first",
+            f"{rate} Hz, but {name} has {two.sample_rate} Hz; resample one of them "
+            "first",
             True,
         )
     difference = abs(one.size - two.size) / rate
     if difference > MOST_DIFFERENCE:
         return (
-            f"{name} differs in length by {difference:.3f} s; cut both to the same touch",
+            f"{name} differs in length by {difference:.3f} s; cut both to the same "
+            "touch",
             True,
         )
     size = min(one.size, two.size)
@@ -477,7 +500,8 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
         return "", False
     if abs(end - begin) > 1000 * MOST_LAG:
         return (
-            f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock",
+            f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its "
+            "last; use one clock",
             True,
         )
     return (

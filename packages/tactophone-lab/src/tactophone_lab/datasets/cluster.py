@@ -49,7 +49,8 @@ def import_cluster(folder: Path, out: Path) -> ImportedSet:
     files = _sounds(places[0]) or _sounds(places[1])
     if not files:
         raise DatasetError(
-            f"{folder}: no sound in sensor_data/raw_audio or sensor_data/audio; name the unpacked folder"
+            f"{folder}: no sound in sensor_data/raw_audio or sensor_data/audio; name "
+            "the unpacked folder"
         )
     names = dict(_names(folder / TEXTURES))
     problems: list[Problem] = []

@@ -70,7 +70,8 @@ def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> P
     """
     if not (dataset.root / FILE_NAME).is_file():
         raise DatasetError(
-            f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one"
+            f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` "
+            "makes one"
         )
     changed = (
         recording.with_properties(**columns.get(recording.surface, {}))
@@ -207,7 +208,8 @@ def _card(dataset: Dataset) -> Iterator[str]:
     )
     channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (
-        f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {minutes:.1f} minutes, at "
+        f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, "
+        f"{minutes:.1f} minutes, at "
         f"{', '.join(f'{rate} Hz' for rate in rates)}. Channels: {channels}."
     )
     yield from (
@@ -255,7 +257,8 @@ def _card(dataset: Dataset) -> Iterator[str]:
     )
     yield from ("", "## Limits", "")
     yield (
-        f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "
+        f"Each label is a person's label of a whole recording ({labels}), pauses "
+        "between strokes included. Split by "
         "surface, never by window: windows overlap."
     )
 

@@ -1,7 +1,8 @@
 """Folders without a manifest, whose names say what was recorded: ``rough/stone_1.wav``.
 
 A folder or a file's name holds the label; the rest of the name is surface and take, and
-a word such as *contact* or *air* tells the microphones apart, each in a file of its own.
+a word such as *contact* or *air* tells the microphones apart, each in a file of its
+own.
 """
 
 import re
@@ -181,7 +182,10 @@ def _recordings(
             folders = "/, ".join(
                 label.name.lower() for label in reversed(SURFACE_LABELS)
             )
-            message = f"neither its name nor its folders hold a label; put it under {folders}/ or none/"
+            message = (
+                "neither its name nor its folders hold a label; put it under "
+                f"{folders}/ or none/"
+            )
             problems.extend(
                 Problem(each, "label", message) for each, _ in files.values()
             )

@@ -29,7 +29,8 @@ def open_dataset(
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
     if not folder.is_dir():
         raise DatasetError(
-            f"{path}: no such folder; name one with rough/ and smooth/, or with {FILE_NAME}"
+            f"{path}: no such folder; name one with rough/ and smooth/, or with "
+            f"{FILE_NAME}"
         )
     if manifests_in(folder):
         return read_metadata(folder, surface_of=surface_of, labels=labels)
@@ -50,8 +51,10 @@ def open_dataset(
     if unreadable := phone_sounds(folder):
         raise DatasetError(f"{folder}: {unreadable}")
     raise DatasetError(
-        f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
-        f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
+        f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor "
+        "opus/stereo/ is in it; "
+        f"write a {FILE_NAME} with the columns file_name, surface and label "
+        "(docs/reference/data-set.md), or let "
         "`tactophone dataset import` make it of folders named rough/ and smooth/"
     )
 
@@ -78,7 +81,8 @@ def find_importable(path: Path | str) -> LabFolder:
             return found
         if problems := found.dataset.problems:
             raise DatasetError(
-                f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}"
+                f"{folder}: none of its {len(problems)} sound files can be used; "
+                f"{problems[0]}"
             )
     return LabFolder(open_dataset(path))
 
@@ -98,7 +102,8 @@ def phone_sounds(folder: Path) -> str:
     suffix = found.most_common(1)[0][0]
     return (
         f"{kinds} {files}, which need ffmpeg: convert each beside itself with "
-        f"`find {shlex.quote(str(folder))} -name '*{suffix}' -exec ffmpeg -i {{}} {{}}.wav ';'`"
+        f"`find {shlex.quote(str(folder))} -name '*{suffix}' -exec ffmpeg -i {{}} "
+        f"{{}}.wav ';'`"
     )
 
 

@@ -135,7 +135,10 @@ def roughness_profile(
         )
     half = round(cutoff / 2 / step)
     if len(heights) < 4 * half or half < 2:
-        words = f"a profile of {len(heights)} heights {step:g} m apart is too short for a cut-off of {cutoff:g} m"
+        words = (
+            f"a profile of {len(heights)} heights {step:g} m apart is too short "
+            f"for a cut-off of {cutoff:g} m"
+        )
         raise ValueError(
             f"{words}: measure two cut-offs or more, with five heights in each"
         )
@@ -172,7 +175,8 @@ def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
     if not fitting:
         least = 2 * STANDARD_CUTOFFS[0][1]
         raise ValueError(
-            f"{len(heights)} heights {step:g} m apart are under {least:g} m long; measure a longer line"
+            f"{len(heights)} heights {step:g} m apart are under {least:g} m long; "
+            "measure a longer line"
         )
     # From the shortest: Ra grows with the cut-off, and the first that agrees with its
     # own Ra is the standard's.
@@ -266,7 +270,8 @@ def measure_heights(
         )
     if not long_enough:
         notes.append(
-            f"too short for the standard's cut-off at this Ra; evaluated with {1000 * cutoff:g} mm"
+            "too short for the standard's cut-off at this Ra; evaluated with "
+            f"{1000 * cutoff:g} mm"
         )
     return HeightReport(profile, step, cutoff, (len(rows), rows.shape[1]), tuple(notes))
 
@@ -299,11 +304,13 @@ def read_heights(path: Path, *, unit: str = "m") -> tuple[Heights, float | None]
         raise DatasetError(f"{path}: cannot be read as heights ({error})") from None
     if heights.ndim not in (1, 2) or heights.size == 0:
         raise DatasetError(
-            f"{path}: heights of shape {heights.shape}; a profile has one axis, a map two"
+            f"{path}: heights of shape {heights.shape}; a profile has one axis, a map "
+            "two"
         )
     if not np.isfinite(heights).all():
         raise DatasetError(
-            f"{path}: {np.mean(~np.isfinite(heights)):.2%} of its heights are no numbers; fill the gaps"
+            f"{path}: {np.mean(~np.isfinite(heights)):.2%} of its heights are no "
+            "numbers; fill the gaps"
         )
     return heights, step
 
@@ -332,7 +339,8 @@ def _read(path: Path) -> tuple[object, float | None]:
         _check_size(8 * image.width * image.height)
         if image.mode not in ("L", "I", "I;16", "I;16B"):
             raise ValueError(
-                f"its colours are {image.mode}; heights are shades of grey, best of 16 bits"
+                f"its colours are {image.mode}; heights are shades of grey, best of "
+                "16 bits"
             )
         return np.array(image), None
 
@@ -340,7 +348,8 @@ def _read(path: Path) -> tuple[object, float | None]:
 def _check_size(size: int) -> None:
     if size > 8 * MOST_HEIGHTS:
         raise ValueError(
-            f"{size / 1e9:.1f} GB of numbers, but at most {8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it"
+            f"{size / 1e9:.1f} GB of numbers, but at most "
+            f"{8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it"
         )
 
 
@@ -350,19 +359,25 @@ def _doubts(
     doubts = []
     if profile.rdq > STEEPEST:
         doubts.append(
-            f"slopes of {profile.rdq:.3g} on average are no surface's: state the heights' unit with --unit"
+            f"slopes of {profile.rdq:.3g} on average are no surface's: state the "
+            "heights' unit with --unit"
         )
     if resolution and profile.ra < resolution:
         ra = f"Ra {1e6 * profile.ra:.3g} um"
         doubts.append(
-            f"{ra} is below the sensor's resolution of {1e6 * resolution:g} um: it may be noise"
+            f"{ra} is below the sensor's resolution of {1e6 * resolution:g} um: it "
+            "may be noise"
         )
     levels = np.unique(rows[len(rows) // 2])
     if 1 < len(levels) < 256 and profile.ra < 2 * (quantum := np.diff(levels).min()):
         doubts.append(
-            f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse for this Ra"
+            f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse for "
+            "this Ra"
         )
     if profile.rsm < 5 * step:
-        words = f"the surface's elements (RSm {1e3 * profile.rsm:.3g} mm) are under five steps of {1e6 * step:.3g} um"
+        words = (
+            f"the surface's elements (RSm {1e3 * profile.rsm:.3g} mm) are under "
+            f"five steps of {1e6 * step:.3g} um"
+        )
         doubts.append(f"{words}: finer ones were not seen, and Ra is too low")
     return doubts

@@ -127,7 +127,8 @@ def leak_warnings(dataset: Dataset, folds: Iterable[Fold]) -> list[str]:
     if across:
         count = sum(across.values())
         return [
-            f"warning: {count} tested recordings hold sound that was trained on, so the "
+            f"warning: {count} tested recordings hold sound that was trained on, so "
+            "the "
             f"scores are too good ({', '.join(sorted(across))}); `tactophone dataset "
             f"check {dataset.root}` names them"
         ]
@@ -153,7 +154,8 @@ def leaks_between_surfaces(shared: Iterable[SharedSound]) -> Iterator[Problem]:
             )
         elif one.known("split") != other.known("split"):
             words = (
-                f"holds the same sound as {name}, which is in {one.known('split') or '-'}"
+                f"holds the same sound as {name}, which is in "
+                f"{one.known('split') or '-'}"
                 f" and this in {other.known('split') or '-'}; keep both on one side"
             )
         else:

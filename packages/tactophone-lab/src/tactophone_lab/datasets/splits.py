@@ -66,7 +66,8 @@ def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
     if match := _FOLDS.fullmatch(name):
         return _k_fold(labelled, int(match["count"]), match["key"] or "kin")
     raise DatasetError(
-        f"{name!r} is not a split; take one of {', '.join(SPLITS)}{did_you_mean(name, SPLITS)}"
+        f"{name!r} is not a split; take one of "
+        f"{', '.join(SPLITS)}{did_you_mean(name, SPLITS)}"
     )
 
 
@@ -78,13 +79,15 @@ def _predefined(dataset: Dataset) -> tuple[Fold, ...]:
     train, names = sides.get("train", ()), sorted(sides.keys() - {"train", ""})
     if not train or not names:
         raise DatasetError(
-            f"{dataset.root}: has no split of its own; take {KIN_SPLIT}, or fill in the column split"
+            f"{dataset.root}: has no split of its own; take {KIN_SPLIT}, or fill in "
+            "the column split"
         )
     train_surfaces = {recording.surface for recording in train}
     for name in names:
         if leaked := train_surfaces & {recording.surface for recording in sides[name]}:
             raise DatasetError(
-                f"{dataset.root}: {', '.join(sorted(leaked))} in both train and {name}; divide by surface"
+                f"{dataset.root}: {', '.join(sorted(leaked))} in both train and "
+                f"{name}; divide by surface"
             )
     return tuple(Fold(name, train, sides[name]) for name in names)
 
@@ -93,7 +96,8 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
     values = sorted({_value(recording, key) for recording in dataset.recordings})
     if len(values) < 2:
         raise DatasetError(
-            f"{dataset.root}: every recording has {key} {values[0]!r}; leaving one out needs two or more. "
+            f"{dataset.root}: every recording has {key} {values[0]!r}; leaving one "
+            "out needs two or more. "
             f"Choose another key, or fill in the column {key}"
         )
     return _make_folds(
@@ -120,7 +124,8 @@ def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
     if not 2 <= count <= len(values):
         noun = "surfaces, kin counted once" if key == "kin" else f"{key}s"
         raise DatasetError(
-            f"{dataset.root}: {count} folds of {len(values)} {noun}; take from 2 to {len(values)}"
+            f"{dataset.root}: {count} folds of {len(values)} {noun}; take from 2 to "
+            f"{len(values)}"
         )
     fold_of = {value: place % count for place, value in enumerate(values)}
     names = {f"fold {number + 1}": number for number in range(count)}
@@ -189,7 +194,8 @@ def with_kin(dataset: Dataset, file: Path) -> Dataset:
         ) from None
     if not kin.keys() & set(dataset.surfaces):
         raise DatasetError(
-            f"{file}: names none of the surfaces of {dataset.root}, such as {dataset.surfaces[0]}"
+            f"{file}: names none of the surfaces of {dataset.root}, such as "
+            f"{dataset.surfaces[0]}"
         )
     recordings = (
         recording.with_properties(kin=found)

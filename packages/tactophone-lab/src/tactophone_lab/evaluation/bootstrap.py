@@ -303,7 +303,8 @@ def _count(
         row += np.bincount(called_rough, minlength=2)
     if not table.any():
         raise DatasetError(
-            "the contact gate never opened: the sound is under its threshold; give its --calibration"
+            "the contact gate never opened: the sound is under its threshold; give "
+            "its --calibration"
         )
     return table
 

@@ -309,7 +309,8 @@ def _join(
     rate = first.sample_rate
     if rate != second.sample_rate:
         raise ValueError(
-            f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {second.sample_rate} Hz: edges join equal rates"
+            f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {second.sample_rate} "
+            "Hz: edges join equal rates"
         )
     if not path.is_file():
         with atomic_write(path) as unfinished:  # later runs take it for whole

@@ -128,7 +128,8 @@ def try_rules(
     for touch in SURFACE_LABELS:
         if not any(take.recording.label is touch for take in takes):
             raise DatasetError(
-                f"no {touch.name.lower()} recording with contact: validation needs both classes"
+                f"no {touch.name.lower()} recording with contact: validation needs "
+                "both classes"
             )
     runs = [_run(take, rules) for take in takes]
     minutes, updates, rough, bumps, delay = (
@@ -160,7 +161,10 @@ def choose_rule(
     allowed = np.flatnonzero((table[goal] <= limit) & (smooth_as_rough <= longest))
     if not len(allowed):
         lowest = float(np.min(table[goal][smooth_as_rough <= longest]))
-        words = f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}"
+        words = (
+            f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest "
+            f"is {lowest:.3g}"
+        )
         raise DatasetError(
             f"{words}: allow more, or check labels and tip with `tactophone evaluate`"
         )

@@ -129,8 +129,10 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
     ]
     if not takes:
         raise DatasetError(
-            "the contact gate never opened, so there is nothing to score: the recordings are quieter than the model's "
-            "threshold; lower it (contact_threshold = 'off' in a recipe file opens it for good)"
+            "the contact gate never opened, so there is nothing to score: the "
+            "recordings are quieter than the model's "
+            "threshold; lower it (contact_threshold = 'off' in a recipe file opens it "
+            "for good)"
         )
     names = tuple(sorted({take.recording.surface for take in takes}))
     number = {name: index for index, name in enumerate(names)}

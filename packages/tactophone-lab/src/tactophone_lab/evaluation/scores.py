@@ -108,9 +108,9 @@ class Report:
     known_wrong: float
     """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
     rules: dict[Rule, dict[str, Estimate]]
-    """For each rule, each metric of :func:`tactophone_lab.evaluation.metrics.measure` with its
-    interval; over true contact, whatever the model's gate reports, so that all models
-    are scored on the same windows."""
+    """For each rule, each metric of :func:`tactophone_lab.evaluation.metrics.measure`
+    with its interval; over true contact, whatever the model's gate reports, so that all
+    models are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
@@ -135,7 +135,8 @@ def rendered_scores(
         row += np.bincount(rendered, minlength=3)
     if not table.any():
         raise DatasetError(
-            "no recording has contact with a surface labelled smooth or rough: nothing can be scored"
+            "no recording has contact with a surface labelled smooth or rough: "
+            "nothing can be scored"
         )
     strata = [np.flatnonzero(table[:, label].any(axis=-1)) for label in (0, 1)]
     few = any(0 < len(stratum) < FEWEST_SURFACES for stratum in strata)

@@ -170,7 +170,8 @@ class Round:
             0 <= stone < len(self.order) for stone in chosen
         ):
             raise ValueError(
-                f"choices are {list(choices)}, but must be two of the stones 0 to {len(self.order) - 1}"
+                f"choices are {list(choices)}, but must be two of the stones 0 to "
+                f"{len(self.order) - 1}"
             )
         begin = next((point.time for point in self.path if point.stone >= 0), now.time)
         return RoundResult(

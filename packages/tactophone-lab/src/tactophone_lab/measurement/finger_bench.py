@@ -179,7 +179,8 @@ def _median(values: Sequence[float]) -> float:
 def _few(name: str) -> Finding:
     return Finding(
         f"no-{name}",
-        f"{name}: fewer than {LEAST_HITS} blows were heard; check plug and gain, and repeat it",
+        f"{name}: fewer than {LEAST_HITS} blows were heard; check plug and gain, and "
+        "repeat it",
     )
 
 
@@ -188,29 +189,34 @@ def _faults(found: BenchResult) -> Iterator[Finding]:
     if found.brightness_db < DULLEST_BALL_DB:
         yield Finding(
             "air-under-disc",
-            f"the ball sounds dull ({found.brightness_db:+.1f} dB): air is under the disc, or its glue is thick; "
+            f"the ball sounds dull ({found.brightness_db:+.1f} dB): air is under the "
+            "disc, or its glue is thick; "
             "glue another disc on another pad",
         )
     if found.brightness_db > BRIGHTEST_BALL_DB:
         yield Finding(
             "low-impedance",
-            f"the ball has no bass ({found.brightness_db:+.1f} dB): switch the contact input to instrument (1 MOhm)",
+            f"the ball has no bass ({found.brightness_db:+.1f} dB): switch the "
+            "contact input to instrument (1 MOhm)",
         )
     if found.stiffness > STIFFNESS * STIFFNESS_RATIO:
         yield Finding(
             "stiff-bed",
-            f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too little: the silicone is too hard or too thin, or "
+            f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too little: the "
+            "silicone is too hard or too thin, or "
             "something hard joins pad and phalanx; pour it again with Shore 00-30",
         )
     if found.stiffness < STIFFNESS / STIFFNESS_RATIO:
         yield Finding(
             "soft-bed",
-            f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too much: it holds bubbles, has not set, or came loose",
+            f"the bed gives {1e6 / found.stiffness:.0f} µm/N, too much: it holds "
+            "bubbles, has not set, or came loose",
         )
     if found.motors_db > MOTORS_DB:
         yield Finding(
             "motors",
-            f"motors raise the level by {found.motors_db:.0f} dB: something hard joins pad and phalanx, or the cable "
+            f"motors raise the level by {found.motors_db:.0f} dB: something hard "
+            "joins pad and phalanx, or the cable "
             "runs beside a motor's",
         )
     if found.ball_dbfs > LOUDEST_BALL_DBFS:

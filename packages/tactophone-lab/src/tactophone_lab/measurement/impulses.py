@@ -338,6 +338,7 @@ def running_sides(
             time.sleep(0.02)
         else:
             raise TactophoneError(
-                "robot and operator did not connect within 10 s: run `tactophone loopback` to see why"
+                "robot and operator did not connect within 10 s: run `tactophone "
+                "loopback` to see why"
             )
         yield sides

@@ -107,11 +107,13 @@ def assess_take(
         complaints.append(f"ends after {levels.duration:.1f} of {duration:g} s")
     if levels.contact < TAKE_MIN_CONTACT:
         complaints.append(
-            f"contact for only {levels.contact:.0%} of the time: pause less, or press harder"
+            f"contact for only {levels.contact:.0%} of the time: pause less, or press "
+            "harder"
         )
     if levels.clipped > FAULT_CLIPPED_SHARE:
         complaints.append(
-            f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over"
+            f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again "
+            "and start over"
         )
     # The take of the same stroke with the next lighter pressure, if there is one.
     same_stroke = [plan for plan in TAKES if plan.stroke == take.stroke]
@@ -121,6 +123,7 @@ def assess_take(
         step_db = levels.level_dbfs - other_levels[lighter.name]
         if step_db < PRESSURE_STEP_DB:
             complaints.append(
-                f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): press harder"
+                f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): "
+                "press harder"
             )
     return "; ".join(complaints) or GOOD

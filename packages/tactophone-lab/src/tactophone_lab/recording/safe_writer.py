@@ -71,7 +71,8 @@ class TakeWriter:
             )
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
-                f"{path}: cannot be written ({error}); free some space, or choose another --out"
+                f"{path}: cannot be written ({error}); free some space, or choose "
+                "another --out"
             ) from None
         return cls(root, recording, file)
 
@@ -109,7 +110,10 @@ class TakeWriter:
 
     def _disk_error(self, error: Exception) -> str:
         part = self.recording.path.with_suffix(PART)
-        return f"{part}: cannot go on ({error}); what was recorded is kept. Free some space and run the command again"
+        return (
+            f"{part}: cannot go on ({error}); what was recorded is kept. Free some "
+            "space and run the command again"
+        )
 
 
 @contextmanager
@@ -146,7 +150,8 @@ def _lock(descriptor: int, root: Path) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise DatasetError(
-            f"{root}: another `tactophone record` is recording into it; wait for its end, or choose another --out"
+            f"{root}: another `tactophone record` is recording into it; wait for its "
+            "end, or choose another --out"
         ) from None
     except OSError:
         pass  # a file system without locks
@@ -175,7 +180,8 @@ def recover(root: Path) -> Iterator[Recording]:
             yield _finish(root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
-                f"{entry.parent}: cannot finish {recording.path.name} ({error}); free some space"
+                f"{entry.parent}: cannot finish {recording.path.name} ({error}); free "
+                "some space"
             ) from None
 
 

@@ -95,7 +95,8 @@ def find(name: str) -> SimulatedObject:
             return obj
     if hint := did_you_mean(name, (obj.name for obj in catalogue())):
         raise DatasetError(
-            f"{name!r} is not an object of the catalogue{hint} `tactophone simulate objects` lists all"
+            f"{name!r} is not an object of the catalogue{hint} `tactophone simulate "
+            "objects` lists all"
         )
     names = ", ".join(f"{obj.number} {obj.name}" for obj in catalogue())
     raise DatasetError(f"{name!r} is not an object of the catalogue; there are {names}")

@@ -96,7 +96,10 @@ class CompetitionRun:
     @property
     def fingerprint(self) -> str:
         """Everything that the sound depends on."""
-        return f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip} {self.task}"
+        return (
+            f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip} "
+            f"{self.task}"
+        )
 
     @property
     def scene(self) -> Scene:

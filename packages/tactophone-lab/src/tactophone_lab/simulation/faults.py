@@ -56,7 +56,8 @@ class FaultSpan:
         match = _SPAN.fullmatch(text)
         if not match or match["code"] not in CODES:
             raise ConfigError(
-                f"{text!r} is not a fault; write CODE@START-END in seconds, CODE one of {', '.join(CODES)}"
+                f"{text!r} is not a fault; write CODE@START-END in seconds, CODE one "
+                f"of {', '.join(CODES)}"
             )
         return cls(
             match["code"], float(match["start"] or 0), float(match["end"] or "inf")

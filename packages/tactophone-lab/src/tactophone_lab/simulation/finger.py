@@ -36,23 +36,27 @@ class Finger(NamedTuple):
     """Mechanics of finger, pad and arm; a tuple, so that the compiled kernel can take
     it. SI units.
 
-    - ``tip_radius``, ``tip_modulus``: of the tip's curvature; plane-strain modulus of what touches.
+    - ``tip_radius``, ``tip_modulus``: of the tip's curvature; plane-strain modulus of
+      what touches.
     - ``air_distance``: from the contact to the air microphone.
-    - ``arm_mass``, ``arm_damping``, ``arm_rest``: the force-controlled arm, moving along the normal, and the height at
-      which it hovers.
-    - ``pad_mass``, ``pad_stiffness``, ``pad_damping``: the hard skin on its silicone, along the normal: 225 Hz, Q about
-      2 (Shore 20 A silicone, loss factor 0.3 to 0.5).
+    - ``arm_mass``, ``arm_damping``, ``arm_rest``: the force-controlled arm, moving
+      along the normal, and the height at which it hovers.
+    - ``pad_mass``, ``pad_stiffness``, ``pad_damping``: the hard skin on its silicone,
+      along the normal: 225 Hz, Q about 2 (Shore 20 A silicone, loss factor 0.3 to 0.5).
     - ``shear_stiffness``, ``shear_damping``: the same along the surface.
-    - ``link_mass``, ``link_frequency``, ``link_loss``: the last joint, swinging along the surface.
-    - ``restitution``: Hunt-Crossley damping in s/m: the force is ``K d^1.5 (1 + c d')`` (Hunt & Crossley, J. Appl.
-      Mech. 42, 440, 1975).
-    - ``bristle_stiffness``, ``bristle_damping``: LuGre friction in 1/m and s/m (Canudas de Wit et al., IEEE Trans.
-      Autom. Control 40, 419, 1995).
-    - ``normal_strain``, ``shear_strain``: newtons at the piezo per newton of normal and tangential contact force.
-    - ``pad_radiation``, ``shear_radiation``: pascals at the air microphone per m/s^2 of the pad: ``0.7 rho S / (4 pi
-      r)``, S = 5 cm^2, r = 18 mm. Sliding sideways moves next to no air: that is why a
-      smooth surface is quiet in air.
-    - ``shake_radiation``: pascals per m/s^2 of the finger itself: the air microphone's sensitivity to being shaken.
+    - ``link_mass``, ``link_frequency``, ``link_loss``: the last joint, swinging along
+      the surface.
+    - ``restitution``: Hunt-Crossley damping in s/m: the force is ``K d^1.5 (1 + c d')``
+      (Hunt & Crossley, J. Appl. Mech. 42, 440, 1975).
+    - ``bristle_stiffness``, ``bristle_damping``: LuGre friction in 1/m and s/m (Canudas
+      de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
+    - ``normal_strain``, ``shear_strain``: newtons at the piezo per newton of normal and
+      tangential contact force.
+    - ``pad_radiation``, ``shear_radiation``: pascals at the air microphone per m/s^2 of
+      the pad: ``0.7 rho S / (4 pi r)``, S = 5 cm^2, r = 18 mm. Sliding sideways moves
+      next to no air: that is why a smooth surface is quiet in air.
+    - ``shake_radiation``: pascals per m/s^2 of the finger itself: the air microphone's
+      sensitivity to being shaken.
     """
 
     tip_radius: float = 3e-3
@@ -121,16 +125,19 @@ FLEXURE = (
 class Electronics(NamedTuple):
     """Microphones, preamplifier and the noise around them.
 
-    - ``contact_gain``, ``air_gain``: full scale per newton at the piezo, and per pascal at the air microphone (1 Pa is
-      94 dB SPL).
-    - ``contact_corner``, ``air_corner``: high-pass corners in Hz: piezo capacitance into the preamplifier's input, and
-      the MEMS's vent.
-    - ``contact_hum_dbfs``, ``contact_noise_dbfs``, ``contact_rumble_dbfs``: a high-impedance input beside motors: mains
-      hum, white noise, and handling rumble (12 to 80 Hz).
-    - ``air_noise_dbfs``, ``room_dbfs``: the microphone's own noise, and the room's, which falls by 3 dB an octave.
-    - ``motor_air_dbfs``, ``motor_contact_dbfs``: motors at full speed, through the air and through the arm.
-    - ``gear_dbfs``, ``jerk_dbfs``: noise of gears, cables and joints at full speed through the arm, and of a start or
-      stop as it begins.
+    - ``contact_gain``, ``air_gain``: full scale per newton at the piezo, and per pascal
+      at the air microphone (1 Pa is 94 dB SPL).
+    - ``contact_corner``, ``air_corner``: high-pass corners in Hz: piezo capacitance
+      into the preamplifier's input, and the MEMS's vent.
+    - ``contact_hum_dbfs``, ``contact_noise_dbfs``, ``contact_rumble_dbfs``: a
+      high-impedance input beside motors: mains hum, white noise, and handling rumble
+      (12 to 80 Hz).
+    - ``air_noise_dbfs``, ``room_dbfs``: the microphone's own noise, and the room's,
+      which falls by 3 dB an octave.
+    - ``motor_air_dbfs``, ``motor_contact_dbfs``: motors at full speed, through the air
+      and through the arm.
+    - ``gear_dbfs``, ``jerk_dbfs``: noise of gears, cables and joints at full speed
+      through the arm, and of a start or stop as it begins.
     - ``mains``: in Hz.
     """
 
@@ -186,12 +193,12 @@ class Tip:
     - ``name``, ``description``: as the command line has it, and a line about it.
     - ``finger``: Mechanics; what follows replaces parts of it.
     - ``flexure``: bending modes of what holds the tip.
-    - ``radius``, ``mass``, ``air_distance``, ``shaken``: bounds of ``tip_radius``, ``pad_mass``, ``air_distance`` and
-      ``pad_radiation`` of the finger, drawn uniformly in the logarithm; ``None`` leaves
-      the finger's own.
+    - ``radius``, ``mass``, ``air_distance``, ``shaken``: bounds of ``tip_radius``,
+      ``pad_mass``, ``air_distance`` and ``pad_radiation`` of the finger, drawn
+      uniformly in the logarithm; ``None`` leaves the finger's own.
     - ``electronics``: microphones and the noise around them.
-    - ``air_gain_db``: bounds of extra gain of the air microphone: that of a stylus is unknown, but set so that strokes
-      hardly clip.
+    - ``air_gain_db``: bounds of extra gain of the air microphone: that of a stylus is
+      unknown, but set so that strokes hardly clip.
     """
 
     name: str

@@ -35,7 +35,8 @@ try:
     import numba
 except ImportError as error:  # pragma: no cover
     raise ConfigError(
-        "the simulated finger needs numba and scipy, which are not installed: pip install 'tactophone-lab[sim]'"
+        "the simulated finger needs numba and scipy, which are not installed: pip "
+        "install 'tactophone-lab[sim]'"
     ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])

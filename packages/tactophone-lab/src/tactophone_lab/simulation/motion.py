@@ -234,7 +234,8 @@ class Scene:
 
     - ``placed``: the objects; footprints do not overlap.
     - ``ground``: the surface between them, as an object.
-    - ``height``, ``rounding``: height of the objects over the ground and radius of their edges, in m.
+    - ``height``, ``rounding``: height of the objects over the ground and radius of
+      their edges, in m.
     """
 
     placed: tuple[PlacedObject, ...]

@@ -59,8 +59,10 @@ has not left the object."""
 class Truth:
     """Ground truth of a block, per sample.
 
-    - ``touch``: int8: :class:`~tactophone.core.types.Touch`; ``NONE`` on the ground, which is neither smooth nor rough.
-    - ``object_index``: int16: index into the scene's ``objects``, of which the ground is the last; -1 in the air.
+    - ``touch``: int8: :class:`~tactophone.core.types.Touch`; ``NONE`` on the ground,
+      which is neither smooth nor rough.
+    - ``object_index``: int16: index into the scene's ``objects``, of which the ground
+      is the last; -1 in the air.
     - ``force``: contact force, in N.
     - ``x``, ``y``: place of the finger, in m.
     """
@@ -96,11 +98,12 @@ class SimulatedFinger(AlwaysOpen):
     - ``scene``: objects and ground under it.
     - ``moves``: its moves, oldest first; :meth:`move` adds more at any time.
     - ``session``, ``seed``: the session's set-up, and the seed of all noise.
-    - ``duration``: seconds after which iteration ends; never, if ``None``. The attribute ``end`` has it in samples.
+    - ``duration``: seconds after which iteration ends; never, if ``None``. The
+      attribute ``end`` has it in samples.
     - ``block_size``: samples per block of iteration.
     - ``place``: where it hovers at the start, in m.
-    - ``hand``: what leads it in place of moves, such as the finger of a physics engine: its ``follow(size)`` returns a
-      `Path`.
+    - ``hand``: what leads it in place of moves, such as the finger of a physics engine:
+      its ``follow(size)`` returns a `Path`.
 
     >>> from tactophone_lab.simulation.catalogue import find
     >>> from tactophone_lab.simulation.motion import single
@@ -325,7 +328,8 @@ class SimulatedHand:
     each.
 
     - ``fingers``: from thumb to little finger, each with its own moves.
-    - ``structure_db``: level of what reaches the next finger through the hand; -inf is none.
+    - ``structure_db``: level of what reaches the next finger through the hand; -inf is
+      none.
     """
 
     sample_rate = LIVE_SAMPLE_RATE

@@ -93,13 +93,15 @@ class Surface:
 
     - ``name``, ``seed``: identifier, and the seed of its profile.
     - ``rms_height``: of the coarse self-affine part, down to `FINEST`, in m.
-    - ``rolloff``: wavelength in m beyond which the self-affine spectrum is flat; the correlation length is about a
-      sixth of it.
-    - ``hurst``: Hurst exponent, from 0 (jagged) to 1 (smooth); 0.8 is usual for fractured and worn surfaces (Persson et
-      al., "On the nature of surface roughness", J. Phys.: Condens. Matter 17, R1,
-      2005).
-    - ``waviness``: rms height in m of form and waviness, of wavelengths between 3 and 20 mm.
-    - ``fine_height``: rms height in m of the fine texture, a self-affine part down to `FINEST_TEXTURE`.
+    - ``rolloff``: wavelength in m beyond which the self-affine spectrum is flat; the
+      correlation length is about a sixth of it.
+    - ``hurst``: Hurst exponent, from 0 (jagged) to 1 (smooth); 0.8 is usual for
+      fractured and worn surfaces (Persson et al., "On the nature of surface roughness",
+      J. Phys.: Condens. Matter 17, R1, 2005).
+    - ``waviness``: rms height in m of form and waviness, of wavelengths between 3 and
+      20 mm.
+    - ``fine_height``: rms height in m of the fine texture, a self-affine part down to
+      `FINEST_TEXTURE`.
     - ``grains``, ``pits``, ``ridges``: features added to the profile.
     """
 
@@ -229,18 +231,20 @@ PATCH = 1.5e-3
 class Material:
     """Properties of a surface besides its shape.
 
-    - ``modulus``: plane-strain modulus ``E / (1 - nu^2)`` in Pa, from handbooks; hardness follows from it by class.
-    - ``kinetic``, ``static``: friction coefficients of the default tip's skin on it, at speed and at rest. The
-      difference is what lets a tip stick and slip; it is *largest* on polished
-      surfaces, where the true contact area is large (Persson, J. Chem. Phys. 115, 3840,
-      2001). It, the patches and the hiss scale with the area of another tip.
+    - ``modulus``: plane-strain modulus ``E / (1 - nu^2)`` in Pa, from handbooks;
+      hardness follows from it by class.
+    - ``kinetic``, ``static``: friction coefficients of the default tip's skin on it, at
+      speed and at rest. The difference is what lets a tip stick and slip; it is
+      *largest* on polished surfaces, where the true contact area is large (Persson, J.
+      Chem. Phys. 115, 3840, 2001). It, the patches and the hiss scale with the area of
+      another tip.
     - ``stribeck_speed``: in m/s; how fast friction falls from the one to the other.
     - ``patchiness``: relative rms of the friction coefficient along the surface.
-    - ``hiss``: relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of
-      speed. It reaches the piezo and hardly the air microphone: sliding sideways moves
-      no air.
-    - ``snag_spacing``, ``snag_strength``: mean distance in m between places that hold the tip and suddenly release it,
-      and the loss of friction there.
+    - ``hiss``: relative rms of the friction force's noise at 0.1 m/s, from micro-slips;
+      grows with the square root of speed. It reaches the piezo and hardly the air
+      microphone: sliding sideways moves no air.
+    - ``snag_spacing``, ``snag_strength``: mean distance in m between places that hold
+      the tip and suddenly release it, and the loss of friction there.
     """
 
     modulus: float = 55e9

@@ -141,7 +141,10 @@ class FeatureRecipe:
     @property
     def identity(self) -> str:
         """Text that changes whenever the result may: key of cached results."""
-        return f"{self.name} {self.recipe.version} {self.seed} {self.tip} {self.evaluated_spec!r}"
+        return (
+            f"{self.name} {self.recipe.version} {self.seed} {self.tip} "
+            f"{self.evaluated_spec!r}"
+        )
 
     def training_set(
         self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None

@@ -14,8 +14,8 @@ touch.
 
 ``paper``: the magnitudes of a window's spectrum. They are not normalised (paper,
 section III-C): the level of the air microphone relative to the contact microphone
-separates rough from smooth. `tactophone_lab.training.onnx_export` writes that graph by hand,
-as it writes the network.
+separates rough from smooth. `tactophone_lab.training.onnx_export` writes that graph by
+hand, as it writes the network.
 
 ``cues``: level, crest and transients are the paper's hand-made classifier (section
 III-B: rough is louder and more transient); the median frequency of a microphone's
@@ -65,8 +65,8 @@ LOWEST = 40.0
 """Lower end of the lowest band, in Hz."""
 
 HIGHEST = 7600.0
-"""Upper end of the highest band, in Hz. Above it public recordings contain nothing of the surface, only their own
-noise floor."""
+"""Upper end of the highest band, in Hz. Above it public recordings contain nothing of
+the surface, only their own noise floor."""
 
 POWER_FLOOR = 1e-9
 """Power added to each band, -90 dBFS: what is under it is the converter's noise."""
@@ -330,8 +330,8 @@ class Statistics(_Module):
 
         ``prior`` is mean and mean square of the average touch's descriptions, ``(2,
         channels, values)``; for ``change_metric`` see
-        :data:`tactophone_lab.training.tracks.ChangeMetric`; ``fading`` is in windows: after so
-        many, the weight of one has fallen to 1/e.
+        :data:`tactophone_lab.training.tracks.ChangeMetric`; ``fading`` is in windows:
+        after so many, the weight of one has fallen to 1/e.
 
         Returns the features, ``(fingers, channels * 2 * values)``: for each channel
         means, then deviations; and the state after it.
@@ -445,8 +445,8 @@ FAINT_POWER = 1e-10
 
 
 class Cues(_Module):
-    """The values :data:`tactophone_lab.training.recipe_options.CUES` of a window; all but the
-    last are of the contact channel.
+    """The values :data:`tactophone_lab.training.recipe_options.CUES` of a window; all
+    but the last are of the contact channel.
 
     >>> sine = torch.sin(2 * torch.pi * 500 * torch.arange(4096) / 16_000)[None, None]
     >>> round(float(Cues(4096, 16_000)(sine)[0, 1]), 1)

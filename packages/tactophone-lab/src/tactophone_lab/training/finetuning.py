@@ -71,11 +71,13 @@ def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, 
         takes_of.setdefault(recording.surface, []).append(recording)
     if len(takes_of) < 2:
         raise DatasetError(
-            f"{dataset.root}: {len(takes_of)} new object, but two or more are needed; record another"
+            f"{dataset.root}: {len(takes_of)} new object, but two or more are needed; "
+            "record another"
         )
     if single := sorted(name for name, takes in takes_of.items() if len(takes) < 2):
         raise DatasetError(
-            f"{dataset.root}: {', '.join(single)}: one take only, but another is needed for testing"
+            f"{dataset.root}: {', '.join(single)}: one take only, but another is "
+            "needed for testing"
         )
     drawn = [
         (n % HOLD_OUT == 1, take)
@@ -117,7 +119,8 @@ def finetuning_recipe(
     card = read_model(start).card
     if card.kind != "paper":
         raise ModelError(
-            f"{start}: of kind {card.kind}, but only kind paper can be fine-tuned; train the other kinds anew on both "
+            f"{start}: of kind {card.kind}, but only kind paper can be fine-tuned; "
+            "train the other kinds anew on both "
             "data sets, which takes a minute"
         )
     variant: Variant = "general"
@@ -152,7 +155,8 @@ def train_on_both(
     recordings = [*data.new, *data.replay]
     if {recording.label for recording in recordings} != set(SURFACE_LABELS):
         raise DatasetError(
-            "new and general recordings together hold one label only; smooth and rough are needed"
+            "new and general recordings together hold one label only; smooth and "
+            "rough are needed"
         )
     count = len(recordings)
     return recipe.fit(

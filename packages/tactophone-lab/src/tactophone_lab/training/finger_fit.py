@@ -202,7 +202,8 @@ def collect(
     detector.push(AudioBlock(samples, sample_rate))
     if not features:
         raise ModelError(
-            f"{name}: no contact in it; slide faster or press harder, or turn the contact microphone's gain up"
+            f"{name}: no contact in it; slide faster or press harder, or turn the "
+            "contact microphone's gain up"
         )
     return ObjectSound(
         name, rough, np.array(features), np.array(logits), unknown / len(logits)
@@ -335,7 +336,8 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     values, rest = divmod(features, 2 * channels)
     if rest or values not in (BAND_VALUES, BAND_VALUES + 1):
         raise ModelError(
-            "only models of kind texture can be fitted to a set-up; choose one with --model"
+            "only models of kind texture can be fitted to a set-up; choose one with "
+            "--model"
         )
     return 2 * values * (channels - 1) + np.array([CREST_INDEX, CREST_INDEX + 1])
 

@@ -1,10 +1,11 @@
 """Writes model files: ONNX graphs of the classifiers and the paper's network, with
 their cards.
 
-A model's graph is two joined: one from sound to features (`tactophone_lab.training.features`; the
-paper's is here), and a classifier's, which takes features and returns log-probabilities
-of none, smooth and rough. A channel whose features are NaN is missing; the regression
-of the remaining channels is used. *None* stands for sound unlike the training data.
+A model's graph is two joined: one from sound to features
+(`tactophone_lab.training.features`; the paper's is here), and a classifier's, which
+takes features and returns log-probabilities of none, smooth and rough. A channel whose
+features are NaN is missing; the regression of the remaining channels is used. *None*
+stands for sound unlike the training data.
 
 The paper's network is written node by node: an exporter's graph is longer and harder to
 quantise. Its weights may be stored in 8 bits, a scale for each output: ``W = int8 *
@@ -208,7 +209,8 @@ def read_weights(path: Path) -> dict[str, FloatArray]:
     card = read_model(path).card
     if card.kind != "paper":
         raise ModelError(
-            f"{path}: a model of kind {card.kind}, but training can continue from kind paper only"
+            f"{path}: a model of kind {card.kind}, but training can continue from "
+            "kind paper only"
         )
     return read_graph(onnx.load(str(path)))
 
@@ -234,7 +236,8 @@ def licence_of(dataset: Dataset) -> str:
         else "sound"
     )
     return (
-        f"weights alone, no recordings; trained on {sources} under: {'; '.join(licences)}"
+        f"weights alone, no recordings; trained on {sources} under: "
+        f"{'; '.join(licences)}"
         if licences
         else ""
     )

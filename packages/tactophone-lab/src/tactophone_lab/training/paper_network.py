@@ -210,8 +210,10 @@ def _require_contact(
         if not np.any(windows.labels == touch):
             level = 20 * np.log10(thresholds[touch])
             raise DatasetError(
-                f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, the "
-                "threshold of contact; record louder, or use a threshold relative to the recordings "
+                f"no window of the {touch.name.lower()} recordings is louder than "
+                f"{level:.1f} dBFS, the "
+                "threshold of contact; record louder, or use a threshold relative to "
+                "the recordings "
                 "(reference_code = true in a recipe file)"
             )
 

@@ -35,11 +35,15 @@ from tactophone_lab.training.torch_archive import (
 )
 
 _EXPECTED = (
-    "the authors' published TorchScript file (general.pt, fine_tuned.pt or piezo_only.pt), or the notebook's model.pt "
+    "the authors' published TorchScript file (general.pt, fine_tuned.pt or "
+    "piezo_only.pt), or the notebook's model.pt "
     "or model_script.pt"
 )
 
-_LICENCE = "see github.com/AIS-Bonn/Roughness_Sensing (code BSD-3-Clause); cite Pätzold et al., IEEE SMC 2023"
+_LICENCE = (
+    "see github.com/AIS-Bonn/Roughness_Sensing (code BSD-3-Clause); cite "
+    "Pätzold et al., IEEE SMC 2023"
+)
 
 _BUFFER = "resampler."
 """The notebook's network holds its resampler's kernel, which is no parameter."""
@@ -74,14 +78,16 @@ def import_published(source: Path, target: Path) -> None:
         held = archive.content
         if not isinstance(held, Mapping):
             raise ModelError(
-                f"{source}: holds a {type(held).__name__}, but the notebook saves a dictionary"
+                f"{source}: holds a {type(held).__name__}, but the notebook saves a "
+                "dictionary"
             )
         weights = _read_weights(source, archive, held.get("model", held))
     size = held.get("PART_SIZE", NETWORK_WINDOW_SIZE)
     factor = held.get("RESAMPLE_FACTOR", _FACTOR)
     if (size, factor) != (NETWORK_WINDOW_SIZE, _FACTOR):
         raise ModelError(
-            f"{source}: for windows of {_short(size)} samples at 48 kHz / {_short(factor)}, "
+            f"{source}: for windows of {_short(size)} samples at 48 kHz / "
+            f"{_short(factor)}, "
             f"but {NETWORK_WINDOW_SIZE} at 48 kHz / {_FACTOR} can be run"
         )
     threshold, gate = held.get("contact_threshold"), REFERENCE_GATE
@@ -107,14 +113,16 @@ def _open(path: Path) -> zipfile.ZipFile:
         raise ModelError(f"{path}: no such file; give {_EXPECTED}")
     if not zipfile.is_zipfile(path):
         raise ModelError(
-            f"{path}: not a whole TorchScript archive, or a plain pickle, which could run anything; it was not opened. "
+            f"{path}: not a whole TorchScript archive, or a plain pickle, which could "
+            "run anything; it was not opened. "
             f"Give {_EXPECTED}"
         )
     try:
         archive = zipfile.ZipFile(path)
         if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
             raise ModelError(
-                f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give {_EXPECTED}"
+                f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give "
+                f"{_EXPECTED}"
             )
         damaged = archive.testzip()
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
@@ -171,7 +179,8 @@ def _require_structure(path: Path, found: Mapping[str, StoredTensor]) -> None:
     if wrong:
         listed = ", ".join(wrong[:6]) + (", ..." if len(wrong) > 6 else "")
         raise ModelError(
-            f"{path}: not the paper's network: {plain(listed)[:400]} missing, unknown or of another shape or type"
+            f"{path}: not the paper's network: {plain(listed)[:400]} missing, unknown "
+            "or of another shape or type"
         )
 
 

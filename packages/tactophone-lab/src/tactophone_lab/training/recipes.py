@@ -50,7 +50,8 @@ kinds left out, such a memory and 0.8 already cost 0.09 of what is rendered righ
 _LISTED = (
     Recipe(
         "paper",
-        "the paper's network and figures: spectral magnitudes of 256 ms into a residual MLP",
+        "the paper's network and figures: spectral magnitudes of 256 ms into a "
+        "residual MLP",
         "magnitudes",
         version=1,
         shipped=True,
@@ -63,7 +64,8 @@ _LISTED = (
     ),
     Recipe(
         "texture",
-        "short windows, running statistics of the touch, a calibrated linear classifier",
+        "short windows, running statistics of the touch, a calibrated linear "
+        "classifier",
         "texture",
         response=_CONFIRMED,
         pad_response=_OF_PAD,
@@ -149,7 +151,8 @@ class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
         if changed.recipe not in RECIPES:
             hint = did_you_mean(changed.recipe, RECIPES)
             raise ConfigError(
-                f"{where}: no recipe {changed.recipe}; there are {', '.join(RECIPES)}{hint}"
+                f"{where}: no recipe {changed.recipe}; there are "
+                f"{', '.join(RECIPES)}{hint}"
             )
         return changed
 

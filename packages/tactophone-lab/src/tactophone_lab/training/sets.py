@@ -229,7 +229,8 @@ def build_training_set(
             else "nowhere"
         )
         raise DatasetError(
-            f"{len(recordings)} recording(s) to train on: contact was found {found}; training needs rough and smooth "
+            f"{len(recordings)} recording(s) to train on: contact was found {found}; "
+            "training needs rough and smooth "
             "surfaces: label and record more"
         )
     every = np.concatenate(
@@ -274,9 +275,10 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
 
     A Mahalanobis distance, in each channel by itself so that a dead channel does not
     affect the other: directions in which a finger's speed and pressure often shift the
-    mean count little. The shifts are those of :func:`tactophone_lab.training.tracks.mean_shifts`.
-    The metric has the shape ``(channels, values, values)``; zeros, so that no change is
-    detected, without shifts.
+    mean count little. The shifts are those of
+    :func:`tactophone_lab.training.tracks.mean_shifts`. The metric has the shape
+    ``(channels, values, values)``; zeros, so that no change is detected, without
+    shifts.
     """
     moved = np.concatenate(shifts).astype(np.float64)
     if not len(moved):

@@ -89,7 +89,8 @@ class TorchArchive:
         self.content = _unpickle(self._part(pickles[0], MAX_PICKLE))
 
     def read(self, tensor: StoredTensor) -> FloatArray:
-        """Read the numbers of a tensor whose shape is known to be wanted, as float32."""
+        """Read the numbers of a tensor whose shape is known to be wanted, as
+        float32."""
         dtype = DTYPES[tensor.kind]
         end = (tensor.offset + prod(tensor.shape)) * dtype.itemsize
         name = f"{self._folder}data/{tensor.storage}"
@@ -98,7 +99,8 @@ class TorchArchive:
         numbers = self._archive.read(name)
         if len(numbers) < end:
             raise UnreadableArchiveError(
-                f"{len(numbers)} bytes in {tensor.storage!r}, but its tensor ends at {end}"
+                f"{len(numbers)} bytes in {tensor.storage!r}, but its tensor ends at "
+                f"{end}"
             )
         flat = np.frombuffer(numbers[:end], dtype)[tensor.offset :]
         weights: FloatArray = flat.reshape(tensor.shape).astype(np.float32)

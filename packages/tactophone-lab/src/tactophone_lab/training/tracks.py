@@ -179,7 +179,8 @@ def _read_at(
     if codec:
         if sample_rate != LIVE_SAMPLE_RATE:
             raise DatasetError(
-                f"{recording.path}: {sample_rate} Hz, but Opus works at {LIVE_SAMPLE_RATE} Hz; leave out opus_bitrate"
+                f"{recording.path}: {sample_rate} Hz, but Opus works at "
+                f"{LIVE_SAMPLE_RATE} Hz; leave out opus_bitrate"
             )
         # The codec's state runs through the whole recording, so it gets it in one
         # piece.

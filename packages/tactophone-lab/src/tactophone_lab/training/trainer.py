@@ -215,11 +215,13 @@ class TrainingRun:
             pickle.UnpicklingError,
         ) as error:
             raise ModelError(
-                f"{self._path}: not a checkpoint of Tactophone ({error}); delete it to start over"
+                f"{self._path}: not a checkpoint of Tactophone ({error}); delete it "
+                "to start over"
             ) from error
         if identity != self._identity:
             raise ModelError(
-                f"{self._path}: left by a run with another recipe, seed or data; delete it to start over, "
+                f"{self._path}: left by a run with another recipe, seed or data; "
+                "delete it to start over, "
                 "or repeat the former options to continue"
             )
         self.network.load_state_dict(held["network"])
@@ -342,12 +344,14 @@ class NetworkRecipe:
         ):
             names = " and ".join(Touch(label).name.lower() for label in found)
             raise DatasetError(
-                f"contact was found on {names} surfaces alone; training needs rough and smooth ones: label and record "
+                f"contact was found on {names} surfaces alone; training needs rough "
+                "and smooth ones: label and record "
                 "more, or continue from a model (--from)"
             )
         if initial and channels_of(initial) != self.channels:
             raise ModelError(
-                f"{self.start}: has {channels_of(initial)} channel(s), but the variant {self.settings.variant} has "
+                f"{self.start}: has {channels_of(initial)} channel(s), but the "
+                f"variant {self.settings.variant} has "
                 f"{self.channels}; start from another model or choose another variant"
             )
         run = TrainingRun(
@@ -374,7 +378,8 @@ class NetworkRecipe:
         }
         if self.codec:
             facts["codec"] = (
-                f"{self.codec.name}, {self.codec.bitrate_bps} bit/s, to {self.codec.bandwidth:g} Hz"
+                f"{self.codec.name}, {self.codec.bitrate_bps} bit/s, to "
+                f"{self.codec.bandwidth:g} Hz"
             )
         if self.start:
             facts["start"] = self.start.name
@@ -411,7 +416,8 @@ class NetworkRecipe:
         )
         if count < FEW_BATCHES:
             log(
-                f"warning: {count} batches are too few to converge; raise least_steps, or lower batch_size"
+                f"warning: {count} batches are too few to converge; raise "
+                "least_steps, or lower batch_size"
             )
 
         def show(progress: Progress) -> None:

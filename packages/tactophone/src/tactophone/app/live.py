@@ -120,8 +120,8 @@ def open_live(
     model
         As for `open_pipeline`, like the parameters after it.
     calibration
-        File that ``tactophone check`` wrote for this finger; empty: none. One of another
-        number of microphones is not used.
+        File that ``tactophone check`` wrote for this finger; empty: none. One of
+        another number of microphones is not used.
 
     Raises
     ------

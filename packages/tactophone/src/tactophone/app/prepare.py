@@ -149,24 +149,29 @@ class Preparation:
             ]
         else:
             notes.append(
-                f"channel {2 - self.channels[0]} of 2 has no microphone: taken as a recording of one channel"
+                f"channel {2 - self.channels[0]} of 2 has no microphone: taken as a "
+                "recording of one channel"
             )
         if self.invalid:
             notes.append(
-                f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
+                f"{self.invalid} x no sound (no number, or over 8 times full scale), "
+                "and silence around it: scale "
                 "a file of floats to -1 to 1"
             )
         if self.clipped > health.FAULT_CLIPPED_SHARE:
             notes.append(
-                f"{100 * self.clipped:.1f} % of the sound is clipped: record it again with less gain"
+                f"{100 * self.clipped:.1f} % of the sound is clipped: record it again "
+                "with less gain"
             )
         if any(self.offset):
             notes.append(
-                f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed"
+                f"an offset of {max(self.offset, key=abs):+.3f} of full scale was "
+                "removed"
             )
         if self.hum:
             notes.append(
-                f"hum of {self.hum.mains} Hz mains at {self.hum.level_dbfs:.0f} dBFS was removed: see the cables"
+                f"hum of {self.hum.mains} Hz mains at {self.hum.level_dbfs:.0f} dBFS "
+                "was removed: see the cables"
             )
         if self.gain_db:
             notes.append(

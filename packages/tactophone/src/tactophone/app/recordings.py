@@ -244,8 +244,10 @@ def _open(
     known_misfits = {}
     if card and file.sample_rate < card.sample_rate:
         known_misfits["narrow-band"] = (
-            f"recorded at {file.sample_rate} Hz, so without sound over {file.sample_rate // 2} Hz, but the model uses "
-            f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at a higher rate"
+            f"recorded at {file.sample_rate} Hz, so without sound over "
+            f"{file.sample_rate // 2} Hz, but the model uses "
+            f"up to {card.sample_rate // 2}: rough may be rendered smooth; record at "
+            "a higher rate"
         )
     return OpenRecording(
         file.path,

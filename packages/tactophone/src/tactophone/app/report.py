@@ -85,7 +85,8 @@ def _versions() -> Iterator[str]:
 def _devices(settings: Settings) -> Iterator[str]:
     for device in survey(jack_server=settings.process.jack_server):
         yield (
-            f"- {device.system} {device.name}: {device.inputs} in, {device.outputs} out, "
+            f"- {device.system} {device.name}: {device.inputs} in, {device.outputs} "
+            "out, "
             f"{device.sample_rate} Hz"
         )
         yield f"  - microphones: {device.microphones or 'suits'}"

@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recording",
         type=Path,
         metavar="FILE",
-        help="a recording that is decided wrongly: adds its length and the notes on it, "
+        help="a recording that is decided wrongly: adds its length and the notes on "
+        "it, "
         "not its sound",
     )
     add(

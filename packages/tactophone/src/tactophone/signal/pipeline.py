@@ -146,9 +146,9 @@ class Hand:
     passes as it is.
 
     - ``pipelines``: one for each finger, in the order of the channels.
-    - ``channels``: of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has
-      as silence. By default 2 each; the sound of a single finger has whatever its
-      pipeline takes.
+    - ``channels``: of each pipeline's sound: 1 leaves out the air channel, which a
+      finger without that microphone has as silence. By default 2 each; the sound of a
+      single finger has whatever its pipeline takes.
     - ``fingers``: number of fingers.
 
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
@@ -270,7 +270,8 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
         return [block]
     if block.channels != 2 * len(channels):
         raise ValueError(
-            f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}"
+            f"sound of {block.channels} channels, but {len(channels)} fingers have "
+            f"{2 * len(channels)}"
         )
     return [
         block.select(slice(2 * at, 2 * at + count)) for at, count in enumerate(channels)
@@ -291,8 +292,8 @@ def open_pipeline(
     calibration: Calibration | None = None,
     check_microphones: bool = True,
 ) -> Pipeline:
-    """Open a pipeline for live sound of a given rate and channel count, which decides as
-    `tactophone receive` does.
+    """Open a pipeline for live sound of a given rate and channel count, which decides
+    as `tactophone receive` does.
 
     Parameters
     ----------

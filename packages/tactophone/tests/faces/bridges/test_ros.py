@@ -30,7 +30,10 @@ from tactophone.live.telemetry.layout import RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.faces.bridges.test_osc import STEP
 
-URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
+URI = (
+    "<General><Interfaces><NetworkInterface name='lo' "
+    "multicast='true'/></Interfaces></General>"
+)
 DOMAIN = 87
 PACKAGE = Path(__file__).parents[5] / "ros/tactophone_msgs"
 

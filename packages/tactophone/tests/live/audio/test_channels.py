@@ -90,7 +90,10 @@ def test_channel_three_alone_sounds_bit_for_bit(tmp_path: Path) -> None:
     reason="ALSA's configuration is not installed",
 )
 def test_devices_recognises_it_and_prints_what_to_type(tmp_path: Path) -> None:
-    program = "from tactophone.cli import main; main(['devices', '--set', 'process.jack_server=tactophone-none'])"
+    program = (
+        "from tactophone.cli import main; main(['devices', '--set', "
+        "'process.jack_server=tactophone-none'])"
+    )
     words = " ".join(in_alsa(tmp_path, program).split())
     assert "a DualSense" in words
     assert "--set output.channel=3" in words

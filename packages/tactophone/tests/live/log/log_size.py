@@ -36,7 +36,8 @@ def main() -> None:
         )
         size = path.stat().st_size
     sys.stdout.write(
-        f"{model}, Opus at {codec.bitrate_bps // 1000} kbit/s: {size / seconds * 600 / 1e6:.2f} MB in 10 minutes, "
+        f"{model}, Opus at {codec.bitrate_bps // 1000} kbit/s: "
+        f"{size / seconds * 600 / 1e6:.2f} MB in 10 minutes, "
         f"{codec.bitrate_bps * 600 / 8e6:.1f} of them sound\n"
     )
 

@@ -221,9 +221,11 @@ def test_a_chunk_that_grows_is_refused_before_it_fills_the_memory(
     assert path.stat().st_size < 10_000_000
     # In its own process: the greatest memory of this one is that of the tests before.
     code = (
-        "import sys, resource; from pathlib import Path; from tactophone.live.log.mcap import read_log\n"
+        "import sys, resource; from pathlib import Path; from "
+        "tactophone.live.log.mcap import read_log\n"
         "from tactophone.core.errors import DatasetError\n"
-        "import zstandard, mcap.stream_reader; before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "import zstandard, mcap.stream_reader; before = "
+        "resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
         "try: list(read_log(Path(sys.argv[1])))\n"
         "except DatasetError as error: print(error, file=sys.stderr)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"

@@ -32,8 +32,10 @@ def test_keys_are_fresh_each_time(tmp_path: Path) -> None:
 
 def test_keys_of_killed_runs_are_removed_by_the_next() -> None:
     program = (
-        "import os, signal; from tactophone.live.runtime.pairing import temporary_keys\n"
-        "with temporary_keys() as folder: print(folder, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal; from tactophone.live.runtime.pairing import "
+        "temporary_keys\n"
+        "with temporary_keys() as folder: print(folder, flush=True); "
+        "os.kill(os.getpid(), signal.SIGKILL)"
     )
     left = Path(
         subprocess.run(

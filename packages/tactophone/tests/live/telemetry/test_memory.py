@@ -180,7 +180,8 @@ def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     killed = (
         "import os, sys, time; from tactophone.live.telemetry.layout import RunState; "
         "from tactophone.live.telemetry.writer import Telemetry; "
-        "Telemetry(sys.argv[1]).update(RunState(), now=time.monotonic() - float(sys.argv[2])); os.abort()"
+        "Telemetry(sys.argv[1]).update(RunState(), now=time.monotonic() - "
+        "float(sys.argv[2])); os.abort()"
     )
     subprocess.run([sys.executable, "-c", killed, name, "1"])
     remove_leftovers()

@@ -199,10 +199,12 @@ def test_a_replaced_process_is_followed_on(
         prediction_log, "CSV_READ_INTERVAL", 1e3
     )  # only this test's thread reads
     code = (
-        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.live.telemetry.test_prediction_log import *\n"
+        "import os, sys; sys.path.insert(0, os.getcwd()); from "
+        "tests.live.telemetry.test_prediction_log import *\n"
         "telemetry = Telemetry(sys.argv[1])\n"
         "telemetry.publish(step(2), now=1.0); print(flush=True); sys.stdin.read(1)\n"
-        "telemetry.publish(step(2, first=2), now=1.0); os.kill(os.getpid(), signal.SIGKILL)"
+        "telemetry.publish(step(2, first=2), now=1.0); os.kill(os.getpid(), "
+        "signal.SIGKILL)"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code, name],

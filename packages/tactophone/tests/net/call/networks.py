@@ -312,7 +312,8 @@ table ip filter {{
         if self._forget:
             for name in ("udp_timeout", "udp_timeout_stream"):
                 run(
-                    f"ip netns exec {p}{router} sysctl -qw net.netfilter.nf_conntrack_{name}={self._forget}"
+                    f"ip netns exec {p}{router} sysctl -qw "
+                    f"net.netfilter.nf_conntrack_{name}={self._forget}"
                 )
 
     def _await_servers(self) -> None:

@@ -84,7 +84,8 @@ def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(
     between = "ip saddr 10.9.0.2 drop; ip daddr 10.9.0.2 drop;"
     homes.nft(
         "natrob",
-        f"table ip block {{ chain through {{ type filter hook forward priority -1; {between} }}; }}",
+        f"table ip block {{ chain through {{ type filter hook forward priority -1; "
+        f"{between} }}; }}",
     )
     found(ends, relayed=True, again=True)
     ended_well(ends)

@@ -140,7 +140,10 @@ def test_two_networks_that_need_a_relay_and_have_none_say_so(offices: Networks) 
 
 
 def test_a_network_that_blocks_udp_says_so(homes: Networks) -> None:
-    block = "table ip block { chain through { type filter hook forward priority -1; meta l4proto udp drop; }; }"
+    block = (
+        "table ip block { chain through { type filter hook forward priority -1; "
+        "meta l4proto udp drop; }; }"
+    )
     homes.nft("natrob", block)
     try:
         caller, answerer = begin(homes, *GIVE_UP_SOON)

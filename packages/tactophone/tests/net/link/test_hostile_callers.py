@@ -121,7 +121,8 @@ def test_a_robot_connects_within_a_second_among_a_thousand_hellos_a_second(
             break
     else:
         pytest.skip(
-            "this machine is too busy: OpenSSL's timer, which reads the wall clock, ran out five times"
+            "this machine is too busy: OpenSSL's timer, which reads the wall clock, "
+            "ran out five times"
         )
     assert connected_after is not None
     assert len(line.answerer._pending) <= 2 * MAX_HANDSHAKES

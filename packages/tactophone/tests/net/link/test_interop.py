@@ -146,7 +146,10 @@ def gstreamer(
     """Let GStreamer read a capture and write the samples that it decodes."""
     write_capture(tmp_path / "stream.pcap", datagrams)
     received = tmp_path / "received.raw"
-    source = f"filesrc location={tmp_path / 'stream.pcap'} ! pcapparse dst-port={PORT} caps={caps}"
+    source = (
+        f"filesrc location={tmp_path / 'stream.pcap'} ! pcapparse "
+        f"dst-port={PORT} caps={caps}"
+    )
     sink = f"audioconvert ! audio/x-raw,format=F32LE ! filesink location={received}"
     pipeline = " ! ".join([source, *stages, sink])
     subprocess.run(

@@ -108,8 +108,14 @@ def decrypted_by_gstreamer(
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     received = folder / "received.raw"
-    source = f"udpsrc address=127.0.0.1 port={port} num-buffers={len(datagrams)} buffer-size=2000000 caps={caps}"
-    sink = f"audioconvert ! audio/x-raw,format=F32LE ! filesink sync=false location={received}"
+    source = (
+        f"udpsrc address=127.0.0.1 port={port} num-buffers={len(datagrams)} "
+        f"buffer-size=2000000 caps={caps}"
+    )
+    sink = (
+        "audioconvert ! audio/x-raw,format=F32LE ! filesink sync=false "
+        f"location={received}"
+    )
     pipeline = f"{source} ! srtpdec ! rtpL16depay ! {sink}".split()
     with subprocess.Popen(
         ["gst-launch-1.0", "-q", *pipeline], stderr=subprocess.DEVNULL

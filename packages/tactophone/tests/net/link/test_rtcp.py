@@ -51,11 +51,9 @@ def test_a_version_holds_nothing_that_a_terminal_could_take_for_its_own(
 
 
 def test_a_receiver_report_has_the_bytes_of_the_standard() -> None:
-    assert (
-        bytes(REPORT).hex(" ", -4)
-        == (
-            "81c90007 00000001 00000002 4000012c 00011170 00000030 00000009 00008000"  # RFC 3550 section 6.4.2
-        )
+    assert bytes(REPORT).hex(" ", -4) == (
+        "81c90007 00000001 00000002 4000012c 00011170 00000030 00000009 "
+        "00008000"  # RFC 3550 section 6.4.2
     )
 
 

@@ -400,7 +400,8 @@ def test_a_hand_runs_with_the_widest_band_that_fits_a_datagram_and_says_which(
     if band == 4_000:
         assert narrowed == (
             "sound up to 4 kHz is sent, but an operator's model hears up to 8 kHz, "
-            f"which packets of {size / 48:g} ms cannot hold with {2 * fingers} channels; "
+            f"which packets of {size / 48:g} ms cannot hold with {2 * fingers} "
+            "channels; "
             "choose a shorter --packet-duration"
         )
     else:
@@ -592,7 +593,8 @@ def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refuse
     assert group.peers == ["trainer"]
     (left_out,) = [member for member in group.members if member.session.peer is None]
     assert left_out.session.failure == (
-        "it is 'trainer', connected already under another address: name each operator once"
+        "it is 'trainer', connected already under another address: name each operator "
+        "once"
     )
     assert sum(isinstance(event, Connected) for event in connected) == 1
     # Once the address in use fails, the other one takes over.

@@ -153,8 +153,8 @@ def write_events(
 ) -> Path:
     """Write one DCASE table of the events of all recordings.
 
-    Raises `DatasetError` if two recordings have one name, which the table could not tell
-    apart.
+    Raises `DatasetError` if two recordings have one name, which the table could not
+    tell apart.
     """
     names = [path.name for path in segments]
     if twice := {name for name in names if names.count(name) > 1}:

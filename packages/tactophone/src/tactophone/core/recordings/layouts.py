@@ -124,7 +124,8 @@ def read_authors(folder: Path) -> Dataset:
             STEREO,
             _OBJECT,
             _object,
-            "layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}",
+            "layout has NN_variant.wav, variant wiggle or "
+            "{long,short}_{light,medium,loud}",
         ),
         (
             FINALS,
@@ -152,7 +153,10 @@ def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]
         try:
             start, end = float(row["start_s"]), float(row["end_s"])
         except ValueError:
-            message = f"line {line}: start_s and end_s are {row['start_s']!r} and {row['end_s']!r}; write seconds"
+            message = (
+                f"line {line}: start_s and end_s are {row['start_s']!r} and "
+                f"{row['end_s']!r}; write seconds"
+            )
             problems.append(Problem(manifest, "segments", message, fatal=False))
             continue
         # A tap is a contact of unknown roughness.

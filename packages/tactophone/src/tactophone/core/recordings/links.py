@@ -104,7 +104,8 @@ def refuse_link(path: Path, folder: Path) -> None:
     would be written."""
     if not path.resolve().is_relative_to(folder.resolve()):
         raise DatasetError(
-            f"{path}: a link that leaves {folder}; put the file itself there, or name another folder"
+            f"{path}: a link that leaves {folder}; put the file itself there, or name "
+            "another folder"
         )
 
 

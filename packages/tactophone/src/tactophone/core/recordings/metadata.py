@@ -282,7 +282,10 @@ def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segmen
             span, label = entry.split("=")
             start, end = map(float, span.split("-"))
         except ValueError:
-            message = f"{entry!r} is not a segment; write start-end=label in seconds, such as 0.30-5.17=rough"
+            message = (
+                f"{entry!r} is not a segment; write start-end=label in seconds, "
+                "such as 0.30-5.17=rough"
+            )
             problems.append(Problem(path, "segments", message, fatal=False))
             continue
         segments.append(

@@ -209,7 +209,8 @@ class Recording:
         order = channel_order(self, count=channels, single=single)
         if max(order) >= file.channels:
             raise DatasetError(
-                f"{self.path}: has {file.channels} channel, but the model takes {channels}; "
+                f"{self.path}: has {file.channels} channel, but the model takes "
+                f"{channels}; "
                 "name a one-channel model, or train one with --channels 1"
             )
         return order
@@ -242,8 +243,10 @@ def channel_order(
         return tuple(range(len(MICROPHONES)))
     if sorted(name for name in names if name != OTHER_CHANNEL) != sorted(MICROPHONES):
         raise DatasetError(
-            f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
-            "use the one-channel variant (--channels 1; with the recipe paper, variant = 'one-channel' in its file)"
+            f"{recording.path}: holds {' and '.join(names)}, but contact and air are "
+            "needed; "
+            "use the one-channel variant (--channels 1; with the recipe paper, "
+            "variant = 'one-channel' in its file)"
         )
     return tuple(names.index(name) for name in MICROPHONES)
 
@@ -321,11 +324,13 @@ class Dataset:
         kept = self.where(holds)
         if not self.recordings:
             raise DatasetError(
-                f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`"
+                f"{self.root}: holds no usable recording; run `tactophone dataset "
+                f"check {self.root}`"
             )
         if not kept.recordings:
             raise DatasetError(
-                f"{self.root}: none of its {len(self.recordings)} recordings is labelled smooth or rough; "
+                f"{self.root}: none of its {len(self.recordings)} recordings is "
+                "labelled smooth or rough; "
                 "fill in the manifest's label column"
             )
         return kept

@@ -37,8 +37,10 @@ class OscBridge:
 
     - ``name``: of a run that exists already.
     - ``target``: host and port to send to, such as ``127.0.0.1:9000``.
-    - ``finger``: name of the only finger in the addresses; a hand's fingers have their own.
-    - ``listen``: UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
+    - ``finger``: name of the only finger in the addresses; a hand's fingers have their
+      own.
+    - ``listen``: UDP port at which ``/tactophone/stop`` is accepted, on this machine's
+      loopback interface; 0: none.
     - ``avatar``: whether to send VRChat's avatar parameters too.
     - ``counts``: datagrams received: ``stop``, and ``ignored``.
     """

@@ -146,7 +146,8 @@ def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
                 parent.tell(
                     (
                         "progress",
-                        f"{type(bridge).__name__} came too late for {bridge.missed} messages",
+                        f"{type(bridge).__name__} came too late for {bridge.missed} "
+                        "messages",
                     )
                 )
     except ModuleNotFoundError as error:

@@ -176,8 +176,10 @@ class RosBridge:
     `ROS_INTERVAL`.
 
     - ``name``: of a run that exists already.
-    - ``finger``: part of the topics, for an only finger; a hand's fingers have their own names.
-    - ``publish``: whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
+    - ``finger``: part of the topics, for an only finger; a hand's fingers have their
+      own names.
+    - ``publish``: whether to publish predictions, sound and diagnostics; otherwise only
+      the sinks get something.
     - ``sinks``: devices to drive, as `open_sink` takes them.
     - ``domain``: of ROS; ``None`` takes ROS_DOMAIN_ID.
     - ``over``: ``dds`` or ``zenoh``.
@@ -387,7 +389,8 @@ class RosSource(AlwaysOpen):
                 return self._checked(info)
             time.sleep(WAIT)
         raise ConfigError(
-            f"--source ros:{self._topic}: nothing on {self._topic}_info within {INFO_TIMEOUT:g} s: start the node, or "
+            f"--source ros:{self._topic}: nothing on {self._topic}_info within "
+            f"{INFO_TIMEOUT:g} s: start the node, or "
             "check ROS_DOMAIN_ID"
         )
 
@@ -403,8 +406,10 @@ class RosSource(AlwaysOpen):
             or not LOWEST_RATE <= rate <= HIGHEST_RATE
         ):
             raise ConfigError(
-                f"--source ros:{self._topic}: {info.coding_format!r} {info.sample_format!r} of {channels} channels at "
-                f"{rate} Hz, but 'wave' 'S16LE' of 1 or 2 channels at {LOWEST_RATE} Hz or more is needed"
+                f"--source ros:{self._topic}: {info.coding_format!r} "
+                f"{info.sample_format!r} of {channels} channels at "
+                f"{rate} Hz, but 'wave' 'S16LE' of 1 or 2 channels at {LOWEST_RATE} "
+                "Hz or more is needed"
             )
         return int(rate), int(channels)
 

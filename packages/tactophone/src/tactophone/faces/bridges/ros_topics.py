@@ -86,7 +86,8 @@ Float64MultiArray = message_type(
 KeyValue = message_type("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
 DiagnosticStatus = message_type(  # level 0 is OK, 1 a warning, 2 an error
     "diagnostic_msgs/msg/DiagnosticStatus",
-    "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values",
+    "uint8 level\nstring name\nstring message\nstring "
+    "hardware_id\ndiagnostic_msgs/KeyValue[] values",
 )
 DiagnosticArray = message_type(
     "diagnostic_msgs/msg/DiagnosticArray",
@@ -99,11 +100,13 @@ AudioDataStamped = message_type(
 )
 AudioInfo = message_type(
     "audio_common_msgs/msg/AudioInfo",
-    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
+    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring "
+    "coding_format",
 )
 JointState = message_type(
     "sensor_msgs/msg/JointState",
-    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort",
+    "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] "
+    "velocity\nfloat64[] effort",
 )
 JoyFeedback = message_type(
     "sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity"
@@ -112,8 +115,10 @@ JoyFeedback = message_type(
 # explains each field.
 StampedPrediction = message_type(
     "tactophone_msgs/msg/Prediction",
-    "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
-    "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
+    "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time "
+    "rendered\nuint8 touch\n"
+    "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 "
+    "amplitude\nfloat32 frequency\n"
     "string event",
 )
 
@@ -247,7 +252,8 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     strange = [finger for finger in fingers if finger not in FINGER_NAMES]
     if kind not in ("joy", "float32") and strange:
         raise ConfigError(
-            f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}"
+            f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no "
+            f"{strange[0]!r}"
         )
     sinks = [
         make(own)
@@ -257,7 +263,8 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     ]
     if topic and len(sinks) > 1:
         raise ConfigError(
-            f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
+            f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of "
+            "one number; leave :TOPIC out"
         )
     return [
         Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks

@@ -116,7 +116,8 @@ class FileSource:
         if self.channels > len(MICROPHONES):
             raise DatasetError(
                 f"{self.path}: {count} channels, but contact, or contact and air, are "
-                f"needed; name these with --channels, such as --channels {count - 1},{count}"
+                "needed; name these with --channels, such as --channels "
+                f"{count - 1},{count}"
             )
         if self._picked and max(self._picked) >= count:
             raise DatasetError(
@@ -127,7 +128,8 @@ class FileSource:
     def _check_format(self) -> None:
         if self.sample_rate < FILE_LOWEST_RATE:
             raise DatasetError(
-                f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or more is needed; "
+                f"{self.path}: {self.sample_rate} Hz, but {FILE_LOWEST_RATE} Hz or "
+                "more is needed; "
                 "record at a higher rate"
             )
         if not self.size:

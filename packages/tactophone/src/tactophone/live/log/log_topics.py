@@ -21,8 +21,8 @@ from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is the encoding of the
-    schema."""
+    """A schema as MCAP and the Foxglove protocol name it; ``encoding`` is the encoding
+    of the schema."""
 
     name: str
     encoding: str

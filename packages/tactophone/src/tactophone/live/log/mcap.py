@@ -137,7 +137,8 @@ class McapLog:
             self._log = LogFile(self.path, topics_of(self._reader.names, sound=False))
         except OSError as error:
             raise ConfigError(
-                f"cannot write {self.path} ({error.strerror}): choose another file for --record"
+                f"cannot write {self.path} ({error.strerror}): choose another file "
+                "for --record"
             ) from error
         return self
 
@@ -225,7 +226,8 @@ def read_log(path: Path) -> Iterator[LogEntry]:
             RecursionError,
         ) as error:
             raise DatasetError(
-                f"{path}: a message of {topic.name} cannot be read ({error}); was the file changed?"
+                f"{path}: a message of {topic.name} cannot be read ({error}); was the "
+                "file changed?"
             ) from error
 
 
@@ -317,7 +319,8 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
         data = _decompressed(record)
         if len(data) > LARGEST_CHUNK:
             raise DatasetError(
-                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but --record writes chunks of 1 MB; was it changed?"
+                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but --record "
+                "writes chunks of 1 MB; was it changed?"
             )
         with suppress(EndOfFile):
             # A message may be longer than all of a short log, which is compressed.
@@ -363,10 +366,12 @@ def _check_profile(path: Path, profile: str) -> None:
         return
     if profile.partition(" ")[0] == FORMAT.partition(" ")[0]:
         raise DatasetError(
-            f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; use the version that wrote it"
+            f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; use "
+            "the version that wrote it"
         )
     raise DatasetError(
-        f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record"
+        f"{path}: an MCAP file of another program (profile {profile!r}); give one "
+        "written by --record"
     )
 
 

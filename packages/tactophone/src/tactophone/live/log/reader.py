@@ -62,7 +62,8 @@ def _is_known(value: Any) -> bool:
 class RunReader:
     """Reads a run, and the processes that replace it, as messages.
 
-    - ``missed``: predictions and bytes of the session log that were overwritten before they were read.
+    - ``missed``: predictions and bytes of the session log that were overwritten before
+      they were read.
     - ``names``: of the fingers of a hand; one empty name where there is no hand.
     """
 
@@ -305,7 +306,8 @@ class PredictionReader:
     names.
 
     - ``fingers``: names of all fingers, in order.
-    - ``missed``: predictions that were passed on to nobody: the oldest, where more than `READER_BACKLOG` were waiting.
+    - ``missed``: predictions that were passed on to nobody: the oldest, where more than
+      `READER_BACKLOG` were waiting.
     """
 
     def __init__(self, name: str, *, finger: str = "index") -> None:

@@ -104,7 +104,8 @@ def open_actuator(
             )
         case "gamepad" if settings.is_hand:
             raise ConfigError(
-                "a gamepad's motors play one finger: choose another --actuator, or leave --fingers out"
+                "a gamepad's motors play one finger: choose another --actuator, or "
+                "leave --fingers out"
             )
         case "gamepad":
             return actuator.gamepad_actuator(
@@ -149,7 +150,8 @@ def open_renderer(
         return Oscillator(limits)
     if hand:
         raise ConfigError(
-            f"the profile {profile} renders the sound of a single finger; give the hand another profile"
+            f"the profile {profile} renders the sound of a single finger; give the "
+            "hand another profile"
         )
     # The gate of the renderer applies the ceiling; applied in the passthrough too, it
     # would count twice.
@@ -231,7 +233,8 @@ def open_session(
     peers = Peers() if way else Peers.load(folder)
     if not (way or peers.items()):
         raise ConfigError(
-            f"{folder}: this machine trusts no other yet; run `tactophone pair init` on both, then the line each prints"
+            f"{folder}: this machine trusts no other yet; run `tactophone pair init` "
+            "on both, then the line each prints"
         )
     return Session(
         Identity.load(folder), peers, call=list(call) or None, version=__version__
@@ -270,13 +273,15 @@ def operators_of(link: LinkSettings) -> list[Address]:
         )
     if len(operators) > MOST_OPERATORS:
         raise ConfigError(
-            f"link.peer names {len(operators)} operators, but a robot sends to at most {MOST_OPERATORS}: leave some out"
+            f"link.peer names {len(operators)} operators, but a robot sends to at "
+            f"most {MOST_OPERATORS}: leave some out"
         )
     if twice := [
         host for (host, port), count in Counter(operators).items() if count > 1
     ]:
         raise ConfigError(
-            f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own"
+            f"link.peer names {twice[0]} twice: name each operator once, or with "
+            "ports of their own"
         )
     return operators
 

@@ -21,10 +21,13 @@ CHECK_TIMEOUT = 3.0
 """Seconds to wait for the mailbox."""
 
 WORDS: dict[Nat, str] = {
-    "blocked": "no STUN server answers: UDP to the internet is blocked, or there is none",
+    "blocked": "no STUN server answers: UDP to the internet is blocked, or there is "
+    "none",
     "open": "no router changes its addresses",
-    "keeps": "its router keeps one port for all destinations, which allows a direct way",
-    "changes": "its router takes another port for each destination, which allows a direct way to few networks",
+    "keeps": "its router keeps one port for all destinations, which allows a direct "
+    "way",
+    "changes": "its router takes another port for each destination, which allows a "
+    "direct way to few networks",
     "unknown": "only one STUN server answers, so the kind of its router is not known",
 }
 """What lies between a machine and the internet."""
@@ -65,12 +68,24 @@ class Findings:
                 "a call would be direct where the other network allows it, else relayed"
             )
         if self.relay:
-            return "a call would be direct, and relayed if the other network does not allow that"
+            return (
+                "a call would be direct, and relayed if the other network does not "
+                "allow that"
+            )
         if self.nat == "blocked":
-            return f"a call would fail outside this network: it needs a relay that this network can reach; {HELP}"
+            return (
+                "a call would fail outside this network: it needs a relay that "
+                f"this network can reach; {HELP}"
+            )
         if self.nat == "changes":
-            return f"a call would be direct where the other router keeps its ports, else it needs a relay; {HELP}"
-        return f"a call would be direct unless the other router changes its ports; then it needs a relay; {HELP}"
+            return (
+                "a call would be direct where the other router keeps its ports, "
+                f"else it needs a relay; {HELP}"
+            )
+        return (
+            "a call would be direct unless the other router changes its ports; "
+            f"then it needs a relay; {HELP}"
+        )
 
 
 async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
@@ -106,8 +121,14 @@ def why_no_way(here: Nat, there: Nat, *, relay: bool) -> str:
     """Return why two ends found no way, and what helps."""
     reasons = f"here, {WORDS[here]}; there, {WORDS[there]}"
     if relay:
-        return f"no way between the two networks, not even over the relay: {reasons}; check call.turn with --check"
-    return f"no direct way between the two networks: {reasons}; this pair needs a relay, call.turn: {HELP}"
+        return (
+            f"no way between the two networks, not even over the relay: {reasons}; "
+            "check call.turn with --check"
+        )
+    return (
+        f"no direct way between the two networks: {reasons}; this pair needs a "
+        f"relay, call.turn: {HELP}"
+    )
 
 
 async def _answers(mailbox: str) -> bool:

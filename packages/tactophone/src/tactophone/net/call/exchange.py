@@ -220,7 +220,8 @@ class Exchange:
             yield
         except WrongPasswordError:
             raise DeviceError(
-                "the code is wrong, or somebody else tried it; it is used up: run `tactophone call` for a new one"
+                "the code is wrong, or somebody else tried it; it is used up: run "
+                "`tactophone call` for a new one"
             ) from None
         except KeyFormatError:
             raise DeviceError(
@@ -228,18 +229,21 @@ class Exchange:
             ) from None
         except TimeoutError:
             raise DeviceError(
-                f"the mailbox {self._mailbox} has said nothing for {WELCOME_TIMEOUT:g} s; check the network, or name "
+                f"the mailbox {self._mailbox} has said nothing for "
+                f"{WELCOME_TIMEOUT:g} s; check the network, or name "
                 "another with --set call.mailbox=..."
             ) from None
         except LonelyError:
             raise DeviceError(
-                "nobody else used this code: check it, and whether the other end still waits"
+                "nobody else used this code: check it, and whether the other end "
+                "still waits"
             ) from None
         except TactophoneError:
             raise
         except Exception as error:  # its words reach the state machines of a library that raise whatever they raise
             raise DeviceError(
-                f"the mailbox {self._mailbox} does not serve this call ({_words(error)}); check the network, or name "
+                f"the mailbox {self._mailbox} does not serve this call "
+                f"({_words(error)}); check the network, or name "
                 "another with --set call.mailbox=..."
             ) from None
 

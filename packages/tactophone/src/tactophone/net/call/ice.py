@@ -128,7 +128,8 @@ class Server:
             self.host, self.port = split_address(place, 3478)
         except ValueError as error:
             raise DeviceError(
-                f"call.stun or call.turn has {place!r}: {error}; write HOST or HOST:PORT"
+                f"call.stun or call.turn has {place!r}: {error}; write HOST or "
+                "HOST:PORT"
             ) from None
 
     async def resolve(self) -> tuple[str, int] | None:

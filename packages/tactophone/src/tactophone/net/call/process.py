@@ -342,13 +342,17 @@ class _Call:
             )
         if plan.expected not in ("", hello.fingerprint):
             raise DeviceError(
-                f"the other end, {hello.name}, has another key than the one remembered: call with a code"
+                f"the other end, {hello.name}, has another key than the one "
+                "remembered: call with a code"
             )
         # The one that named no role takes the other one.
         role: Role = plan.role or OTHER.get(hello.role, "robot")
         taken = hello.role or OTHER[role]
         if role == taken:
-            reason = f"both ends are the {role}: start one with --{'operator' if role == 'robot' else 'robot'}"
+            reason = (
+                f"both ends are the {role}: start one with "
+                f"--{'operator' if role == 'robot' else 'robot'}"
+            )
             exchange.send(Refused(reason))
             raise DeviceError(reason)
         if plan.answers:
@@ -411,7 +415,8 @@ class _Call:
             )
             if not searching.done():
                 raise DeviceError(
-                    "the way to the other end is lost, and no other one was found: call again"
+                    "the way to the other end is lost, and no other one was found: "
+                    "call again"
                 )
             self._close_later(finder.close())
             return searching.result()
@@ -469,7 +474,8 @@ class _Call:
             raise DeviceError(f"the other end refused the call: {message.reason}")
         if not isinstance(message, kind):
             raise DeviceError(
-                f"the other end sent {type(message).__name__}, but its turn was {kind.__name__}"
+                f"the other end sent {type(message).__name__}, but its turn was "
+                f"{kind.__name__}"
             )
         return message
 

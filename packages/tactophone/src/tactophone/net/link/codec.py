@@ -4,15 +4,20 @@ rest.
 The settings of Opus and why (measured with libopus 1.3.1):
 
 - *Restricted low delay*: look-ahead of 2.5 ms instead of 6.5 ms.
-- *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant
-  bitrate that distorts both at any bitrate (xiph/opus #251).
-- *A hand is its fingers, one after another in one packet*, each coded as alone, equal to the bit. One encoder of all
-  streams starves the last of them, from which libopus takes the bytes that delimit the
-  others: with ten fingers that air microphone was at 0 dB SNR instead of 22.
-- *Constant bitrate*: varying sizes of encrypted packets reveal when the finger touches (RFC 6562).
-- *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz at no cost.
-- *Expected loss of 20 %*: the encoder then depends less on earlier packets, +6 dB at 1 % loss at no cost.
-- *No in-band FEC*: it does not exist at low delay; packets repeat earlier payloads (:mod:`~net.link.packet`).
+- *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones,
+  and at 5 ms and constant bitrate that distorts both at any bitrate (xiph/opus #251).
+- *A hand is its fingers, one after another in one packet*, each coded as alone, equal
+  to the bit. One encoder of all streams starves the last of them, from which libopus
+  takes the bytes that delimit the others: with ten fingers that air microphone was at 0
+  dB SNR instead of 22.
+- *Constant bitrate*: varying sizes of encrypted packets reveal when the finger touches
+  (RFC 6562).
+- *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz at no
+  cost.
+- *Expected loss of 20 %*: the encoder then depends less on earlier packets, +6 dB at 1
+  % loss at no cost.
+- *No in-band FEC*: it does not exist at low delay; packets repeat earlier payloads
+  (:mod:`~net.link.packet`).
 
 Payload type and first bytes give codec, channels and samples of a payload. The sender
 chooses, and the receiver needs no setting that could disagree.
@@ -90,7 +95,8 @@ class Codec:
             )
         if (self.name, self.channels) not in _KINDS:
             raise ConfigError(
-                f"{self.channels} channels, but the link carries 1 or 2, or 2 for each of up to {MOST_FINGERS} fingers"
+                f"{self.channels} channels, but the link carries 1 or 2, or 2 for "
+                f"each of up to {MOST_FINGERS} fingers"
             )
         if not self.bitrate_bps:
             object.__setattr__(self, "bitrate_bps", _default_bitrate(self))
@@ -100,13 +106,16 @@ class Codec:
         if self.packet_size not in FRAME_SIZES:
             sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
             raise ConfigError(
-                f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})"
+                f"Opus packets of {self.packet_size} samples, but Opus has {sizes} "
+                f"({FRAME_SIZES})"
             )
         size = self.bitrate_bps * self.packet_size // CLOCK_RATE // 8
         if self.channels > len(MICROPHONES) and size > PAYLOAD_SPACE:
             raise ConfigError(
-                f"Opus of {self.channels} channels with {self.bitrate_bps / 1000:g} kbit/s takes {size} bytes in "
-                f"{1000 * self.packet_size / CLOCK_RATE:g} ms, but a datagram has {PAYLOAD_SPACE}; "
+                f"Opus of {self.channels} channels with {self.bitrate_bps / 1000:g} "
+                f"kbit/s takes {size} bytes in "
+                f"{1000 * self.packet_size / CLOCK_RATE:g} ms, but a datagram has "
+                f"{PAYLOAD_SPACE}; "
                 "choose shorter packets"
             )
 
@@ -115,7 +124,8 @@ class Codec:
         if not 1 <= self.packet_size <= most:
             longest = math.floor(most / CLOCK_RATE * 1e5) / 1e5
             raise ConfigError(
-                f"PCM datagrams of {self.packet_size} samples, but 1 to {most} of {self.channels} channels fit one; "
+                f"PCM datagrams of {self.packet_size} samples, but 1 to {most} of "
+                f"{self.channels} channels fit one; "
                 f"choose fewer, as in --packet-duration {longest:g}, or Opus"
             )
 
@@ -226,7 +236,8 @@ class PcmDecoder:
         width = 2 * self._channels
         if not content or len(content) % width:
             raise PacketError(
-                f"{len(content)} bytes of PCM, but {self._channels} channels take {width} a sample"
+                f"{len(content)} bytes of PCM, but {self._channels} channels take "
+                f"{width} a sample"
             )
         return len(content) // width
 
@@ -350,7 +361,8 @@ class OpusEncoder:
             or count > self._size
         ):
             raise ValueError(
-                f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}"
+                f"samples of shape {samples.shape}, but a packet takes "
+                f"{(self._size, self._channels)}"
             )
         self._sound[:, :count] = samples.T
         return b"".join([finger.encode(count) for finger in self._fingers])
@@ -480,7 +492,8 @@ class OpusDecoder:
         ]
         if min(sizes) != max(sizes):
             raise PacketError(
-                f"fingers of {sorted(set(sizes))} samples in one payload, but all have the same"
+                f"fingers of {sorted(set(sizes))} samples in one payload, but all "
+                "have the same"
             )
         for finger, part in zip(self._fingers, parts, strict=True):
             finger.decode(part, sizes[0])
@@ -504,7 +517,8 @@ class OpusDecoder:
         each, rest = divmod(len(content), fingers)
         if rest or not each:
             raise PacketError(
-                f"{len(content)} bytes of Opus, which {fingers} fingers cannot share evenly"
+                f"{len(content)} bytes of Opus, which {fingers} fingers cannot share "
+                "evenly"
             )
         return [content[start : start + each] for start in range(0, len(content), each)]
 
@@ -599,7 +613,8 @@ def _streams_of(
             or not found.value
         ):
             raise ConfigError(
-                "this libopus does not give access to its streams: install libopus 1.3 or newer"
+                "this libopus does not give access to its streams: install libopus "
+                "1.3 or newer"
             )
         streams.append((found.value, row.ctypes.data))
     return streams

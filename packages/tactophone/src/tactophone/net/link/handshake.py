@@ -40,7 +40,10 @@ class Secrets:
     remote_ssrc: int
 
     def __repr__(self) -> str:
-        return f"Secrets(<hidden>, local_ssrc={self.local_ssrc}, remote_ssrc={self.remote_ssrc})"
+        return (
+            f"Secrets(<hidden>, local_ssrc={self.local_ssrc}, "
+            f"remote_ssrc={self.remote_ssrc})"
+        )
 
 
 _RECORD_HEADER = 13
@@ -194,9 +197,10 @@ class Agreement:
 class Handshakes:
     """Starts handshakes for one identity and its trusted peers.
 
-    - ``is_taken``: whether a trusted peer, by its fingerprint, is refused because another session has it already.
-    - ``accepted``, ``taken``: fingerprint of the peer whose certificate was accepted since the last call, and name of
-      one refused as taken.
+    - ``is_taken``: whether a trusted peer, by its fingerprint, is refused because
+      another session has it already.
+    - ``accepted``, ``taken``: fingerprint of the peer whose certificate was accepted
+      since the last call, and name of one refused as taken.
     """
 
     def __init__(self, identity: Identity, peers: Peers) -> None:

@@ -90,11 +90,13 @@ class Identity:
             _common_name(certificate)
         except _UNREADABLE as error:
             raise ConfigError(
-                f"{folder}: no usable key and certificate ({error}); run `tactophone pair init`"
+                f"{folder}: no usable key and certificate ({error}); run `tactophone "
+                "pair init`"
             ) from error
         if not isinstance(key, ec.EllipticCurvePrivateKey) or not matches:
             raise ConfigError(
-                f"{folder}: the key and the certificate do not belong together; run `tactophone pair init`"
+                f"{folder}: the key and the certificate do not belong together; run "
+                "`tactophone pair init`"
             )
         return cls(key, certificate)
 
@@ -127,7 +129,8 @@ class Identity:
         )
         if (folder / KEY_FILE).exists():
             raise ConfigError(
-                f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to make a new one"
+                f"{folder / KEY_FILE} exists and peers may have pinned it; delete it "
+                "by hand to make a new one"
             )
         with atomic_write(folder / CERTIFICATE_FILE) as unfinished:
             unfinished.write_bytes(
@@ -160,7 +163,8 @@ class Peers:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(
-                f"{path} cannot be read as text ({error}); delete it and run `tactophone pair trust` again"
+                f"{path} cannot be read as text ({error}); delete it and run "
+                "`tactophone pair trust` again"
             ) from error
         lines = [line.split(maxsplit=1) for line in text.splitlines() if line.strip()]
         if malformed := next((line for line in lines if len(line) != 2), None):
@@ -186,7 +190,8 @@ class Peers:
     def without(self, name: str) -> "Peers":
         if name not in self._names.values():
             raise ConfigError(
-                f"no peer is named {name!r}; there are: {', '.join(self._names.values()) or 'none'}"
+                f"no peer is named {name!r}; there are: "
+                f"{', '.join(self._names.values()) or 'none'}"
             )
         return Peers(
             {pin: other for pin, other in self._names.items() if other != name}
@@ -219,7 +224,8 @@ def parse_fingerprint(text: str) -> str:
         digest = b""
     if len(digest) != hashes.SHA256.digest_size:
         raise ConfigError(
-            f"{text!r} is not a fingerprint: 32 two-digit groups as `tactophone pair show` prints them"
+            f"{text!r} is not a fingerprint: 32 two-digit groups as `tactophone pair "
+            "show` prints them"
         )
     return digest.hex(":").upper()
 
@@ -234,12 +240,14 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
     if status.st_mode & forbidden:
         mode = stat.filemode(status.st_mode)
         raise ConfigError(
-            f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 {path}`; "
+            f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 "
+            f"{path}`; "
             "if somebody may have accessed it, delete it and pair again"
         )
     if status.st_uid not in (os.geteuid(), 0):
         raise ConfigError(
-            f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`"
+            f"{path} belongs to user {status.st_uid}, not to this user; run "
+            "`tactophone pair init`"
         )
 
 

@@ -251,12 +251,14 @@ def parse_packet(datagram: bytes) -> Packet:
     payload type is unknown."""
     if len(datagram) < _HEADER.size:
         raise PacketError(
-            f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut"
+            f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the "
+            "datagram was cut"
         )
     first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(datagram)
     if first >> 6 != _VERSION:
         raise PacketError(
-            f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an RTP packet"
+            f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an "
+            "RTP packet"
         )
     if first == _PLAIN and (kind := _SOUND_KINDS.get(second & 0x7F)) is not None:
         # What our own senders make when nothing is lost: no extras in the header, one
@@ -391,7 +393,8 @@ def _kind(number: int) -> PayloadType:
     if (kind := _SOUND_KINDS.get(number)) is not None:
         return kind
     raise PacketError(
-        f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known"
+        f"payload type {number}, but {PayloadType.L16_MONO} to "
+        f"{PayloadType.HAND_PREDICTION} are known"
     )
 
 
@@ -491,7 +494,8 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
     touch, faulty, *shares, roughness, level, length = _PREDICTION.unpack(content)
     if touch not in list(Touch) or not sum(shares):
         raise PacketError(
-            f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches"
+            f"a prediction of touch {touch} with probabilities {shares}; there are "
+            f"{len(Touch)} touches"
         )
     none, smooth, rough = (share / sum(shares) for share in shares)
     return Prediction(
@@ -543,11 +547,13 @@ def read_predictions(
     counts = {record[0] >> 4 for record in records}
     if len(counts) != 1 or len(predictions) != len(records):
         raise PacketError(
-            f"{len(records)} predictions of a hand, but of hands with {sorted(counts)} fingers, or twice"
+            f"{len(records)} predictions of a hand, but of hands with "
+            f"{sorted(counts)} fingers, or twice"
         )
     fingers = counts.pop()
     if not 2 <= fingers <= MOST_FINGERS or max(predictions) >= fingers:
         raise PacketError(
-            f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}"
+            f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to "
+            f"{MOST_FINGERS}"
         )
     return predictions, fingers

@@ -69,11 +69,14 @@ class ReceiveSession:
 
     ``reorder`` is how many packets may wait for a missing one, 0 or 1.
 
-    - ``bandwidth``: the highest frequency in Hz that the model uses, to be requested from the robot; 0: no request.
-    - ``playout``: the clocked buffer of the current session; ``None`` until the first `pull`.
+    - ``bandwidth``: the highest frequency in Hz that the model uses, to be requested
+      from the robot; 0: no request.
+    - ``playout``: the clocked buffer of the current session; ``None`` until the first
+      `pull`.
     - ``moving``: whether the robot moves, by the newest packet.
-    - ``tap``: called with the time and the session's events before they are processed, and with whether they came by
-      `poll`: all that a log needs to repeat this end (`tactophone.net.link.events`).
+    - ``tap``: called with the time and the session's events before they are processed,
+      and with whether they came by `poll`: all that a log needs to repeat this end
+      (`tactophone.net.link.events`).
     """
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:

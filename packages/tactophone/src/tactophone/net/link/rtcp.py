@@ -154,7 +154,8 @@ def parse_report(packet: bytes) -> Report:
     first, kind, words, ssrc = _HEAD.unpack_from(packet)
     if first >> 6 != _VERSION or len(packet) != 4 * (words + 1):
         raise PacketError(
-            f"a report of {len(packet)} bytes that claims {4 * (words + 1)}, version {first >> 6}"
+            f"a report of {len(packet)} bytes that claims {4 * (words + 1)}, version "
+            f"{first >> 6}"
         )
     body = packet[_HEAD.size :]
     match kind:
@@ -165,7 +166,8 @@ def parse_report(packet: bytes) -> Report:
         ).startswith(_PROGRAM):
             if not _VERSION_TEXT.fullmatch(version := program.removeprefix(_PROGRAM)):
                 raise PacketError(
-                    f"a version of {len(version)} characters; at most 64 letters, digits and .+- are one"
+                    f"a version of {len(version)} characters; at most 64 letters, "
+                    "digits and .+- are one"
                 )
             return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:

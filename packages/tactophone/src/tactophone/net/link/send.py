@@ -46,10 +46,12 @@ class Member:
     """One operator of a group: its session and stream, and what its reports say.
 
     - ``stream``: makes the packets of the connection; ``None`` while there is none.
-    - ``counters``: in telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``packets_broken``.
+    - ``counters``: in telemetry's names: ``packets_sent``, ``handshakes``,
+      ``link_losses``, ``packets_broken``.
     - ``bandwidth``: that the operator has requested, in Hz; 0 before it has.
     - ``new``: whether no request of this connection has widened the band yet.
-    - ``round_trip``: round-trip time in s, by the newest report; ``None`` before the first.
+    - ``round_trip``: round-trip time in s, by the newest report; ``None`` before the
+      first.
     - ``loss``: share of packets lost, by the newest report.
     """
 
@@ -75,10 +77,12 @@ class SendGroup:
     and while several listen it only widens, which Opus permits three times. Each
     session calls another address; ``prompt`` is as of `BlockEncoder`.
 
-    - ``members``: one for each session, in the order given. Whoever owns the operators' sockets passes what arrives to
-      `receive`, calls `poll`, and sends what each session has to send.
-    - ``tap``: called with what a log of this end needs: each connection made or lost, and each packet before it is
-      encrypted, of one connected operator, the first that there is.
+    - ``members``: one for each session, in the order given. Whoever owns the operators'
+      sockets passes what arrives to `receive`, calls `poll`, and sends what each
+      session has to send.
+    - ``tap``: called with what a log of this end needs: each connection made or lost,
+      and each packet before it is encrypted, of one connected operator, the first that
+      there is.
     """
 
     def __init__(
@@ -162,8 +166,10 @@ class SendGroup:
             return ""
         duration = 1000 * codec.packet_size / CLOCK_RATE
         return (
-            f"sound up to {fitting / 1000:g} kHz is sent, but an operator's model hears "
-            f"up to {wanted / 1000:g} kHz, which packets of {duration:g} ms cannot hold "
+            f"sound up to {fitting / 1000:g} kHz is sent, but an operator's model "
+            "hears "
+            f"up to {wanted / 1000:g} kHz, which packets of {duration:g} ms cannot "
+            "hold "
             f"with {codec.channels} channels; choose a shorter --packet-duration"
         )
 

@@ -84,7 +84,8 @@ TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType(
         "rehandshaking": frozenset({"connected", "handshaking"}),
     }
 )
-"""The table above, as `packages/tactophone/tests/net/link/test_session_states.py` walks it."""
+"""The table above, as `packages/tactophone/tests/net/link/test_session_states.py` walks
+it."""
 
 _LAST_SAFE_SEQUENCE = 0xC000
 """Sequence number from which keys are not renewed: the receiver of a new stream takes
@@ -137,8 +138,8 @@ def _policy(key: bytes, ssrc: int) -> pylibsrtp.Policy:
 class Connection:
     """A connected session: its keys, the peer's address, and its times.
 
-    - ``begun``, ``last_received``, ``until``: when the handshake was finished, when the last authentic packet came, and
-      until when the keys are used (s).
+    - ``begun``, ``last_received``, ``until``: when the handshake was finished, when the
+      last authentic packet came, and until when the keys are used (s).
     - ``stream``: SSRC of the peer's packets.
     - ``unprotect``: authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
     """
@@ -173,10 +174,12 @@ class Connection:
 class KeyRing:
     """The connection in use, and while keys are renewed another one beside it.
 
-    - ``current``: the connection that packets are sent through; ``None`` without a session.
-    - ``beside``: the next connection until the caller uses it, then for a while the one before; else ``None``.
-    - ``remote``: the peer's address and the SSRCs of its packets; ``None`` without a session. A new object only when it
-      changes.
+    - ``current``: the connection that packets are sent through; ``None`` without a
+      session.
+    - ``beside``: the next connection until the caller uses it, then for a while the one
+      before; else ``None``.
+    - ``remote``: the peer's address and the SSRCs of its packets; ``None`` without a
+      session. A new object only when it changes.
     """
 
     def __init__(self) -> None:
@@ -249,11 +252,13 @@ class Session:
     ``renew_after`` is when a caller renews the keys, in s. ``version`` is what it tells
     the other end of itself, by default nothing.
 
-    - ``faults``: counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``,
-      ``contained`` exceptions.
+    - ``faults``: counts of ``rejected`` datagrams, ``stray`` ones that belong to no
+      session, failed ``handshakes``, ``contained`` exceptions.
     - ``failure``: why the newest handshake failed, or ``None``.
-    - ``sent_away``: name of the trusted caller that was sent away last, and when; ``None`` before the first.
-    - ``hung_up``: name of the peer that ended the last session without a reason; empty if none has.
+    - ``sent_away``: name of the trusted caller that was sent away last, and when;
+      ``None`` before the first.
+    - ``hung_up``: name of the peer that ended the last session without a reason; empty
+      if none has.
     """
 
     def __init__(
@@ -306,7 +311,8 @@ class Session:
         ):
             return ""
         return (
-            f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
+            f"{self.peer} runs tactophone {self._peer_version}, this machine "
+            f"{self._version}: "
             "update the older one, as the two may not understand each other"
         )
 
@@ -540,7 +546,10 @@ class Session:
             self.failure = self._refusal()
         if handshake.failure and (name := self._handshakes.taken):
             self._handshakes.taken, self._call_after = "", now + BUSY_PAUSE
-            handshake.failure = f"it is {name!r}, connected already under another address: name each operator once"
+            handshake.failure = (
+                f"it is {name!r}, connected already under another "
+                "address: name each operator once"
+            )
         if handshake.failure:
             self._drop(key, handshake.failure)
         if handshake.agreement is None:
@@ -585,7 +594,10 @@ class Session:
         ]
 
     def _refusal(self) -> str:
-        return f"{REFUSED}; if that is the right machine, run there: {self._identity.trust_command}"
+        return (
+            f"{REFUSED}; if that is the right machine, run there: "
+            f"{self._identity.trust_command}"
+        )
 
     def _end(self, reason: str) -> list[Event]:
         self._keys.use(None)

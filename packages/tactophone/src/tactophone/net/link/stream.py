@@ -55,7 +55,8 @@ class BlockEncoder:
     shorter packets. Else it waits for the next block: with periods of 512 samples and
     packets of 480, for up to 10 ms.
 
-    - ``faults``: ``invalid samples``: removed as no sound (`AudioBlock.invalid`), and sent as silence.
+    - ``faults``: ``invalid samples``: removed as no sound (`AudioBlock.invalid`), and
+      sent as silence.
     - ``origin``: the RTP timestamp of the source's first sample, in all streams.
     - ``position``: the first sample of the next block; ``None`` before the first.
     - ``moving``: whether the robot moves, as each packet says.
@@ -80,8 +81,10 @@ class BlockEncoder:
         """Take sound; return what it completes, oldest first."""
         if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
             raise ValueError(
-                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
-                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
+                f"a block of {block.channels} channels at {block.sample_rate} Hz, but "
+                "this stream carries "
+                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or "
+                "choose another codec"
             )
         if block.start != self.position:
             # The source lost sound: the incomplete packet is dropped.
@@ -162,7 +165,8 @@ class RedundancyRule:
     def __post_init__(self) -> None:
         if not 0 <= self.least <= self.most <= 2:
             raise ValueError(
-                f"redundancy from {self.least} to {self.most}, but it lies between 0 and 2"
+                f"redundancy from {self.least} to {self.most}, but it lies between 0 "
+                "and 2"
             )
 
 
@@ -483,6 +487,7 @@ class Depacketizer:
             self._decoder = open_decoder(payload.kind)
         if self._decoder.kind != payload.kind:
             raise PacketError(
-                f"a payload of {payload.kind.name} in a stream of {self._decoder.kind.name}"
+                f"a payload of {payload.kind.name} in a stream of "
+                f"{self._decoder.kind.name}"
             )
         return self._decoder

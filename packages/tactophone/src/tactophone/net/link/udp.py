@@ -40,8 +40,8 @@ def set_filter(
     handshakes: bool = True,
     stun: bool = False,
 ) -> None:
-    """Let DTLS (with ``handshakes``), STUN (with ``stun``, for the socket of a call) and
-    the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
+    """Let DTLS (with ``handshakes``), STUN (with ``stun``, for the socket of a call)
+    and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
 
     Where the system has no such filter, everything passes too: the session refuses the
     same datagrams, only later.
@@ -346,7 +346,8 @@ def _open(host: str, port: int) -> socket.socket:
         else:
             return opened
     raise DeviceError(
-        f"cannot listen at {host or '*'}:{port}: {error.strerror}; choose another with --set link.port=..."
+        f"cannot listen at {host or '*'}:{port}: {error.strerror}; choose another "
+        "with --set link.port=..."
     ) from error
 
 

@@ -151,7 +151,8 @@ class Calibration:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None
         except (msgspec.DecodeError, UnicodeDecodeError, KeyError) as error:
             raise ConfigError(
-                f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}"
+                f"{path}: not a calibration file ({type(error).__name__}: {error}); "
+                f"{again}"
             ) from None
 
 
@@ -312,7 +313,10 @@ def measure_calibration(
         *(finding for finding in weaknesses if finding.code not in codes),
     ]
     if heard > MOST_MOTION:
-        found = f"{heard:.0%} of the robot's motion is contact, even if bands are heard from {margin:g} dB over noise"
+        found = (
+            f"{heard:.0%} of the robot's motion is contact, even if bands are "
+            f"heard from {margin:g} dB over noise"
+        )
         findings.append(
             Finding(
                 "loud-motion",
@@ -512,13 +516,15 @@ def _weaknesses(
     if levels.max() > np.median(levels) + RESTLESS_DB:
         yield Finding(
             "restless",
-            "the silence was not silent: keep the finger and the table still, and calibrate again",
+            "the silence was not silent: keep the finger and the table still, and "
+            "calibrate again",
         )
     clearance_db = calibration.stroke_dbfs[CONTACT] - calibration.window_dbfs
     if clearance_db < CLEARANCE_DB:
         yield Finding(
             "faint-stroke",
-            f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but needs {CLEARANCE_DB:+g} dB: "
+            f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but "
+            f"needs {CLEARANCE_DB:+g} dB: "
             "press harder, lower the noise, or turn the contact microphone's gain up",
         )
     tap_dbfs = _dbfs(
@@ -532,14 +538,20 @@ def _weaknesses(
     for channel, name in enumerate(MICROPHONES[: calibration.channels]):
         hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
         if hum > max(floor - 3, HARMLESS_HUM_DBFS):
-            found = f"half of the {name} microphone's noise is hum at {silence[-1].mains} Hz and its multiples"
+            found = (
+                f"half of the {name} microphone's noise is hum at "
+                f"{silence[-1].mains} Hz and its multiples"
+            )
             yield Finding(
                 f"{name}-hum",
                 f"{found}; better shielding would let lighter touches be detected",
                 fatal=False,
             )
         if gain_db[channel] > 0:
-            found = f"the {name} microphone peaks at {calibration.peak_dbfs[channel]:.0f} dBFS"
+            found = (
+                f"the {name} microphone peaks at "
+                f"{calibration.peak_dbfs[channel]:.0f} dBFS"
+            )
             yield Finding(
                 f"{name}-faint",
                 f"{found}; turn its gain up by {gain_db[channel]} dB",

@@ -99,12 +99,13 @@ class ContactGate:
     """Detects contact from the level of the contact microphone.
 
     - ``threshold_dbfs``: level from which there is contact.
-    - ``rule``: how the level is measured: ``rms``, ``mean_absolute``, or ``banded``: without hum and motors.
+    - ``rule``: how the level is measured: ``rms``, ``mean_absolute``, or ``banded``:
+      without hum and motors.
     - ``sample_rate``: of the sound to come, in Hz.
-    - ``floor``: where there is one, the threshold begins at its own and follows it, until another threshold is
-      assigned.
-    - ``bands``: let the bands decide, each over its own floor, once the floor is known; not by a threshold that was
-      assigned.
+    - ``floor``: where there is one, the threshold begins at its own and follows it,
+      until another threshold is assigned.
+    - ``bands``: let the bands decide, each over its own floor, once the floor is known;
+      not by a threshold that was assigned.
     - ``hold``: seconds that contact lasts on over silence.
     - ``threshold``: a shared one may take its place.
     - ``microphone``: the channel that it hears, where there are two.

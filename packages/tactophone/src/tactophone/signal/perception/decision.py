@@ -26,15 +26,16 @@ class DecisionRule:
     """When a prediction is *rough*; the defaults are the paper's: the likelier of
     smooth and rough, at once.
 
-    - ``rough_on``: rough share (see :func:`rough_share`), over 0 and under 1, from which the decision turns from smooth
-      to rough.
-    - ``rough_off``: rough share under which it turns back to smooth; at most ``rough_on``.
-    - ``confirm``: consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough. A
-      touch that was rough before the still point of a stroke, of up to `FORGET_AFTER`
-      predictions, is confirmed already.
-    - ``abstain_from``: probability of *none* from which a touch is unlike any in training: it is rendered as plain
-      contact, smooth. :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none*
-      is trained but not used.
+    - ``rough_on``: rough share (see :func:`rough_share`), over 0 and under 1, from
+      which the decision turns from smooth to rough.
+    - ``rough_off``: rough share under which it turns back to smooth; at most
+      ``rough_on``.
+    - ``confirm``: consecutive predictions in contact that must reach ``rough_on``
+      before the decision turns rough. A touch that was rough before the still point of
+      a stroke, of up to `FORGET_AFTER` predictions, is confirmed already.
+    - ``abstain_from``: probability of *none* from which a touch is unlike any in
+      training: it is rendered as plain contact, smooth. :data:`NEVER_ABSTAIN` for
+      models, like the paper's, whose *none* is trained but not used.
 
     Raises `ValueError` if a value is out of range.
     """

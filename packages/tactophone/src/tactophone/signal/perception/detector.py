@@ -188,21 +188,27 @@ class InvalidPositions:
 class WindowDetector:
     """Classifies a stream of sound, window by window, with a model of any kind.
 
-    - ``model``: with one channel it uses the contact microphone, channel 0, unless its card says air. Some kinds are
-      trained to do without the air channel; for them, one channel less counts as
-      digital silence.
+    - ``model``: with one channel it uses the contact microphone, channel 0, unless its
+      card says air. Some kinds are trained to do without the air channel; for them, one
+      channel less counts as digital silence.
     - ``sample_rate``: of the sound to come, in Hz.
-    - ``faults``: predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was
-      not a probability distribution).
-    - ``threshold``: level from which there is contact; the model's own, until another is assigned.
+    - ``faults``: predictions withheld, by cause: ``sound`` (invalid samples in the
+      window), ``model`` (its output was not a probability distribution).
+    - ``threshold``: level from which there is contact; the model's own, until another
+      is assigned.
     - ``margin_db``: how far under the threshold a window still counts as contact.
-    - ``contact_at``: returns the state of the contact gate at a time in s, where there is a gate.
-    - ``hop``, ``bandwidth``, ``latency``: seconds between two predictions; the highest frequency, in Hz, that the model
-      uses; seconds from a window's end until it can be classified.
+    - ``contact_at``: returns the state of the contact gate at a time in s, where there
+      is a gate.
+    - ``hop``, ``bandwidth``, ``latency``: seconds between two predictions; the highest
+      frequency, in Hz, that the model uses; seconds from a window's end until it can be
+      classified.
     - ``missing``: samples until the next window is complete.
-    - ``fit``: says whether the sound fits the model, where it is not ``None``; it changes no prediction.
-    - ``no_touch``: says whether the sound is no touch, where it is not ``None``; then rough is not rendered.
-    - ``trace``: called with the features and the prediction of each window, where it is not ``None``: for fitting.
+    - ``fit``: says whether the sound fits the model, where it is not ``None``; it
+      changes no prediction.
+    - ``no_touch``: says whether the sound is no touch, where it is not ``None``; then
+      rough is not rendered.
+    - ``trace``: called with the features and the prediction of each window, where it is
+      not ``None``: for fitting.
 
     Raises `ModelError` if the rate is too low, or this version cannot run the model.
     """
@@ -210,13 +216,15 @@ class WindowDetector:
     def __init__(self, model: Model, *, sample_rate: int) -> None:
         if sample_rate < RESAMPLER_LOWEST_RATE:
             raise ModelError(
-                f"sound at {sample_rate} Hz, but models need {RESAMPLER_LOWEST_RATE} Hz or more; "
+                f"sound at {sample_rate} Hz, but models need {RESAMPLER_LOWEST_RATE} "
+                "Hz or more; "
                 "record at a higher rate"
             )
         card = self.card = model.card
         if card.kind not in KINDS:
             raise ModelError(
-                f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(KINDS)}; update Tactophone"
+                f"model {card.name} is of kind {card.kind}, but this version runs "
+                f"{', '.join(KINDS)}; update Tactophone"
             )
         self.name, self.hop, self.bandwidth = (
             card.name,
@@ -278,7 +286,8 @@ class WindowDetector:
         (`tactophone.signal.perception.detector`)."""
         if block.sample_rate != self._sample_rate:
             raise ModelError(
-                f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
+                f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was "
+                "announced; reopen the source"
             )
         samples = block.samples
         size, channels = samples.shape
@@ -289,7 +298,8 @@ class WindowDetector:
             and self.card.kind not in SUPPORTS_MISSING_CHANNEL
         ):
             raise ModelError(
-                f"sound with {channels} channel, but the model {self.card.name} needs {self.card.channels} "
+                f"sound with {channels} channel, but the model {self.card.name} needs "
+                f"{self.card.channels} "
                 "(contact and air); choose a one-channel model, such as paper-mono"
             )
         if self._arrived and self._arrived[0].shape[1] != channels:

@@ -103,14 +103,15 @@ class FallbackDetector:
 
     ``fault_detector`` watches the sound, of so many ``channels``.
 
-    One microphone on an interface of two inputs is sound of one channel, whichever input
-    it is on. So where no sound came from the contact input since the run began, and the
-    other one sounds, that one is the contact microphone. A contact microphone that has
-    sounded and fell silent is broken, and then the air microphone never takes its place:
-    it hears people talk.
+    One microphone on an interface of two inputs is sound of one channel, whichever
+    input it is on. So where no sound came from the contact input since the run began,
+    and the other one sounds, that one is the contact microphone. A contact microphone
+    that has sounded and fell silent is broken, and then the air microphone never takes
+    its place: it hears people talk.
 
     - ``main``: the detector of the model.
-    - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the microphones now.
+    - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the
+      microphones now.
     """
 
     def __init__(

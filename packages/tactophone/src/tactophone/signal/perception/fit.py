@@ -223,8 +223,10 @@ class FitCheck:
         if self._tip and (highest := self._cut_off()):
             return Misfit(
                 "narrow-band",
-                f"no sound above {highest / 1000:.1f} kHz: the model {self._name} needs up to "
-                f"{EDGES[-1] / 1000:g} kHz; switch off what limits it (a headset, noise reduction, a codec), or train "
+                f"no sound above {highest / 1000:.1f} kHz: the model {self._name} "
+                "needs up to "
+                f"{EDGES[-1] / 1000:g} kHz; switch off what limits it (a headset, "
+                "noise reduction, a codec), or train "
                 "on your microphone",
             )
         known, long = self._quiet >= LEAST_NOISE, self._touched >= LONG
@@ -233,7 +235,8 @@ class FitCheck:
             if (over > AUDIBLE_DB).mean() < AUDIBLE_SHARE:
                 return Misfit(
                     "noisy",
-                    f"touch is hardly {AUDIBLE_DB:g} dB over the noise, too little to tell smooth from rough; press "
+                    f"touch is hardly {AUDIBLE_DB:g} dB over the noise, too little to "
+                    "tell smooth from rough; press "
                     "harder, turn the gain up, or keep motors and fans away",
                 )
         if self._tip and (known or long) and (other := self._other_tip()):
@@ -242,7 +245,8 @@ class FitCheck:
             return None
         return Misfit(
             "undecided",
-            f"the model {self._name} cannot tell smooth from rough in over {UNKNOWN_SHARE:.0%} of this touch; let "
+            f"the model {self._name} cannot tell smooth from rough in over "
+            f"{UNKNOWN_SHARE:.0%} of this touch; let "
             "`tactophone setup` measure your finger on a smooth and a rough object",
         )
 
@@ -297,7 +301,8 @@ class FitCheck:
         kind, other = ("hard" if tip.hard else "soft" for tip in (own, best))
         return Misfit(
             "other-tip",
-            f"this sounds like {'another' if kind == other else 'a'} {other} tip, but the model {self._name} is for a "
+            f"this sounds like {'another' if kind == other else 'a'} {other} tip, but "
+            f"the model {self._name} is for a "
             f"{kind} one, {own.name}: if so, "
             + " or ".join(
                 f"--tip {tip.name}"

@@ -409,8 +409,10 @@ class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
     - ``faults``: present now. Read at every block, found at every eighth of a second.
-    - ``calibrated``: whether there is a reference, so that each microphone is known to have been there.
-    - ``sounding``: channels that the newest measure heard more of than an open input's noise.
+    - ``calibrated``: whether there is a reference, so that each microphone is known to
+      have been there.
+    - ``sounding``: channels that the newest measure heard more of than an open input's
+      noise.
 
     >>> import numpy as np
     >>> detector = FaultDetector(48_000, Reference())

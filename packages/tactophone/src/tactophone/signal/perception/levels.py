@@ -125,8 +125,8 @@ class StepLevels:
     block size.
 
     - ``rule``: ``rms``, ``mean_absolute`` or ``banded``.
-    - ``sample_rate``: in Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule
-      ``banded``).
+    - ``sample_rate``: in Hz; steps are whole samples, so that 44.1 kHz has 4009 of them
+      a second (4410 by the rule ``banded``).
 
     >>> levels = StepLevels("rms", sample_rate=48_000)
     >>> levels.push(np.full((1, 30), 0.5, np.float32)).tolist()
@@ -338,7 +338,8 @@ class Ear:
     and keeps it until they take it.
 
     - ``steps``: measures steps.
-    - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of the steps not taken yet.
+    - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of
+      the steps not taken yet.
     - ``bands``: of each finger, the levels of the bands of the hops not taken yet.
     - ``ahead``: samples whose steps were heard ahead, and that will be given to `hear`.
     """

@@ -85,7 +85,8 @@ class Gate:
     def __post_init__(self) -> None:
         if self.rule not in LOUDNESS or not -200 <= self.threshold_dbfs <= 0:
             raise ValueError(
-                f"{self}: the rule must be one of {', '.join(LOUDNESS)}, the threshold -200 to 0 dBFS"
+                f"{self}: the rule must be one of {', '.join(LOUDNESS)}, the "
+                "threshold -200 to 0 dBFS"
             )
 
 
@@ -182,7 +183,8 @@ class ModelCard:
             ) from None
         if not isinstance(entries, dict):
             raise ValueError(
-                f"a card of type {type(entries).__name__}, but it is an object with entries"
+                f"a card of type {type(entries).__name__}, but it is an object with "
+                "entries"
             )
         if (version := entries.pop("format")) != FORMAT_VERSION:
             raise ValueError(
@@ -207,7 +209,8 @@ class ModelCard:
         longest = round(MAX_DURATION * card.sample_rate)
         if not (card.window_size <= longest and 1 <= card.hop <= longest):
             raise ValueError(
-                f"window_size must be at most {longest} samples, hop from 1 to {longest}"
+                f"window_size must be at most {longest} samples, hop from 1 to "
+                f"{longest}"
             )
         return card
 
@@ -236,7 +239,8 @@ def read_model(path: Path) -> Model:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise ModelError(
-                f"{path}: over {MAX_BYTES / 1e6:g} MB, which no model here takes; give another file"
+                f"{path}: over {MAX_BYTES / 1e6:g} MB, which no model here takes; "
+                "give another file"
             )
         content = path.read_bytes()
     except OSError as error:
@@ -245,7 +249,8 @@ def read_model(path: Path) -> Model:
         ) from None
     if content.startswith((*_PICKLES, _ZIP)):
         raise ModelError(
-            f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
+            f"{path}: a PyTorch or pickle file, which may run code when read and is "
+            "never opened here; convert the "
             "authors' published models with `tactophone import-model`"
         )
     # The fingers of a hand, and a detector and its fallback, share the network of one
@@ -301,7 +306,8 @@ def _session(
         )
     except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
         raise ModelError(
-            f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again"
+            f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export "
+            "it again"
         ) from None
 
 
@@ -314,13 +320,15 @@ def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
         ) from None
     if text is None:
         raise ModelError(
-            f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`"
+            f"{path}: an ONNX model without a Tactophone card; make one with "
+            "`tactophone train`"
         )
     try:
         return ModelCard.from_json(text)
     except (ValueError, KeyError, TypeError) as error:
         raise ModelError(
-            f"{path}: its card cannot be used ({_first_line(error)}); train the model again"
+            f"{path}: its card cannot be used ({_first_line(error)}); train the model "
+            "again"
         ) from None
 
 
@@ -407,7 +415,8 @@ def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> N
         name: f"tensor({kind})" for name, kind in types.items()
     }:
         raise ValueError(
-            f"its input must be {SOUND}, of floats, alone or with {CONTACT_INPUT} and {STATE}"
+            f"its input must be {SOUND}, of floats, alone or with {CONTACT_INPUT} and "
+            f"{STATE}"
         )
     names = (LOG_PROBABILITIES, FEATURES, *([STATE_OUT] if stateful else []))
     wanted = {
@@ -431,13 +440,15 @@ def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> N
             or len(inputs[STATE].shape) != 2
         ):
             raise ValueError(
-                f"its state has shape {inputs[STATE].shape}, but it must be (1, 1 to {MAX_FEATURES})"
+                f"its state has shape {inputs[STATE].shape}, but it must be (1, 1 to "
+                f"{MAX_FEATURES})"
             )
         zeros |= {CONTACT_INPUT: np.zeros(1, np.float32), STATE: np.zeros((1, size))}
     found = dict(zip(names, _probe(session, names, zeros), strict=True))
     if found[LOG_PROBABILITIES].shape != (1, len(CLASSES)):
         raise ValueError(
-            f"its output has shape {found[LOG_PROBABILITIES].shape}, but it must be (1, {len(CLASSES)})"
+            f"its output has shape {found[LOG_PROBABILITIES].shape}, but it must be "
+            f"(1, {len(CLASSES)})"
         )
     if found[FEATURES].ndim != 2 or (
         stateful and found[STATE_OUT].shape != zeros[STATE].shape

@@ -98,7 +98,10 @@ def main() -> None:
     except ModelError as error:
         refusal = str(error)
     except MemoryError:
-        refusal = f"{sys.argv[1]}: takes over {TRIAL_MEMORY / 1e9:g} GB of memory; export it again"
+        refusal = (
+            f"{sys.argv[1]}: takes over {TRIAL_MEMORY / 1e9:g} GB of memory; "
+            "export it again"
+        )
     sys.stdout.write("\n" + json.dumps(refusal))
     sys.stdout.flush()
     # A thread that still computes would end Python with a message of its own.

@@ -41,7 +41,8 @@ def model_path(name: str) -> Path:
         )
     hint = did_you_mean(name, shipped_models())
     raise ModelError(
-        f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
+        f"no model {name}: give a file, or one of those inside the package: "
+        f"{', '.join(shipped_models())}{hint}"
     )
 
 
@@ -72,7 +73,10 @@ def tip_mismatch(card: ModelCard, tip: str) -> str:
         if tip in TIPS
         else "train one on recordings of your finger"
     )
-    words = f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap"
+    words = (
+        f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: "
+        "smooth and rough may swap"
+    )
     return f"{words}; give --tip {card.tip} if that touches, or else {right}"
 
 

@@ -25,7 +25,8 @@ NOTICE_FROM, END_UNDER = -1.5, -3.0
 ends; touch is near -4."""
 
 NO_TOUCH_TEXT = (
-    "this sounds like speech, rain or typing, not like touch, so rough is not rendered: move the air microphone to the "
+    "this sounds like speech, rain or typing, not like touch, so rough is not "
+    "rendered: move the air microphone to the "
     "tip and away from people, or turn its gain down"
 )
 

@@ -8,10 +8,11 @@ follows it. It settles where one level in six is quieter.
 What bounds it:
 
 - A touch slows its rise, so that a long stroke is not learnt as noise.
-- Noise that becomes louder at once is contact at first. If it stays steady for `LONGEST_TOUCH` s it is noise; for
-  `KNOWN_AGAIN` s if the floor has been as high before, as after a loose plug that was
-  pushed back.
-- Digital silence is no floor: a source that pauses or a plug that is out must not make the gate open at its return.
+- Noise that becomes louder at once is contact at first. If it stays steady for
+  `LONGEST_TOUCH` s it is noise; for `KNOWN_AGAIN` s if the floor has been as high
+  before, as after a loose plug that was pushed back.
+- Digital silence is no floor: a source that pauses or a plug that is out must not make
+  the gate open at its return.
 - The gate's threshold stays between `LOWEST_DBFS` and `HIGHEST_DBFS`.
 
 A recording can be read twice: `measure_floor` finds the floor of its quietest steady
@@ -148,7 +149,8 @@ class NoiseFloor:
     ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest
     standard deviation of the gate's level by which it may be noise, see `SPREAD_DB`.
 
-    - ``threshold_dbfs``, ``release_dbfs``: the gate's threshold now, and the level under which a touch ends.
+    - ``threshold_dbfs``, ``release_dbfs``: the gate's threshold now, and the level
+      under which a touch ends.
     - ``known``: whether the floor has been measured.
     - ``margin_db``: how far a band must exceed its floor to be heard.
 
@@ -358,8 +360,8 @@ class RecordingFloor:
     There are three kinds of recording. In most, silence is steady, and its level is the
     floor. In a stroke from end to end there is no silence, and all of it is touch. In
     sound that was switched off in its pauses, nothing tells noise from touch: then it
-    begins as a live run does, which calls touch only what is loud enough for the model's
-    own threshold.
+    begins as a live run does, which calls touch only what is loud enough for the
+    model's own threshold.
     """
 
     threshold_dbfs: float
@@ -437,8 +439,8 @@ def measure_floor(
 
 
 def _parts_db(levels: Sequence[float]) -> float:
-    """Return how far apart the means of the loud and the quiet part are, where these are
-    the two parts that explain most of the variance of the levels (Otsu, IEEE Trans.
+    """Return how far apart the means of the loud and the quiet part are, where these
+    are the two parts that explain most of the variance of the levels (Otsu, IEEE Trans.
     Syst. Man Cybern. 9, 62, 1979)."""
     ordered = np.sort(np.maximum(levels, FLOOR_SILENT_DBFS))
     size = len(ordered)

@@ -203,7 +203,8 @@ def _fields(message: memoryview) -> Iterator[Field]:
                 raise ValueError(f"wire type {wire} at byte {at}")
         if at + size > len(message):
             raise ValueError(
-                f"{size} bytes announced at byte {at}, but only {len(message) - at} are left"
+                f"{size} bytes announced at byte {at}, but only {len(message) - at} "
+                "are left"
             )
         yield key >> 3, message[at : at + size]
         at += size

@@ -1,14 +1,14 @@
 """The one way to open a detector, from the one value that says all that decides.
 
-The operator, the loopback, `feel`, `evaluate`, Python, pages and plug-ins differ in where
-their sound comes from and in what they do with a prediction. They must not differ in what
-they take for a touch. So each of them fills in `DetectorOptions`, and `open_detector`
-makes the detector from it.
+The operator, the loopback, `feel`, `evaluate`, Python, pages and plug-ins differ in
+where their sound comes from and in what they do with a prediction. They must not differ
+in what they take for a touch. So each of them fills in `DetectorOptions`, and
+`open_detector` makes the detector from it.
 
 Two things differ between a live run and a recording, because a recording can be read
-before it is played: `DetectorOptions.recording`, the noise floor that was measured ahead,
-and the sound itself, from which `tactophone.app.prepare` has removed hum, offset and
-channels without a microphone. Everything else is the same.
+before it is played: `DetectorOptions.recording`, the noise floor that was measured
+ahead, and the sound itself, from which `tactophone.app.prepare` has removed hum, offset
+and channels without a microphone. Everything else is the same.
 """
 
 import math
@@ -52,7 +52,8 @@ class DetectorOptions:
 
     model: str | Model = ""
     """Name of a shipped model, path of a model file, name of a detector that another
-    package registers, or a model that was read; empty: the shipped model for the tip."""
+    package registers, or a model that was read; empty: the shipped model for the
+    tip."""
 
     tip: str = DEFAULT_TIP
     """Tip that touches, one of `tactophone.core.tips.TIP_NAMES`."""
@@ -65,8 +66,8 @@ class DetectorOptions:
     noise."""
 
     follow_floor: bool = True
-    """Whether the contact threshold follows the noise where none is given; if not, it is
-    the model's own."""
+    """Whether the contact threshold follows the noise where none is given; if not, it
+    is the model's own."""
 
     margin_db: float | None = None
     """How far over its noise a band is heard; else the calibration's, or 5 dB."""
@@ -172,9 +173,9 @@ def open_detector(options: DetectorOptions) -> Detector:
 
 
 def _set_contact(detector: TouchDetector, options: DetectorOptions) -> None:
-    """Set the level from which there is contact: the first that is known of one that was
-    given, the recording's and the calibration's; else the model's own, which follows the
-    noise."""
+    """Set the level from which there is contact: the first that is known of one that
+    was given, the recording's and the calibration's; else the model's own, which
+    follows the noise."""
     if options.threshold_dbfs is not None:
         detector.threshold.dbfs = options.threshold_dbfs
         return

@@ -35,7 +35,8 @@ class Resampler:
     """Resamples a stream from ``input_rate`` to ``output_rate`` Hz, block by block.
 
     - ``reach``: input samples on either side that contribute to an output sample.
-    - ``latency``: the same in seconds: the delay from an output sample's own time to its availability.
+    - ``latency``: the same in seconds: the delay from an output sample's own time to
+      its availability.
 
     >>> resampler = Resampler(48_000, 2000, channels=1)
     >>> len(resampler.push(np.zeros((48_000, 1), np.float32))) + len(resampler.flush())
@@ -148,7 +149,8 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     """
     if min(input_rate, output_rate) < RESAMPLER_LOWEST_RATE:
         raise ValueError(
-            f"{input_rate} to {output_rate} Hz: both rates must be {RESAMPLER_LOWEST_RATE} Hz or more"
+            f"{input_rate} to {output_rate} Hz: both rates must be "
+            f"{RESAMPLER_LOWEST_RATE} Hz or more"
         )
     if input_rate == output_rate:
         return np.ones((1, 1), np.float32)
