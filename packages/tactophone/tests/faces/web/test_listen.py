@@ -134,7 +134,7 @@ def test_a_page_of_another_version_is_asked_to_reload(page: Page, path: str) -> 
     code, reason = asyncio.run(look())
     assert (code, reason) == (
         OTHER_VERSION,
-        "this page is of another version: reload it",
+        "this page comes from another version: reload it",
     )
 
 

@@ -130,11 +130,11 @@ def test_predictions_made_on_the_robot_render_the_same(tmp_path: Path) -> None:
         assert system.snapshot().gauges["bitrate_bps"] < 100_000
 
 
-@pytest.mark.parametrize("gain", [np.inf, np.nan])
 def test_a_model_that_outputs_invalid_numbers_is_silence_and_a_count(
-    tmp_path: Path, gain: float
+    tmp_path: Path,
 ) -> None:
-    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=gain))
+    # A file whose weights are not finite is refused. These are, but their sums are not.
+    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=3e38))
     with system.both():
         assert eventually(lambda: system.snapshot().counters["model_faults"] > 10)
         assert system.amplitude() == 0.0
