@@ -36,9 +36,8 @@ hypothesis.settings.register_profile("random", max_examples=1000, deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
-collect_ignore_glob = [
-    "data/*"
-]  # programs that make the data: they need what the tests do not
+# Programs that make the data need what the tests do not.
+collect_ignore_glob = ["tests/data/*"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -37,6 +37,10 @@ all recordings."""
 LEAST_SHARED = 2
 """Passages that two recordings share from which they hold the same sound."""
 
+LEAST_SHARE = 0.25
+"""Share of the shorter recording's passages that have to be the same: a simulated finger
+has the same noise in each recording of one seed, until it touches."""
+
 FULL_SCALE = 1 << 15
 """Steps of a 16-bit converter, in which passages are compared: a copy in 24 bits or in
 floating point is the same sound."""
@@ -90,9 +94,11 @@ def shared_sound(
 ) -> tuple[SharedSound, ...]:
     """Return each pair of recordings that share passages."""
     recordings: list[Recording] = []
+    sizes: list[int] = []
     places: dict[bytes, list[int]] = defaultdict(list)
     for number, (recording, own) in enumerate(passages):
         recordings.append(recording)
+        sizes.append(len(own))
         for passage in own:
             places[passage].append(number)
     counts = Counter(
@@ -101,7 +107,7 @@ def shared_sound(
     return tuple(
         SharedSound(recordings[one], recordings[other], count)
         for (one, other), count in sorted(counts.items())
-        if count >= LEAST_SHARED
+        if count >= max(LEAST_SHARED, LEAST_SHARE * min(sizes[one], sizes[other]))
     )
 
 

@@ -151,6 +151,7 @@ class Hand:
       single finger has whatever its pipeline takes.
     - ``fingers``: number of fingers.
 
+    >>> import numpy as np
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
     >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
     >>> [(step.finger, step.block.channels) for step in hand.push(sound)]

@@ -79,9 +79,9 @@ def test_invalid_samples_are_faulty_while_a_window_holds_it(
     assert detector.faults["sound"] == len(faulty)
 
 
-@pytest.mark.parametrize("gain", [math.nan, math.inf])
-def test_invalid_output_of_the_model_is_faulty(tmp_path: Path, gain: float) -> None:
-    detector = open_model(write_tiny_model(tmp_path / "bad.onnx", gain=gain))
+def test_invalid_output_of_the_model_is_faulty(tmp_path: Path) -> None:
+    # A file whose weights are not finite is refused. These are, but their sums are not.
+    detector = open_model(write_tiny_model(tmp_path / "bad.onnx", gain=3e38))
     predictions = predict(detector, tone(400))
     assert all(
         prediction.faulty and prediction.touch is Touch.NONE

@@ -103,7 +103,8 @@ class LogFile(AbstractContextManager["LogFile", None]):
         with suppress(OSError, ValueError):
             self._file.close()
         with suppress(OSError):
-            if self._path.stat().st_size == 0:
+            # A device, such as /dev/full, is nobody's to remove.
+            if self._path.is_file() and self._path.stat().st_size == 0:
                 self._path.unlink()
 
     def write(self, message: Message) -> None:

@@ -9,7 +9,6 @@ loads the same bytes.
 import functools
 import hashlib
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -29,6 +28,9 @@ TRIAL_PROCESSOR_TIME = 10
 
 TRIAL_TIMEOUT = 60.0
 """Seconds until the trial is given up, however busy the machine is."""
+
+CHILD = "tactophone.signal.perception.model_trial_child"
+"""Module that the child runs; by name, as it imports what calls this one."""
 
 _tried: set[bytes] = set()
 """Digests of the files that have passed in this process's life."""
@@ -52,7 +54,7 @@ def try_in_child(path: Path, content: bytes) -> None:
     try:
         child = subprocess.run(
             # -P: a folder of data is not a folder of code.
-            [sys.executable, "-P", "-m", __name__, str(path)],
+            [sys.executable, "-P", "-m", CHILD, str(path)],
             input=content,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -83,31 +85,6 @@ def _how_it_ended(code: int) -> str:
     )
 
 
-def main() -> None:
-    """Try the model at standard input; the last line printed is why it is refused, or
-    an empty text."""
-    import onnxruntime  # noqa: F401  # before the limits, which count from here
-
-    from tactophone.signal.perception.model_file import probe_model
-
-    content = sys.stdin.buffer.read()
-    limit_this_process()
-    refusal = ""
-    try:
-        probe_model(Path(sys.argv[1]), content)
-    except ModelError as error:
-        refusal = str(error)
-    except MemoryError:
-        refusal = (
-            f"{sys.argv[1]}: takes over {TRIAL_MEMORY / 1e9:g} GB of memory; "
-            "export it again"
-        )
-    sys.stdout.write("\n" + json.dumps(refusal))
-    sys.stdout.flush()
-    # A thread that still computes would end Python with a message of its own.
-    os._exit(0)
-
-
 def limit_this_process() -> None:
     """Limit memory and processor time, where the system has such limits, to what is
     used already and the model's share."""
@@ -122,7 +99,3 @@ def limit_this_process() -> None:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         most = pages * resource.getpagesize() + TRIAL_MEMORY
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
-if __name__ == "__main__":
-    main()
