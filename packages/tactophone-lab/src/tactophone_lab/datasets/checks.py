@@ -9,7 +9,7 @@ is where the levels correlate best, measured in the first and in the last half.
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -349,7 +349,7 @@ def check_consistency(
 
     problems = [*_leaks(dataset), *_imbalance(dataset)]
     seen: dict[str, Recording] = {}
-    passages: list[tuple[Recording, frozenset[bytes]]] = []
+    passages: list[tuple[Recording, Mapping[bytes, int]]] = []
     for done, recording in enumerate(dataset.recordings, 1):
         measured = _measure_contact(recording, threshold_dbfs)
         if measured is not None:

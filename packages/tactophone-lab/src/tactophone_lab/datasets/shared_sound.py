@@ -37,9 +37,13 @@ all recordings."""
 LEAST_SHARED = 2
 """Passages that two recordings share from which they hold the same sound."""
 
-LEAST_SHARE = 0.25
-"""Share of the shorter recording's passages that have to be the same: a simulated finger
+LEAST_SHARE = 0.1
+"""Share of the shorter recording's passages that have to be the same. A simulated finger
 has the same noise in each recording of one seed, until it touches."""
+
+LEAST_DENSE = 0.5
+"""Share of the passages from the first to the last shared one that have to be the same,
+as a clip is one stretch. The noise of one seed is the same in pauses alone."""
 
 FULL_SCALE = 1 << 15
 """Steps of a 16-bit converter, in which passages are compared: a copy in 24 bits or in
@@ -56,22 +60,24 @@ class SharedSound:
     """How many passages around a peak are the same in both."""
 
 
-def passages_of(samples: FloatArray) -> frozenset[bytes]:
-    """Return hashes of a channel's passages, the same wherever a clip of it begins.
+def passages_of(samples: FloatArray) -> Mapping[bytes, int]:
+    """Return hashes of a channel's passages, the same wherever a clip of it begins, and
+    the sample around which each stands.
 
     >>> sound = np.random.default_rng(0).normal(0, 0.1, 20000).astype(np.float32)
-    >>> len(passages_of(sound) & passages_of(sound[1234:])) > 4
+    >>> len(passages_of(sound).keys() & passages_of(sound[1234:]).keys()) > 4
     True
     """
     if len(samples) <= 2 * PEAK_REACH:
-        return frozenset()
+        return {}
     steps = np.rint(samples * FULL_SCALE).astype(np.int32)
-    return frozenset(
-        hashlib.blake2b(passage.tobytes(), digest_size=12).digest()
-        for peak in _peaks(np.abs(steps))
-        if len(np.unique(passage := steps[peak - PASSAGE : peak + PASSAGE]))
-        >= LEAST_DIFFERENT
-    )
+    found: dict[bytes, int] = {}
+    for peak in _peaks(np.abs(steps)):
+        passage = steps[peak - PASSAGE : peak + PASSAGE]
+        if len(np.unique(passage)) >= LEAST_DIFFERENT:
+            digest = hashlib.blake2b(passage.tobytes(), digest_size=12).digest()
+            found[digest] = int(peak)
+    return found
 
 
 def _peaks(size: NDArray[np.int32]) -> NDArray[np.intp]:
@@ -90,32 +96,47 @@ def _peaks(size: NDArray[np.int32]) -> NDArray[np.intp]:
 
 
 def shared_sound(
-    passages: Iterable[tuple[Recording, frozenset[bytes]]],
+    passages: Iterable[tuple[Recording, Mapping[bytes, int]]],
 ) -> tuple[SharedSound, ...]:
-    """Return each pair of recordings that share passages."""
+    """Return each pair of recordings that share a stretch of sound."""
     recordings: list[Recording] = []
-    sizes: list[int] = []
+    found: list[Mapping[bytes, int]] = []
     places: dict[bytes, list[int]] = defaultdict(list)
     for number, (recording, own) in enumerate(passages):
         recordings.append(recording)
-        sizes.append(len(own))
+        found.append(own)
         for passage in own:
             places[passage].append(number)
     counts = Counter(
-        pair for found in places.values() for pair in combinations(found, 2)
+        pair for numbers in places.values() for pair in combinations(numbers, 2)
     )
     return tuple(
         SharedSound(recordings[one], recordings[other], count)
         for (one, other), count in sorted(counts.items())
-        if count >= max(LEAST_SHARED, LEAST_SHARE * min(sizes[one], sizes[other]))
+        if count >= LEAST_SHARED and _is_stretch(found[one], found[other])
     )
+
+
+def _is_stretch(one: Mapping[bytes, int], other: Mapping[bytes, int]) -> bool:
+    """Return whether two recordings share one stretch, and not moments here and
+    there."""
+    shared = one.keys() & other.keys()
+    if len(shared) < LEAST_SHARE * min(len(one), len(other)):
+        return False
+    for own in (one, other):
+        first = min(own[passage] for passage in shared)
+        last = max(own[passage] for passage in shared)
+        between = sum(first <= place <= last for place in own.values())
+        if len(shared) < LEAST_DENSE * between:
+            return False
+    return True
 
 
 def find_shared(recordings: Iterable[Recording]) -> tuple[SharedSound, ...]:
     """Read recordings and return the pairs that share sound; one that cannot be read
     shares none."""
 
-    def heard() -> Iterator[tuple[Recording, frozenset[bytes]]]:
+    def heard() -> Iterator[tuple[Recording, Mapping[bytes, int]]]:
         for recording in recordings:
             with suppress(DatasetError):
                 sound = recording.read(channels=1)
