@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli import console, options, output
 from tactophone.cli.check import USUAL
-from tactophone.cli.guide import GuidePage, GuideScreen, Steps, ask, findings_in_words
+from tactophone.cli.guide import (
+    GuidePage,
+    GuideScreen,
+    Steps,
+    add_guidance,
+    ask,
+    findings_in_words,
+)
 from tactophone.cli.options import Within
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
@@ -115,17 +122,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time to slide on each object, %(type)s",
     )
-    add(
-        "--yes",
-        action="store_true",
-        help="ask nothing, and start each step without a key press",
-    )
-    options.add_json(parser, "print the result as JSON")
-    add(
-        "--dashboard",
-        action="store_true",
-        help="guide on a page of this machine too, and print its address",
-    )
+    add_guidance(parser)
     options.add_settings(parser, "setup")
     options.add_finger(parser)
 

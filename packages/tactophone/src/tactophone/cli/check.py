@@ -11,7 +11,14 @@ from pathlib import Path
 from tactophone.app.check import CHECKED_OBJECT, check_microphones
 from tactophone.app.sources import UNATTENDED
 from tactophone.cli import console, options, output
-from tactophone.cli.guide import GuidePage, GuideScreen, Steps, ask, findings_in_words
+from tactophone.cli.guide import (
+    GuidePage,
+    GuideScreen,
+    Steps,
+    add_guidance,
+    ask,
+    findings_in_words,
+)
 from tactophone.core.microphones import MICROPHONES
 from tactophone.signal.perception.calibration import CalibrationResult
 
@@ -50,17 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="false contacts to allow in silence, over 0 to 600 a minute "
         "(default: %(default)s)",
     )
-    add(
-        "--yes",
-        action="store_true",
-        help="ask nothing, and start each step without a key press",
-    )
-    options.add_json(parser, "print the result as JSON")
-    add(
-        "--dashboard",
-        action="store_true",
-        help="guide on a page of this machine too, and print its address",
-    )
+    add_guidance(parser)
     options.add_settings(parser, "check")
     options.add_finger(parser)
 

@@ -4,6 +4,7 @@ them, and the sound of each step.
 The page is on this machine, and there only with ``--dashboard``.
 """
 
+import argparse
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from rich.text import Text
 
 from tactophone.app.check import record_act
 from tactophone.app.sources import AudioInput, SimulatedAct
-from tactophone.cli import console, output
+from tactophone.cli import console, options, output
 from tactophone.core.errors import TactophoneError
 from tactophone.core.microphones import CONTACT, MICROPHONES
 from tactophone.core.types import AudioBlock, FloatArray
@@ -126,6 +127,21 @@ def _dbfs(amplitude: float) -> float:
         max(20 * math.log10(amplitude), METER_LOWEST_DBFS)
         if amplitude > 0
         else METER_LOWEST_DBFS
+    )
+
+
+def add_guidance(parser: argparse.ArgumentParser) -> None:
+    """Add what every guided command takes: whether it waits, and where it shows."""
+    parser.add_argument(
+        "--yes",
+        action="store_true",
+        help="ask nothing, and start each step without a key press",
+    )
+    options.add_json(parser, "print the result as JSON")
+    parser.add_argument(
+        "--dashboard",
+        action="store_true",
+        help="guide on a page of this machine too, and print its address",
     )
 
 
