@@ -140,6 +140,10 @@ class Parent:
         return self._pipe.fileno()
 
 
+STATUS_WAIT = 0.001
+"""Seconds between two looks for the status of a process that has ended."""
+
+
 class Child:
     """A process of this machine, started at once; it ends no later than its parent.
 
@@ -189,7 +193,10 @@ class Child:
         """Wait for the end and return how it came, as ``exit code 1`` or ``signal
         SIGKILL``; empty for one in order."""
         self._process.join()
-        code = self._process.exitcode or 0
+        # Where another thread waits too, it may have taken the status from the system
+        # and not noted it yet; the process then has ended with a code unknown to us.
+        while (code := self._process.exitcode) is None:
+            time.sleep(STATUS_WAIT)
         if code == 0:
             return ""
         if code < 0:
