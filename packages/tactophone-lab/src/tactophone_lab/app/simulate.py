@@ -1,6 +1,7 @@
 """``tactophone simulate``: recordings of the simulated finger, planned first and then
 rendered."""
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from tactophone_lab.simulation.competition import (
     run_recording,
     write_run,
 )
+from tactophone_lab.simulation.random_objects import MOST_OBJECTS, draw_objects
 from tactophone_lab.simulation.render import (
     RenderJob,
     RenderOptions,
@@ -45,16 +47,29 @@ class RenderedSet:
 
 
 def objects_named(names: str) -> list[SimulatedObject]:
-    """Return the objects of a text: numbers or names separated by commas, ``paper`` or
-    ``all``.
+    """Return the objects of a text: numbers or names separated by commas, ``paper``,
+    ``all``, or ``random:COUNT:SEED`` for as many that are drawn.
 
     Raises `ConfigError` for an unknown one.
     """
+    if names.startswith("random"):
+        return _random_objects(names)
     if names == "all":
         return list(catalogue())
     if names == "paper":
         return [obj for obj in catalogue() if obj.number in PAPER]
     return [find(name.strip()) for name in names.split(",")]
+
+
+def _random_objects(names: str) -> list[SimulatedObject]:
+    matched = re.fullmatch(r"random:(\d{1,4}):(\d{1,9})", names)
+    count = int(matched[1]) if matched else 0
+    if not matched or not 0 < count <= MOST_OBJECTS:
+        raise ConfigError(
+            f"objects {names!r}: wanted random:COUNT:SEED with a COUNT of 1 to "
+            f"{MOST_OBJECTS}, such as random:48:7"
+        )
+    return list(draw_objects(count, int(matched[2])))
 
 
 def plan_recordings(

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone simulate objects",
+    "tactophone simulate objects --objects random:48:7",
     "tactophone simulate dataset simulated --objects 0,5 --takes "
     "short_light,long_light --seconds 2",
     "tactophone simulate competition competition --runs 1",
@@ -25,10 +26,10 @@ EXAMPLES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_action = options.add_actions(parser)
-    words = "list the catalogue of objects with their true roughness"
-    options.add_json(
-        add_action("objects", words, _objects), "print JSON instead of a table"
-    )
+    words = "list objects, of the catalogue or drawn at random, with their roughness"
+    listing = add_action("objects", words, _objects)
+    _add_objects(listing.add_argument, default="all")
+    options.add_json(listing, "print JSON instead of a table")
     words = (
         "render the paper's data set, seven takes of each object; continues after "
         "an interruption"
@@ -43,11 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="length of a take, %(type)s",
     )
-    words = (
-        "numbers or names separated by commas, 'paper' for the paper's 23, or "
-        "'all' for the catalogue"
-    )
-    add("--objects", default="paper", metavar="LIST", help=words)
+    _add_objects(add, default="paper")
     words = f"takes separated by commas, of {takes}; or 'all'"
     add("--takes", default="all", metavar="LIST", help=words)
     add(
@@ -145,6 +142,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
+def _add_objects(add: Callable[..., object], *, default: str) -> None:
+    words = (
+        "numbers or names separated by commas, 'paper' for the paper's 23, 'all' for "
+        "the catalogue, or random:COUNT:SEED for objects drawn at random"
+    )
+    add("--objects", default=default, metavar="LIST", help=words)
+
+
 def _add_sound(add: Callable[..., object]) -> None:
     add(
         "out",
@@ -164,9 +169,9 @@ def _add_sound(add: Callable[..., object]) -> None:
 
 
 def _objects(args: argparse.Namespace) -> int:
-    from tactophone_lab.simulation.catalogue import catalogue
+    from tactophone_lab.app.simulate import objects_named
 
-    rows = [_row(obj) for obj in catalogue()]
+    rows = [_row(obj) for obj in objects_named(args.objects)]
     table = [
         {
             key.replace("_um", " (µm)"): f"{cell:.2f}"
