@@ -1,7 +1,11 @@
+import tracemalloc
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock
+from tactophone.signal.perception import noise_floor
 from tactophone.signal.perception.noise_floor import (
     LOWEST_DBFS,
     RecordingFloor,
@@ -13,11 +17,16 @@ RATE = 48_000
 
 
 def floor_of(samples: np.ndarray, size: int = 4800) -> RecordingFloor:
-    return measure_floor(blocks(samples, size), sample_rate=RATE, rule="banded")
+    return floor_of_parts([samples], size)
 
 
-def touched(gain_db: float = 0.0) -> np.ndarray:
-    samples = noise(level_dbfs=-50, duration=4.0, channels=1)
+def floor_of_parts(parts: Iterable[np.ndarray], size: int = 4800) -> RecordingFloor:
+    sound = (block for part in parts for block in blocks(part, size))
+    return measure_floor(sound, sample_rate=RATE, rule="banded")
+
+
+def touched(gain_db: float = 0.0, seed: int = 0) -> np.ndarray:
+    samples = noise(level_dbfs=-50, duration=4.0, channels=1, seed=seed)
     swell = 0.1 * np.abs(np.sin(2 * np.pi * 1.2 * np.arange(2 * RATE) / RATE))[
         :, None
     ].astype(np.float32)
@@ -91,3 +100,31 @@ def test_a_fade_at_the_end_leaves_the_floor_known() -> None:
     samples = touched()
     samples[-4800:] *= np.linspace(1, 0, 4800, dtype=np.float32)[:, None]
     assert floor_of(samples).known
+
+
+def test_the_floor_of_a_long_recording_takes_no_more_memory_and_stays_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = floor_of_parts(strokes(60))
+    monkeypatch.setattr(noise_floor, "MOST_LEVELS", 2_000)
+    monkeypatch.setattr(noise_floor, "MOST_CELLS", 400)
+    thinned = floor_of_parts(strokes(60))
+    assert thinned.known
+    assert thinned.threshold_dbfs == pytest.approx(whole.threshold_dbfs, abs=0.05)
+    assert thinned.loudest_dbfs == whole.loudest_dbfs
+    assert peak_of_floor(60) < 1.1 * peak_of_floor(30)
+
+
+def strokes(count: int) -> Iterator[np.ndarray]:
+    """Yield strokes of 2 s with silence around them, 4 s each, at other noise."""
+    for seed in range(count):
+        yield touched(seed=seed)
+
+
+def peak_of_floor(count: int) -> int:
+    """Return the most bytes that a floor of so many strokes took at once."""
+    tracemalloc.start()
+    floor_of_parts(strokes(count))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak

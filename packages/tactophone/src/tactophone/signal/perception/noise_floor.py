@@ -23,16 +23,17 @@ import functools
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.core.microphones import CONTACT
-from tactophone.core.types import AudioBlock
+from tactophone.core.types import AudioBlock, FloatArray
 from tactophone.signal.perception.levels import (
     BANDS,
     BANDS_HOP,
@@ -352,6 +353,14 @@ pause."""
 LEAST_PART = 0.05
 """Share of a recording that each of these two parts has at least."""
 
+MOST_LEVELS = 100_000
+"""Levels of a recording that are kept, a quarter of an hour; of a longer one every
+second, fourth and so on, so that memory does not grow with its length."""
+
+MOST_CELLS = 4_096
+"""The same for the cells of its floor, whose bands take 5 MB: seven minutes of
+silence. Their quantile over so many differs by 0.02 dB from that of all."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordingFloor:
@@ -396,46 +405,135 @@ def measure_floor(
     ``false_alarms`` is the wanted share of the time without contact that counts as
     contact.
     """
-    every, bands = _levels(blocks, sample_rate=sample_rate, rule=rule)
-    # Digital silence is no floor.
-    levels = [level for level in every if level > FLOOR_SILENT_DBFS]
+    every, heard = _Thinned[float](MOST_LEVELS), _Thinned[float](MOST_LEVELS)
+    cells = _Cells(SPREAD_DB[rule])
+    loudest = -math.inf
+    for level, bands in _levels(blocks, sample_rate=sample_rate, rule=rule):
+        every.add(level)
+        # Digital silence is no floor.
+        if level > FLOOR_SILENT_DBFS:
+            heard.add(level)
+            loudest = max(loudest, level)
+            cells.add(level, bands)
     unknown = RecordingFloor(
         LOWEST_DBFS,
         math.nan,
-        max(levels, default=-math.inf),
-        gated=_parts_db(every) > GATED_DB,
+        loudest,
+        gated=_parts_db(every.kept) > GATED_DB,
     )
-    starts = range(0, len(levels) - FLOOR_CELL + 1, FLOOR_CELL // 2)
-    cells = [
-        (statistics.fmean(part), statistics.pstdev(part), at)
-        for at in starts
-        if (part := levels[at : at + FLOOR_CELL])
-    ]
-    steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
-    same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
+    same = cells.of_the_floor()
     if (
         len(same) < LEAST_CELLS
-        or same[0][0] > min(mean for mean, *_ in cells) + SAME_FLOOR_DB
+        or cells.quietest_steady > cells.quietest + SAME_FLOOR_DB
     ):
         return unknown
-    floor = statistics.fmean(mean for mean, *_ in same)
-    inner = levels[FLOOR_FADE:-FLOOR_FADE]
+    floor = statistics.fmean(cell.mean for cell in same)
+    fade = FLOOR_FADE // heard.every
+    inner = heard.kept[fade : len(heard.kept) - fade]
     if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
         return unknown
     spread = math.sqrt(
-        statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread, _ in same)
+        statistics.fmean(cell.spread**2 + (cell.mean - floor) ** 2 for cell in same)
     )
     threshold = min(
         max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS
     )
-    quiet = np.concatenate([bands[at : at + FLOOR_CELL] for _, _, at in same])
+    quiet = np.concatenate([cell.bands for cell in same])
     return RecordingFloor(
         threshold,
         floor,
-        unknown.loudest_dbfs,
+        loudest,
         spread,
         tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
     )
+
+
+Item = TypeVar("Item")
+
+
+class _Thinned(Generic[Item]):
+    """Keeps every item of a stream until there are ``most``, then every second, fourth
+    and so on: a sample of a long recording, and the whole of a short one.
+
+    - ``kept``: the items kept; ``every``: one of how many these are.
+
+    >>> thinned = _Thinned(4)
+    >>> for item in range(9):
+    ...     thinned.add(item)
+    >>> thinned.kept, thinned.every
+    ([0, 4, 8], 4)
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._seen = 0
+        self.kept: list[Item] = []
+        self.every = 1
+
+    def add(self, item: Item) -> None:
+        if self._seen % self.every == 0:
+            self.kept.append(item)
+        self._seen += 1
+        if len(self.kept) > self._most:
+            del self.kept[1::2]
+            self.every *= 2
+
+    def keep(self, wanted: Callable[[Item], bool]) -> None:
+        """Drop the items that are not wanted any more; with none left it begins
+        anew."""
+        self.kept = [item for item in self.kept if wanted(item)]
+        if not self.kept:
+            self._seen, self.every = 0, 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cell:
+    """Levels of 0.2 s, with the bands at each."""
+
+    mean: float
+    spread: float
+    bands: Floats
+
+
+class _Cells:
+    """Groups levels to cells, each half over the one before, and keeps the steady ones
+    that may belong to the floor: those near the quietest.
+
+    - ``quietest``, ``quietest_steady``: least mean of all cells, and of steady ones.
+    """
+
+    def __init__(self, spread_db: float) -> None:
+        self._spread_db = spread_db
+        self._levels: list[float] = []
+        self._bands: list[FloatArray] = []
+        self._steady = _Thinned[_Cell](MOST_CELLS)
+        self.quietest = self.quietest_steady = math.inf
+
+    def add(self, level: float, bands: FloatArray) -> None:
+        self._levels.append(level)
+        self._bands.append(bands)
+        if len(self._levels) < FLOOR_CELL:
+            return
+        mean, spread = statistics.fmean(self._levels), statistics.pstdev(self._levels)
+        self.quietest = min(self.quietest, mean)
+        if spread <= self._spread_db:
+            self._add_steady(_Cell(mean, spread, np.array(self._bands)))
+        del self._levels[: FLOOR_CELL // 2]
+        del self._bands[: FLOOR_CELL // 2]
+
+    def of_the_floor(self) -> list[_Cell]:
+        """Return the steady cells near the quietest one, the quietest first."""
+        return sorted(self._steady.kept, key=lambda cell: (cell.mean, cell.spread))
+
+    def _add_steady(self, cell: _Cell) -> None:
+        if cell.mean < self.quietest_steady:
+            self.quietest_steady = cell.mean
+            self._steady.keep(self._is_near)
+        if self._is_near(cell):
+            self._steady.add(cell)
+
+    def _is_near(self, cell: _Cell) -> bool:
+        return cell.mean <= self.quietest_steady + SAME_FLOOR_DB
 
 
 def _parts_db(levels: Sequence[float]) -> float:
@@ -458,28 +556,33 @@ def _parts_db(levels: Sequence[float]) -> float:
 
 def _levels(
     blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule
-) -> tuple[list[float], Floats]:
-    """Return the level over 32 ms in dBFS a hundred times a second, and the levels of
-    the bands where it is no digital silence."""
+) -> Iterator[tuple[float, FloatArray]]:
+    """Yield the level over 32 ms in dBFS a hundred times a second, and the levels of
+    the bands there."""
     steps = StepLevels(rule, sample_rate=sample_rate)
     every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)
-    contacts = (block.samples.T[CONTACT : CONTACT + 1] for block in blocks)
-    measured = [
-        (steps.push(each)[0], [rows[0] for rows in bands.push(each)])
-        for each in contacts
-    ]
-    powers = np.concatenate([np.zeros(0), *(each for each, _ in measured)])
-    if len(powers) < covered:
-        return [], np.zeros((0, BANDS))
-    rows = np.array([row for _, some in measured for row in some]).reshape(-1, BANDS)
-    totals = sliding_window_view(powers, covered)[::every].mean(axis=1)
-    # The bands' windows are twice as long, and end nearly where the level's do.
-    ends = np.minimum(
-        (np.arange(len(totals)) * every + covered) // every, len(rows) - 1
-    )
-    decibels = 20 / steps.power * np.log10(np.maximum(totals, 1e-30))
-    heard = decibels > FLOOR_SILENT_DBFS
-    return decibels.tolist(), np.asarray(
-        rows[ends][heard] if len(rows) else np.zeros((heard.sum(), BANDS))
-    )
+    powers: Floats = np.zeros(0)
+    levels = deque[float]()
+    # The bands' windows are twice as long, and end nearly where the level's do: with
+    # the row after those that begin with or before the level.
+    row_after = covered // every
+    rows = deque[FloatArray]()
+    last_row: FloatArray = np.zeros(BANDS, np.float32)
+    for block in blocks:
+        contact = block.samples.T[CONTACT : CONTACT + 1]
+        powers = np.concatenate([powers, steps.push(contact)[0]])
+        ready = max(0, (len(powers) - covered) // every + 1)
+        if ready:
+            windows = sliding_window_view(powers, covered)[::every]
+            totals = np.maximum(windows.mean(axis=1), 1e-30)
+            levels.extend((20 / steps.power * np.log10(totals)).tolist())
+            powers = powers[ready * every :]
+        rows.extend(row[0] for row in bands.push(contact))
+        while levels and len(rows) > row_after:
+            yield levels.popleft(), rows[row_after]
+            last_row = rows.popleft()
+    # At the end, the last row stands for those that are not complete.
+    last_row = rows[-1] if rows else last_row
+    for at, level in enumerate(levels, row_after):
+        yield level, rows[at] if at < len(rows) else last_row
