@@ -67,7 +67,7 @@ tips: sets
 PAPER         = build/paper
 PAPER_SECONDS = 30
 PAPER_RECIPES = examples/recipes/tables/*.toml
-PAPER_DATA    = $(PAPER)/box $(PAPER)/hard
+PAPER_DATA    = $(PAPER)/box $(PAPER)/finals
 PAPER_PAGE    = $(PAPER)/tables.md
 SIMULATED     = $(filter $(PAPER)/box,$(PAPER_DATA))
 comma := ,
@@ -76,9 +76,9 @@ empty :=
 paper: $(READY)  ## the paper's tables, in build/paper/tables.md
 	mkdir -p $(PAPER)
 	$(if $(SIMULATED),$(BIN)/python -m tactophone simulate dataset $(PAPER)/box --authors-layout --opus --seconds $(PAPER_SECONDS))
-	$(if $(SIMULATED),for task in box hard; do \
-	  $(BIN)/python -m tactophone simulate competition $(PAPER)/$$task --authors-layout --task $$task || exit; done)
-	$(if $(SIMULATED),cp -al $(PAPER)/box/opus $(PAPER)/hard/ 2>/dev/null || cp -r $(PAPER)/box/opus $(PAPER)/hard/)
+	$(if $(SIMULATED),$(BIN)/python -m tactophone simulate dataset $(PAPER)/finals --authors-layout --opus --levels derived --seconds $(PAPER_SECONDS))
+	$(if $(SIMULATED),for task in box finals; do \
+	  $(BIN)/python -m tactophone simulate competition $(PAPER)/$$task --authors-layout --opus --task $$task || exit; done)
 	{ echo "# The paper's tables" && echo && \
 	  echo "Made by \`make paper\` on $$(date -u +%F) at commit $$(git rev-parse --short HEAD), seed 0, $(PAPER_SECONDS) s a take." && \
 	  $(BIN)/python benchmarks/paper_tables.py 1 2 $(PAPER_DATA:%=--data %) --cache $(PAPER)/cache --form markdown \

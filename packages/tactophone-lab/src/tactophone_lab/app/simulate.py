@@ -25,6 +25,7 @@ from tactophone_lab.simulation.competition import (
     write_run,
 )
 from tactophone_lab.simulation.random_objects import MOST_OBJECTS, draw_objects
+from tactophone_lab.simulation.recording_levels import electronics
 from tactophone_lab.simulation.render import (
     RenderJob,
     RenderOptions,
@@ -80,7 +81,8 @@ def plan_recordings(
     scenarios: bool = False,
 ) -> tuple[RenderJob, ...]:
     """Plan the recordings of a data set; raises `ConfigError` if the authors' layout
-    cannot name them."""
+    cannot name them, or if their levels say nothing of the tip."""
+    electronics(options.levels, hall=options.hall, tip=options.tip)
     if options.authors_layout:
         _check_layout(options.tip)
         if scenarios or any(obj.number not in PAPER for obj in objects):
@@ -124,13 +126,15 @@ def plan_competition(
     seed: int = 0,
     tip: str = DEFAULT_TIP,
     authors_layout: bool = False,
+    opus: bool = False,
 ) -> list[CompetitionRun]:
     """Plan a number of runs a day over five stones; raises `ConfigError` for a tip that
-    the authors' layout does not have."""
+    the authors' layout or the task's levels do not have."""
     if authors_layout:
         _check_layout(tip)
+    electronics(TASKS[task].levels, hall=True, tip=tip)
     return [
-        CompetitionRun(day, number, seed, tip, TASKS[task])
+        CompetitionRun(day, number, seed, tip, TASKS[task], opus)
         for day in DAYS
         for number in range(1, runs + 1)
     ]

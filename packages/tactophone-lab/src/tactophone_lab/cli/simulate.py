@@ -62,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="in the competition's noise: a hall full of people, and running motors",
     )
+    words = (
+        "gains and noise of the microphones: first, as the shipped models were "
+        "trained; derived, from data sheets and the authors' code (default: "
+        "%(default)s)"
+    )
+    add("--levels", choices=("first", "derived"), default="first", help=words)
     add(
         "--authors-layout",
         action="store_true",
@@ -108,8 +114,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="runs per day, %(type)s",
     )
-    words = "hard: stones almost alike, touched lightly through a damped pad"
-    add("--task", choices=("box", "hard"), default="box", help=words)
+    words = (
+        "finals: levels from data sheets and the authors' code, knobs set anew each "
+        "day, light, slow and short touches"
+    )
+    add("--task", choices=("box", "finals"), default="box", help=words)
+    add(
+        "--opus",
+        action="store_true",
+        help="pass the sound through Opus, as the operator's side gets it",
+    )
     add(
         "--authors-layout",
         action="store_true",
@@ -215,6 +229,7 @@ def _dataset(args: argparse.Namespace) -> int:
         tip=args.tip,
         gain_db=args.gain,
         tilt=args.tilt,
+        levels=args.levels,
     )
     objects = objects_named(args.objects)
     takes = takes_named(args.takes)
@@ -252,6 +267,7 @@ def _competition(args: argparse.Namespace) -> int:
         seed=args.seed,
         tip=args.tip,
         authors_layout=args.authors_layout,
+        opus=args.opus,
     )
     output.make_folder(args.out)
     if args.authors_layout:

@@ -10,11 +10,13 @@ import numpy as np
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
-from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.motion import Scene, five_stones
+from tactophone_lab.simulation.recording_levels import FIRST, electronics
 from tactophone_lab.simulation.render import (
     RenderMetadata,
     read_render_metadata,
+    through_opus,
     touch_segments,
     write_sound,
 )
@@ -32,50 +34,55 @@ _START = (-0.05, 0.035)
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """How hard the stones are to tell apart.
+    """How the stones are explored, and with which set-up.
 
     Parameters
     ----------
-    force, speed
-        Ranges of newtons and of peak m/s that a visit is drawn from.
+    force, speed, visit
+        Ranges of newtons, of peak m/s and of seconds that a visit is drawn from.
     slips
         Share of stones that the finger leaves over the edge; the paper saw one false
         positive from this (section V-B).
-    paint
-        Share of the smooth stones' geometry in the rough ones', 0 to 1, where both
-        kinds are alike.
-    damping
-        Factor of the pad's loss, along and across, as of a glove over it; what the tip
-        radiates falls by as much.
+    levels
+        Gains and noise, one of `~tactophone_lab.simulation.recording_levels.LEVELS`.
+    knob_db, hum_db
+        Both preamplifiers are set anew each day, within this many dB either way; and
+        the hum of another building is within this many dB.
     """
 
     force: tuple[float, float] = (0.5, 2.5)
     speed: tuple[float, float] = (0.04, 0.14)
+    visit: tuple[float, float] = (2.0, 4.0)
     slips: float = 0.35
-    paint: float = 0.0
-    damping: float = 1.0
+    levels: str = FIRST
+    knob_db: float = 0.0
+    hum_db: float = 0.0
 
     def session(self, seed: int, tip: str) -> SessionVariation:
-        drawn = SessionVariation.draw(seed, COMPETITION, tip=tip)
-        finger, factor = drawn.finger, self.damping
-        return replace(
-            drawn,
-            finger=finger._replace(
-                pad_damping=finger.pad_damping * factor,
-                shear_damping=finger.shear_damping * factor,
-                pad_radiation=finger.pad_radiation / factor,
-                shear_radiation=finger.shear_radiation / factor,
-            ),
-        )
+        """Return a day's set-up."""
+        wired = electronics(self.levels, hall=True, tip=tip)
+        drawn = SessionVariation.draw(seed, wired, tip=tip)
+        rng = np.random.default_rng([0xDA1, seed])
+        contact_db, air_db = rng.uniform(-self.knob_db, self.knob_db, 2)
+        set_anew = drawn.electronics.amplified(contact_db, air_db)
+        hum_dbfs = set_anew.contact_hum_dbfs + rng.uniform(-self.hum_db, self.hum_db)
+        return replace(drawn, electronics=set_anew._replace(contact_hum_dbfs=hum_dbfs))
 
 
 TASKS = {
     "box": Task(),
-    "hard": Task(
-        force=(0.2, 0.9), speed=(0.03, 0.1), slips=0.6, paint=0.92, damping=2.0
+    "finals": Task(
+        force=(0.2, 1.5),
+        speed=(0.02, 0.08),
+        visit=(1.0, 3.0),
+        slips=0.15,
+        levels="derived",
+        knob_db=3.0,
+        hum_db=3.0,
     ),
 }
-"""By the word of ``tactophone simulate competition --task``."""
+"""By the word of ``tactophone simulate competition --task``. What sets `finals` apart is
+derived in docs/research/recording-levels.md, written before it was scored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,8 @@ class CompetitionRun:
     seed: int = 0
     tip: str = DEFAULT_TIP
     task: Task = TASKS["box"]
+    opus: bool = False
+    """Whether the sound passes through Opus, as the operator's side gets it."""
 
     @property
     def name(self) -> str:
@@ -98,12 +107,12 @@ class CompetitionRun:
         """Everything that the sound depends on."""
         return (
             f"competition {COMPETITION_VERSION} {self.seed} {self.name} {self.tip} "
-            f"{self.task}"
+            f"{self.task} {self.opus}"
         )
 
     @property
     def scene(self) -> Scene:
-        return five_stones(self.order, paint=self.task.paint)
+        return five_stones(self.order)
 
     @property
     def order(self) -> tuple[Touch, ...]:
@@ -126,7 +135,7 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
     scene = run.scene
     for placed in scene.placed:
         visit = Visit(
-            rng.uniform(2, 4),
+            rng.uniform(*run.task.visit),
             log_uniform(rng, run.task.force),
             log_uniform(rng, run.task.speed),
             slips=rng.random() < run.task.slips,
@@ -138,7 +147,8 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
     finger = SimulatedFinger(
         scene, script.moves, session=session, seed=seed, place=_START
     )
-    return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
+    samples = finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples
+    return through_opus(samples) if run.opus else samples, finger.truth
 
 
 def write_run(folder: Path, run: CompetitionRun, *, bits: int = 16) -> None:
@@ -157,6 +167,9 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
     properties = {
         "stones": " ".join(label.name.lower() for label in run.order),
         "split": "competition",
+        "ra_um": " ".join(
+            f"{placed.object.roughness.ra * 1e6:.2f}" for placed in run.scene.placed
+        ),
         "tip": run.tip,
         "source": "simulated",
     }

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.core.types import Touch
-from tactophone_lab.simulation.catalogue import SimulatedObject, akin, find, surface
+from tactophone_lab.simulation.catalogue import SimulatedObject, find, surface
 from tactophone_lab.simulation.contact import Array, Motion
 from tactophone_lab.simulation.mechanics import compiled
 from tactophone_lab.simulation.modes import Body, Mounting
@@ -288,12 +288,9 @@ def row(objects: Sequence[SimulatedObject], *, pitch: float = 0.11) -> Scene:
     return Scene(tuple(placed), _ground("mat", objects[0].mounting))
 
 
-def five_stones(order: Sequence[Touch], *, paint: float = 0.0) -> Scene:
+def five_stones(order: Sequence[Touch]) -> Scene:
     """Place the competition's stones on an anti-slip mat in a box, smooth or rough in
     this order.
-
-    ``paint`` fills the rough ones: it is the share of the smooth stones' geometry in
-    theirs.
 
     >>> scene = five_stones([Touch.ROUGH, Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH, Touch.SMOOTH])
     >>> [placed.object.label.name for placed in scene.placed][:2], scene.ground.name
@@ -301,8 +298,6 @@ def five_stones(order: Sequence[Touch], *, paint: float = 0.0) -> Scene:
     """
     smooth = find("smooth competition stone")
     rough = [replace(find(name), mounting=Mounting.MAT) for name in ("20", "22")]
-    if paint:
-        rough = [akin(stone, smooth, paint) for stone in rough]
     return row(
         [
             rough[k % 2] if label is Touch.ROUGH else smooth

@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,9 +34,10 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 from tactophone.net.link.codec import Codec, encode_and_decode
 from tactophone_lab.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone_lab.simulation.finger import tip_named
-from tactophone_lab.simulation.microphone_models import COMPETITION, SessionVariation
+from tactophone_lab.simulation.microphone_models import SessionVariation
 from tactophone_lab.simulation.modes import Mounting
 from tactophone_lab.simulation.motion import Move, MoveFollower, Scene, single
+from tactophone_lab.simulation.recording_levels import FIRST, LEVELS, electronics
 from tactophone_lab.simulation.source import SimulatedFinger, Truth
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES, Take
@@ -178,6 +179,10 @@ class RenderOptions:
     clip."""
     tilt: float = 0.0
     """Degrees between the bed's axis and the surface's normal (`Finger.tilted`)."""
+    levels: str = field(default=FIRST, repr=False)
+    """Gains and noise, one of `~tactophone_lab.simulation.recording_levels.LEVELS`. Not
+    in the ``repr`` that rendered files are hashed by, so that the files of the shipped
+    models' cards keep their hash."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +206,10 @@ class RenderJob:
     def fingerprint(self) -> str:
         """A hash of everything that the sound depends on."""
         tip = tip_named(self.options.tip)
+        chosen = self.options.levels
+        levels = "" if chosen == FIRST else repr(LEVELS[chosen])
         return hashlib.sha256(
-            f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()
+            f"{RENDER_VERSION} {self!r} {SessionVariation()!r} {tip!r}{levels}".encode()
         ).hexdigest()[:16]
 
     @property
@@ -282,11 +289,12 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     truth."""
     scene = single(job.object, job.mounting)
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
-    hall = COMPETITION if job.options.hall else None
-    session = SessionVariation.draw(job.session, hall, tip=job.options.tip)
-    electronics = session.electronics.amplified(job.options.gain_db)
+    wired = electronics(job.options.levels, hall=job.options.hall, tip=job.options.tip)
+    session = SessionVariation.draw(job.session, wired, tip=job.options.tip)
     session = replace(
-        session, electronics=electronics, finger=session.finger.tilted(job.options.tilt)
+        session,
+        electronics=session.electronics.amplified(job.options.gain_db),
+        finger=session.finger.tilted(job.options.tilt),
     )
     finger = SimulatedFinger(
         scene,
@@ -296,12 +304,15 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
         place=scene.placed[0].centre,
     )
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
-    if not job.options.opus:
-        return block.samples, finger.truth
-    # By the link's codec, without its look-ahead, as the paper did with its training
-    # sound.
+    samples = through_opus(block.samples) if job.options.opus else block.samples
+    return samples, finger.truth
+
+
+def through_opus(samples: FloatArray) -> FloatArray:
+    """Return sound as the link's codec passes it, without its look-ahead: the paper did
+    so with its training sound."""
     codec = Codec("opus", channels=2, packet_size=480, bandwidth=20_000)
-    return encode_and_decode(block.samples, codec), finger.truth
+    return encode_and_decode(samples, codec)
 
 
 def _metadata(folder: Path, job: RenderJob) -> RenderMetadata | None:
@@ -349,6 +360,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         "source": "simulated",
         **({"gain_db": f"{job.options.gain_db:g}"} if job.options.gain_db else {}),
         **({"tilt": f"{job.options.tilt:g}"} if job.options.tilt else {}),
+        **({"levels": job.options.levels} if job.options.levels != FIRST else {}),
     }
     return Recording(
         folder / job.name,
