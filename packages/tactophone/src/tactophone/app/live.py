@@ -25,7 +25,9 @@ class Live:
     """
 
     def __init__(self, source: Source, pipeline: Pipeline, *, at_pace: bool) -> None:
-        self._source, self._pipeline, self._at_pace = source, pipeline, at_pace
+        self._source = source
+        self._pipeline = pipeline
+        self._at_pace = at_pace
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._moving = False
@@ -74,7 +76,8 @@ class Live:
         """
         if self._thread:
             self._thread.join(timeout)
-        error, self._error = self._error, None
+        error = self._error
+        self._error = None
         if error:
             raise error
         return not (self._thread and self._thread.is_alive())

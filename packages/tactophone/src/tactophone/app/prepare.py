@@ -71,10 +71,8 @@ class Preparation:
         """Read a source to its end, and return what to change but for the gain."""
         peak, total, railed = np.zeros((3, source.channels))
         count = invalid = 0
-        meter, detector = (
-            HumMeter(source.sample_rate, source.channels),
-            health.FaultDetector(source.sample_rate),
-        )
+        meter = HumMeter(source.sample_rate, source.channels)
+        detector = health.FaultDetector(source.sample_rate)
         faults: dict[health.SensorFault, None] = {}
         sounding = frozenset[int]()
         with source:

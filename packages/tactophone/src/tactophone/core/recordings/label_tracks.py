@@ -98,7 +98,8 @@ def _event(
     if not any(row[name] for name in EVENT_COLUMNS):
         return None  # a file without events has a line without times
     try:
-        start, end = float(row["onset"]), float(row["offset"])
+        start = float(row["onset"])
+        end = float(row["offset"])
     except ValueError:
         message = (
             f"line {line}: onset and offset are {row['onset']!r} and "

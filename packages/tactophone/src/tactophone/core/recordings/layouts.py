@@ -151,7 +151,8 @@ def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]
         return segments
     for line, row in rows(manifest, required=("file", "start_s", "end_s", "label")):
         try:
-            start, end = float(row["start_s"]), float(row["end_s"])
+            start = float(row["start_s"])
+            end = float(row["end_s"])
         except ValueError:
             message = (
                 f"line {line}: start_s and end_s are {row['start_s']!r} and "

@@ -71,7 +71,8 @@ def foreign_target(path: Path, folder: Path) -> Path | None:
     To it belong the folder itself and, for a snapshot of Hugging Face's client, the
     regular files in the ``blobs/`` beside it.
     """
-    target, whole = path.resolve(), folder.resolve()
+    target = path.resolve()
+    whole = folder.resolve()
     if target.is_relative_to(whole):
         return None
     blobs = _blobs_of(whole)
@@ -115,7 +116,8 @@ def name_below(path: Path, folder: Path) -> Path:
 
     Raises `ValueError` if the path is not below the folder.
     """
-    plain, whole = Path(os.path.abspath(path)), Path(os.path.abspath(folder))
+    plain = Path(os.path.abspath(path))
+    whole = Path(os.path.abspath(folder))
     if plain.is_relative_to(whole):
         return plain.relative_to(whole)
     return path.resolve().relative_to(folder.resolve())

@@ -235,7 +235,8 @@ def manifests_in(folder: Path) -> list[Path]:
 def _parse(
     row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]
 ) -> Recording | None:
-    name, folder = row["file_name"], manifest.parent
+    name = row["file_name"]
+    folder = manifest.parent
     path = named_file(folder, name, manifest=manifest, line=line, problems=problems)
     if path is None:
         return None

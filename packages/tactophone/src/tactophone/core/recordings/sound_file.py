@@ -407,7 +407,8 @@ def _walk_flac(file: io.BufferedReader, size: int) -> _Container:
 
 
 def _end_of_metadata(file: io.BufferedReader) -> int:
-    place, last = 4, False
+    place = 4
+    last = False
     while not last:
         file.seek(place)
         head = file.read(4)
@@ -523,7 +524,9 @@ _CRC_TABLES = {8: _crc_table(0x07, 8), 16: _crc_table(0x8005, 16)}
 
 
 def _crc(content: bytes, *, bits: int) -> int:
-    table, rest, mask = _CRC_TABLES[bits], 0, (1 << bits) - 1
+    table = _CRC_TABLES[bits]
+    rest = 0
+    mask = (1 << bits) - 1
     for byte in content:
         rest = (rest << 8 & mask) ^ table[rest >> (bits - 8) ^ byte]
     return rest

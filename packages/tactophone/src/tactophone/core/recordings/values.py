@@ -175,7 +175,8 @@ class Recording:
         channels.
         """
         with open_sound(self.path) as file:
-            order, start = self._order(file, channels, single), 0
+            order = self._order(file, channels, single)
+            start = 0
             for samples in file.blocks(size, dtype="float32", always_2d=True):
                 yield AudioBlock(_pick(samples, order), int(file.samplerate), start)
                 start += len(samples)

@@ -67,7 +67,8 @@ class FoxgloveBridge:
     def __init__(
         self, name: str, address: str = FOXGLOVE_ADDRESS, *, token: str = ""
     ) -> None:
-        self.name, self.token = name, token
+        self.name = name
+        self.token = token
         self._reader = RunReader(name)
         self._sound = SoundMessages(self._reader.names)
         shown = [
@@ -220,7 +221,8 @@ class _Viewer:
         latched: dict[str, Message],
     ) -> None:
         self.socket = view
-        self._shown, self._latched = shown, latched
+        self._shown = shown
+        self._latched = latched
         self._subscribed: dict[
             int, int
         ] = {}  # channel -> the viewer's number of the subscription

@@ -65,7 +65,9 @@ class OscBridge:
             raise ConfigError(
                 f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none"
             )
-        self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
+        self._address = (host, int(port))
+        self._listen = listen
+        self._avatar = avatar
         self._reader = PredictionReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
         self._inbound: socket.socket | None = None
@@ -107,7 +109,8 @@ class OscBridge:
                     self.counts["not sent"] += 1
 
     def _messages(self, passed: Passed) -> list[tuple[str, Any]]:
-        base, command = f"/tactophone/{passed.finger}", passed.command
+        base = f"/tactophone/{passed.finger}"
+        command = passed.command
         messages: list[tuple[str, Any]] = [
             (f"{base}/prediction", list(passed.prediction.probabilities)),
             (f"{base}/roughness", passed.roughness),

@@ -61,7 +61,8 @@ stands."""
 MOST_JOINTS = 256
 """Joints whose speeds are kept: whoever sends others sends new ones without end."""
 
-LOWEST_RATE, HIGHEST_RATE = 2_000, 192_000
+LOWEST_RATE = 2_000
+HIGHEST_RATE = 192_000
 
 _SAMPLE = np.dtype("<i2")
 
@@ -162,7 +163,8 @@ class JointMotion:
                 speeds[name] = (place - before) / (time - then)
         self._speeds |= speeds
         if len(self._speeds) > MOST_JOINTS or len(self._places) > MOST_JOINTS:
-            self._speeds, self._places = {}, {}
+            self._speeds = {}
+            self._places = {}
         # A comparison with NaN is false: a joint whose speed is not known does not
         # move.
         self.moving = any(
@@ -199,8 +201,10 @@ class RosBridge:
         domain: int | None = None,
         over: str = "dds",
     ) -> None:
-        self._name, self._publishes = name, publish
-        self._domain, self._over = default_domain() if domain is None else domain, over
+        self._name = name
+        self._publishes = publish
+        self._domain = default_domain() if domain is None else domain
+        self._over = over
         self._reader = PredictionReader(name, finger=finger)
         self._sinks = [
             sink
@@ -210,7 +214,8 @@ class RosBridge:
         self._snapshots: dict[str, Snapshot] = {}
         self._beat, self._motion, self._moving = 0, JointMotion(), False
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
-        self._diagnosed_at, self._sound_at = -DIAGNOSTICS_INTERVAL, 0.0
+        self._diagnosed_at = -DIAGNOSTICS_INTERVAL
+        self._sound_at = 0.0
 
     def __enter__(self) -> Self:
         self._transport: Transport
@@ -353,10 +358,8 @@ class RosSource(AlwaysOpen):
     def __init__(self, topic: str, *, domain: int | None = None) -> None:
         self.faults: Counter[str] = Counter()
         self._topic = topic
-        dds, name = (
-            DdsTransport(default_domain() if domain is None else domain),
-            topic.lstrip("/"),
-        )
+        dds = DdsTransport(default_domain() if domain is None else domain)
+        name = topic.lstrip("/")
         info = dds.reader(f"{name}_info", messages.AudioInfo, latched=True)
         self._reader = dds.reader(name, messages.AudioDataStamped)
         self.sample_rate, self.channels = self._format(info)
@@ -395,11 +398,9 @@ class RosSource(AlwaysOpen):
         )
 
     def _checked(self, info: Any) -> tuple[int, int]:
-        rate, channels, kind = (
-            info.sample_rate,
-            info.channels,
-            (info.coding_format, info.sample_format),
-        )
+        rate = info.sample_rate
+        channels = info.channels
+        kind = (info.coding_format, info.sample_format)
         if (
             kind != ("wave", "S16LE")
             or channels not in (1, 2)
@@ -434,7 +435,8 @@ class RosBag:
         self._folder = folder
         self._store = messages.open_type_store()
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._epoch, self._fingers = epoch, fingers
+        self._epoch = epoch
+        self._fingers = fingers
 
     def __enter__(self) -> Self:
         try:
@@ -487,7 +489,8 @@ class RosBag:
                 if step.commands
                 else HapticCommand(0.0, 0.0, prediction.end)
             )
-            sound, made = self._epoch + prediction.end, self._epoch + command.time
+            sound = self._epoch + prediction.end
+            made = self._epoch + command.time
             passed = Passed(
                 self._fingers[step.finger], prediction, command, sound, made, math.nan
             )

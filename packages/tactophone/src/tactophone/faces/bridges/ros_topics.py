@@ -139,8 +139,10 @@ INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
 def predicted(passed: Passed) -> dict[str, Any]:
     """Return the messages of a prediction and its command, by the topics of
     `PUBLISHED`."""
-    prediction, command = passed.prediction, passed.command
-    roughness, level_dbfs = passed.roughness, max(prediction.level_dbfs, _LOWEST_DBFS)
+    prediction = passed.prediction
+    command = passed.command
+    roughness = passed.roughness
+    level_dbfs = max(prediction.level_dbfs, _LOWEST_DBFS)
     return {
         "touch": StampedPrediction(
             header(passed.sound, passed.finger),

@@ -24,7 +24,8 @@ from tactophone.faces.bridges.ros_topics import open_type_store, type_name
 ROUTER = "tcp/localhost:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
-_VOLATILE, _TRANSIENT_LOCAL = "::,10:,:,:,,", ":1:,1:,:,:,,"
+_VOLATILE = "::,10:,:,:,,"
+_TRANSIENT_LOCAL = ":1:,1:,:,:,,"
 # Quality of service in a token: what differs from the defaults, here durability, and
 # the depth of the history.
 
@@ -109,7 +110,8 @@ class _Writer:
 
 class _Reader:
     def __init__(self, kind: Any, subscriber: Any) -> None:
-        self._kind, self._subscriber = kind, subscriber
+        self._kind = kind
+        self._subscriber = subscriber
 
     def take(self, N: int = 1) -> list[Any]:
         samples = (self._subscriber.try_recv() for _ in range(N))

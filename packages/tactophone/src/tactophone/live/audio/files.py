@@ -62,7 +62,8 @@ class FileSource:
         channels: Sequence[int] = (),
     ) -> None:
         self.path = Path(path)
-        self._block_size, self._loop = block_size, loop
+        self._block_size = block_size
+        self._loop = loop
         self._picked = list(channels)
         self._file: soundfile.SoundFile | None = None
         with open_file(self.path) as file:
@@ -154,12 +155,10 @@ class RecordedSource(ChangedSource):
     ) -> None:
         super().__init__(source)
         self.sample_rate = LIVE_SAMPLE_RATE
-        self._resample, self._label_at, self._time, self._duration = (
-            resample,
-            label_at,
-            0.0,
-            duration,
-        )
+        self._resample = resample
+        self._label_at = label_at
+        self._time = 0.0
+        self._duration = duration
 
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0

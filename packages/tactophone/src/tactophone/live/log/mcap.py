@@ -206,7 +206,8 @@ def read_log(path: Path) -> Iterator[LogEntry]:
         if isinstance(message, LogEnd):
             yield message
             continue
-        topic, data = message.topic, message.data
+        topic = message.topic
+        data = message.data
         try:
             if topic.name == log_topics.PACKETS.name:
                 yield from msgspec.json.decode(data, type=log_topics.Packets).arrivals
@@ -256,7 +257,9 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     file.seek(0)
     schemas: dict[int, log_topics.Schema] = {}
     channels: dict[int, Topic] = {}
-    complete, missed, found = False, 0, False
+    complete = False
+    missed = 0
+    found = False
     try:
         for record in _records(path, file):
             match record:

@@ -36,7 +36,8 @@ FASTEST_DRIFT = 1e-4
 """Largest relative drift between the microphone's clock and ours: cheap quartzes stay
 within 100 ppm."""
 
-_INFO, _WARNING = 2, 3
+_INFO = 2
+_WARNING = 3
 
 
 def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
@@ -159,7 +160,8 @@ class RunReader:
                 )
 
     def _state(self, now: float) -> Iterator[Message]:
-        state, before = self.watcher.state(), self._settled
+        state = self.watcher.state()
+        before = self._settled
         if len(state.fingers) != len(before.fingers):  # none is published yet
             return
         fingers = zip(state.fingers, before.fingers, strict=True)
@@ -242,7 +244,8 @@ class StreamClock:
     """
 
     def __init__(self) -> None:
-        self._least, self._at = math.inf, 0.0
+        self._least = math.inf
+        self._at = 0.0
 
     def follow(self, made: float, end: float) -> None:
         """Take a prediction of sound that ends at ``end`` (s of the stream), made at
@@ -369,7 +372,8 @@ class PredictionReader:
                 math.isfinite(command.amplitude) and math.isfinite(command.frequency)
             ):
                 command = HapticCommand(0.0, 0.0, command.time)
-            made, clock = self._epoch + float(row["made"]), self._clocks[place]
+            made = self._epoch + float(row["made"])
+            clock = self._clocks[place]
             clock.follow(made, prediction.end)
             yield Passed(
                 self.fingers[place],

@@ -40,10 +40,12 @@ from tactophone.net.link.packet import (
 JOINED = 0.02
 """Seconds of sound in a message, about as much as the schemas of Foxglove ask for."""
 
-_PACKET, _CONNECTED = 0, 2
+_PACKET = 0
+_CONNECTED = 2
 # First byte of an event of the link.
 
-_CODE, _CELT = 3, 16
+_CODE = 3
+_CELT = 16
 # Bits with the number of frames; the first configuration of CELT (RFC 6716 section
 # 3.1).
 
@@ -78,10 +80,8 @@ class SoundMessages:
         """Take a message of the run; yield those that its packets complete."""
         if topic == RUN.name:
             yield from self.flush()
-            self._epoch, self._stamps = (
-                msgspec.json.decode(data, type=RunStart).epoch,
-                None,
-            )
+            self._epoch = msgspec.json.decode(data, type=RunStart).epoch
+            self._stamps = None
         elif topic == PACKETS.name:
             for arrival in msgspec.json.decode(data, type=log_topics.Packets).arrivals:
                 for event in arrival.events:
@@ -111,11 +111,10 @@ class SoundMessages:
         )
         if self._stamps is None:
             # All times are counted from the arrival of the session's first packet.
-            self._stamps, self._begun = TimestampUnwrapper(), arrival
-        position, each = (
-            self._stamps.position(payload.timestamp),
-            len(parts) // len(self._names),
-        )
+            self._stamps = TimestampUnwrapper()
+            self._begun = arrival
+        position = self._stamps.position(payload.timestamp)
+        each = len(parts) // len(self._names)
         for number, (part, size) in enumerate(parts):
             finger = number // each
             topic = (
@@ -134,12 +133,14 @@ class SoundMessages:
             ):
                 yield from self._finish(joined)
             if not joined.frames:
-                joined.begun, joined.head = position, head
+                joined.begun = position
+                joined.head = head
             joined.frames.append(part[1:] if codec == "opus" else part)
             joined.end = position + size
 
     def _finish(self, joined: _Joined) -> Iterator[Message]:
-        frames, joined.frames = joined.frames, []
+        frames = joined.frames
+        joined.frames = []
         if not frames:
             return
         time = self._begun + joined.begun / LIVE_SAMPLE_RATE
@@ -148,12 +149,11 @@ class SoundMessages:
             2, nanoseconds % 10**9
         )
         if joined.topic.schema is log_topics.COMPRESSED_AUDIO:
-            data, ending = (
-                join_frames(joined.head, frames),
-                log_topics.octets(3, b"opus"),
-            )
+            data = join_frames(joined.head, frames)
+            ending = log_topics.octets(3, b"opus")
         else:
-            data, ending = b"".join(frames), log_topics.octets(3, b"pcm-s16")
+            data = b"".join(frames)
+            ending = log_topics.octets(3, b"pcm-s16")
             ending += log_topics.fixed32(4, LIVE_SAMPLE_RATE) + log_topics.fixed32(
                 5, joined.channels
             )

@@ -194,7 +194,8 @@ class Finder:
         on."""
         refresh_channels_in_time()
         turn = await self._turn.resolve() if self._turn else None
-        user, password = secrets.token_hex(4), secrets.token_hex(16)
+        user = secrets.token_hex(4)
+        password = secrets.token_hex(16)
 
         def connection(
             policy: aioice.TransportPolicy, relay: tuple[str, int] | None
@@ -210,10 +211,8 @@ class Finder:
                 local_password=password,
             )
 
-        everything, relay_alone = (
-            aioice.TransportPolicy.ALL,
-            aioice.TransportPolicy.RELAY,
-        )
+        everything = aioice.TransportPolicy.ALL
+        relay_alone = aioice.TransportPolicy.RELAY
         hides = turn is not None or self._relay_only
         self._relayed = connection(relay_alone if hides else everything, turn)
         searches = [self._gather_relayed()]
@@ -398,7 +397,8 @@ class Finder:
     async def _heed(self, connection: aioice.Connection, word: bytes) -> None:
         """Take a word of the other end, which is dropped if it is anybody else's."""
         content = word[len(CALL_WORD) : -_MAC_SIZE]
-        kind, number = content[:1], content[1:]
+        kind = content[:1]
+        number = content[1:]
         if not hmac.compare_digest(word, self._word(kind, number)):
             return
         if kind == REPLY:

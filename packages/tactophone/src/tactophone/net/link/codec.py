@@ -6,10 +6,10 @@ The settings of Opus and why (measured with libopus 1.3.1):
 - *Restricted low delay*: look-ahead of 2.5 ms instead of 6.5 ms.
 - *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones,
   and at 5 ms and constant bitrate that distorts both at any bitrate (xiph/opus #251).
-- *A hand is its fingers, one after another in one packet*, each coded as alone, equal
-  to the bit. One encoder of all streams starves the last of them, from which libopus
-  takes the bytes that delimit the others: with ten fingers that air microphone was at 0
-  dB SNR instead of 22.
+- *A hand is its fingers, one after another in one packet*. Each finger is coded as if
+  it were alone, equal to the bit. A single encoder for all streams starves the last
+  one, because libopus takes the bytes that delimit the others from its share: with ten
+  fingers that air microphone was at 0 dB SNR instead of 22.
 - *Constant bitrate*: varying sizes of encrypted packets reveal when the finger touches
   (RFC 6562).
 - *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz at no
@@ -22,11 +22,11 @@ The settings of Opus and why (measured with libopus 1.3.1):
 Payload type and first bytes give codec, channels and samples of a payload. The sender
 chooses, and the receiver needs no setting that could disagree.
 
-The payloads of Opus are those of libopus's multistream API, equal to the bit. But each
-stream is encoded and decoded by a call of its own, on the state that the multistream
-API made: that API computes sizes of states at every packet, which executes four CPUID
+Opus payloads equal the output of libopus's multistream API to the bit. But each stream
+is encoded and decoded by a call of its own, on the state that the multistream API made.
+That API recomputes the sizes of its states for every packet, which executes four CPUID
 instructions, and in a virtual machine each of these takes 20 µs (measured; caches are
-cold afterwards). It serves where there is more to do than to call each stream: for the
+cold afterwards). It is used where there is more to do than to call each stream: for the
 first packet of a size, for concealment, and for packets of several frames, which no
 sender here makes.
 """
@@ -139,14 +139,12 @@ class Codec:
         return _KINDS[self.name, self.channels]
 
     def largest_packet(self, samples: int) -> int:
-        """Return the size of the largest packet, up to its own, of so many samples; 0
-        if there is none."""
+        """Return the size of the largest packet that ``samples`` can fill, at most
+        `packet_size`; 0 if they fill none."""
         most = min(samples, self.packet_size)
-        return (
-            most
-            if self.name == "pcm16"
-            else max((size for size in FRAME_SIZES if size <= most), default=0)
-        )
+        if self.name == "pcm16":
+            return most
+        return max((size for size in FRAME_SIZES if size <= most), default=0)
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
         """Return this codec for sound of another bandwidth in Hz.
@@ -189,7 +187,7 @@ with 300 bytes to spare."""
 
 
 def most_pcm_samples(channels: int) -> int:
-    """Return the greatest number of samples of so many channels in one datagram.
+    """Return how many samples of each of ``channels`` channels fit one datagram.
 
     >>> most_pcm_samples(2), most_pcm_samples(10)
     (240, 60)
@@ -206,10 +204,8 @@ class PcmEncoder:
     def encode(self, samples: FloatArray) -> bytes:
         """Encode ``samples``; values outside [-1, 1) are clipped."""
         # In place, and by the two functions that `clip` calls after a search of its
-        # own.
-        with np.errstate(
-            over="ignore"
-        ):  # a page may send 3e38, which is clipped like 2
+        # own. A page may send 3e38, which overflows here and is then clipped like 2.
+        with np.errstate(over="ignore"):
             integers = samples * _FULL_SCALE
         np.rint(integers, out=integers)
         np.minimum(
@@ -318,12 +314,21 @@ def band_of(bandwidth: float) -> int:
     return next((top for top in BANDS if top >= bandwidth), max(BANDS))
 
 
-_GET_ENCODER_STATE, _GET_DECODER_STATE = 5120, 5122
-"""Requests of ``opus_multistream.h`` for the state of one stream."""
+_GET_ENCODER_STATE = 5120
+"""Request for the encoder state of one stream (``opus_multistream.h``)."""
 
-_POINTER, _INT, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_int32
+_GET_DECODER_STATE = 5122
+"""Request for the decoder state of one stream (``opus_multistream.h``)."""
+
+_POINTER = ctypes.c_void_p
+_INT = ctypes.c_int
+_SIZE = ctypes.c_int32
 _ENCODING = (_POINTER, _POINTER, _INT, _POINTER, _SIZE)
+"""Arguments of an encoding: state, samples, their count, payload, room in it."""
+
 _DECODING = (_POINTER, ctypes.c_char_p, _SIZE, _POINTER, _INT, _INT)
+"""Arguments of a decoding: state, payload, its size, samples, their count, and whether
+in-band FEC is decoded."""
 
 
 COMPLEXITY = 4
@@ -339,7 +344,8 @@ class OpusEncoder:
     def __init__(
         self, *, channels: int, packet_size: int, bandwidth: float, bitrate_bps: int
     ) -> None:
-        self._size, self._channels = packet_size, channels
+        self._size = packet_size
+        self._channels = channels
         self._sound = np.zeros((channels, packet_size), np.float32)
         fingers = fingers_of(channels)
         self._fingers = [
@@ -386,8 +392,10 @@ class _FingerEncoder:
     def __init__(
         self, sound: FloatArray, *, bandwidth: float, bitrate_bps: int
     ) -> None:
-        opus, channels = _libopus(), len(sound)
-        api, ctl = opus.api.multistream_encoder, opus.api.ctl
+        opus = _libopus()
+        channels = len(sound)
+        api = opus.api.multistream_encoder
+        ctl = opus.api.ctl
         self._state = api.create_state(
             CLOCK_RATE,
             channels,
@@ -413,7 +421,8 @@ class _FingerEncoder:
 
     def adapt(self, *, bandwidth: float, bitrate_bps: int) -> None:
         opus = _libopus()
-        control, ctl = opus.api.multistream_encoder.encoder_ctl, opus.api.ctl
+        control = opus.api.multistream_encoder.encoder_ctl
+        ctl = opus.api.ctl
         # A frame holds no more; from libopus 1.6 on the encoder would make two of it.
         bitrate = min(bitrate_bps, MOST_BITRATE * len(self._sound))
         control(self._state, ctl.set_bitrate, bitrate)
@@ -425,14 +434,13 @@ class _FingerEncoder:
     def encode(self, count: int) -> bytes:
         if count != self._count:
             return self._encode_first(count)
-        at, left = 0, self._whole
+        at = 0
+        left = self._whole
         if len(self._streams) == 2:
-            # The limits are those of the multistream API; at constant bitrate the sizes
-            # are those of its first packet.
-            size, limit = (
-                1 if self._first <= LONG_LENGTH else 2,
-                left - (3 if left > 2 + LONG_LENGTH else 2),
-            )
+            # The multistream API would set the same limits. The bitrate is constant, so
+            # every packet is divided like the first one, which that API made.
+            size = 1 if self._first <= LONG_LENGTH else 2
+            limit = left - (3 if left > 2 + LONG_LENGTH else 2)
             state, sound = self._streams[0]
             self._check(self._encode(state, sound, count, self._pointer + size, limit))
             # Between the first stream's first byte and its frame stands the length of
@@ -456,8 +464,10 @@ class _FingerEncoder:
         )
         payload = ctypes.string_at(self._pointer, whole)
         parts = split_streams(payload, len(self._streams))
+        # Without parts the count stays 0, so that the next packet comes here again.
         self._count = count if parts else 0
-        self._whole, self._first = whole, len(parts[0]) if parts else 0
+        self._whole = whole
+        self._first = len(parts[0]) if parts else 0
         return payload
 
     def _check(self, size: int) -> int:
@@ -504,7 +514,8 @@ class OpusDecoder:
         arrived."""
         # Opus extrapolates, and smooths the transition to the next packet; it takes
         # multiples of 2.5 ms, at most 20 ms.
-        whole, pieces = -(-size // FRAME_SIZES[0]) * FRAME_SIZES[0], []
+        whole = -(-size // FRAME_SIZES[0]) * FRAME_SIZES[0]
+        pieces = []
         for done in range(0, whole, FRAME_SIZES[-1]):
             step = min(FRAME_SIZES[-1], whole - done)
             for finger in self._fingers:
@@ -528,12 +539,11 @@ class _FingerDecoder:
     LARGEST_PACKET)``."""
 
     def __init__(self, sound: FloatArray) -> None:
-        opus, channels = _libopus(), len(sound)
-        api, self._info, self._error = (
-            opus.api.multistream_decoder,
-            opus.api.decoder,
-            opus.OpusError,
-        )
+        opus = _libopus()
+        channels = len(sound)
+        api = opus.api.multistream_decoder
+        self._info = opus.api.decoder
+        self._error = opus.OpusError
         self._state = api.create_state(
             CLOCK_RATE, channels, channels, 0, range(channels)
         )
@@ -548,9 +558,9 @@ class _FingerDecoder:
     def size(self, content: bytes) -> int:
         if not content:
             raise PacketError("an empty Opus payload, which the encoder never makes")
-        # The first byte of the first stream holds for all streams (layout in RFC 7845
-        # section 5.1.1). Where its last two bits are 0, there is one frame, whose size
-        # the other bits say (RFC 6716 section 3.1).
+        # The first byte of the first stream speaks for all streams (RFC 7845 section
+        # 5.1.1). Where its last two bits are 0, the packet is a single frame, and the
+        # other bits give its size (RFC 6716 section 3.1), so that it can be cached.
         if (known := self._sizes.get(content[0])) is not None:
             return known
         try:
@@ -593,25 +603,26 @@ class _FingerDecoder:
 
 
 def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
-    """Return a function of libopus that takes the addresses of arrays; of its own, as
-    the binding types its own."""
+    """Return a libopus function that takes the addresses of arrays.
+
+    It is an object of our own: the binding gives its functions other argument types.
+    """
     function = opus.api.libopus[name]
-    function.argtypes, function.restype = arguments, _INT
+    function.argtypes = arguments
+    function.restype = _INT
     return function
 
 
 def _streams_of(
     control: Any, state: Any, request: int, sound: FloatArray
 ) -> list[tuple[int, int]]:
-    """Return of each stream the addresses of its state, within that of the multistream
-    API, and of its row of sound."""
+    """For each stream, return the address of its codec state and of its row of
+    samples."""
     streams = []
     for stream, row in enumerate(sound):
         found = _POINTER()
-        if (
-            control(state, request, _SIZE(stream), ctypes.byref(found))
-            or not found.value
-        ):
+        error = control(state, request, _SIZE(stream), ctypes.byref(found))
+        if error or not found.value:
             raise ConfigError(
                 "this libopus does not give access to its streams: install libopus "
                 "1.3 or newer"
@@ -621,8 +632,8 @@ def _streams_of(
 
 
 def _libopus() -> Any:
-    """Import the binding; late, because it needs the system's libopus and PCM does
-    not."""
+    """Import the binding, as late as possible: it needs the system's libopus, and PCM
+    does not."""
     try:
         import opuslib_next
         import opuslib_next.api.ctl
@@ -676,12 +687,14 @@ def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
     aligned and of the same shape.
 
     >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
-    >>> bool(np.abs(encode_and_decode(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
+    >>> decoded = encode_and_decode(sound, Codec("pcm16", channels=1))
+    >>> bool(np.abs(decoded - sound).max() < 1e-4)
     True
     """
     # The codec delays by its look-ahead: the sound is padded at the end and the result
     # cut at the start.
-    encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
+    encoder = open_encoder(codec)
+    decoder = open_decoder(codec.kind)
     packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
     padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
     padded[: len(samples)] = samples

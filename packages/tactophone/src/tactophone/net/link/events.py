@@ -70,7 +70,8 @@ def read_event(content: bytes) -> Event:
     """Decode what `write_event` encoded; raises `PacketError` when the bytes are not an
     event."""
     try:
-        kind, rest = content[0], content[1:]
+        kind = content[0]
+        rest = content[1:]
         if kind in (_PACKET, _REPORT):
             return PacketReceived(rest, report=kind == _REPORT)
         if kind == _CONNECTED:
@@ -105,10 +106,8 @@ class LoggedSession:
         return [self._followed(read_event(datagram))]
 
     def poll(self, now: float) -> list[Event]:
-        events, self.polled = (
-            [self._followed(read_event(content)) for content in self.polled],
-            [],
-        )
+        events = [self._followed(read_event(content)) for content in self.polled]
+        self.polled = []
         return events
 
     def send(self, packet: bytes) -> None:

@@ -25,8 +25,13 @@ from tactophone.net.link.identity import Identity, Peers
 from tactophone.net.link.packet import MAX_DATAGRAM, Address
 
 PROFILE = b"SRTP_AEAD_AES_256_GCM"
-KEY_SIZE, SALT_SIZE = 32, 12
-"""Bytes of master key and salt (RFC 7714 section 12)."""
+"""The one SRTP protection profile that both ends offer (RFC 7714 section 14.2)."""
+
+KEY_SIZE = 32
+"""Bytes of a master key (RFC 7714 section 12)."""
+
+SALT_SIZE = 12
+"""Bytes of a master salt (RFC 7714 section 12)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +52,26 @@ class Secrets:
 
 
 _RECORD_HEADER = 13
+"""Bytes of the header of a record (RFC 6347 section 4.1)."""
+
 _HELLO_RANDOM = slice(27, 59)
 """Position of a ClientHello's random, after the headers of record and message (RFC 6347
 sections 4.1, 4.2)."""
 
-_CHANGE_CIPHER, _ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 20, 21, 22, 1, 2
+_CHANGE_CIPHER = 20
+"""Type of a record that changes to the new keys (RFC 5246 section 6.2.1)."""
+
+_ALERT = 21
+"""Type of a record that holds an alert (RFC 5246 section 6.2.1)."""
+
+_HANDSHAKE = 22
+"""Type of a record that holds a handshake message (RFC 5246 section 6.2.1)."""
+
+_CLIENT_HELLO = 1
+"""Type of the handshake message that begins a call (RFC 5246 section 7.4)."""
+
+_FATAL = 2
+"""Level of an alert that ends the connection (RFC 5246 section 7.2)."""
 
 _CERTIFICATE_ALERTS = tuple(bytes([number]) for number in range(42, 50))
 """Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown
@@ -91,7 +111,8 @@ class NewRecords:
     def __init__(self) -> None:
         # What has been written: messages up to this number, and whether the change to
         # the new keys was among them.
-        self._messages, self.changed_cipher = 0, False
+        self._messages = 0
+        self.changed_cipher = False
 
     def of(self, written: bytes) -> bytes:
         records = list(_records(written))
@@ -148,13 +169,15 @@ def _records(written: bytes) -> Iterator[bytes]:
         position = end
 
 
-FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
-"""Seconds until a flight is retransmitted: the first time (above most round-trip
-times), and at most after doubling."""
+FIRST_RETRANSMISSION = 0.1
+"""Seconds until a flight is retransmitted for the first time: above most round-trip
+times."""
 
-codecs.lookup(
-    "charmap"
-)  # pyOpenSSL uses it at the first certificate; loaded now, not during a run
+MAX_RETRANSMISSION = 0.4
+"""Upper limit, in seconds, of the pause between retransmissions, which doubles."""
+
+# pyOpenSSL uses this codec at the first certificate. It is loaded now, not in a run.
+codecs.lookup("charmap")
 
 HANDSHAKE_TIMEOUT = 3.0
 """Seconds after which a handshake fails; the caller then begins another."""
@@ -327,7 +350,9 @@ class Handshake:
     ) -> None:
         self.agreement: Agreement | None = None
         self.failure: str | None = None
-        self._connection, self._peers, self._calls = connection, peers, calls
+        self._connection = connection
+        self._peers = peers
+        self._calls = calls
         self.begun = self._sent = now
         self.refused = self.known = False
         self.continues = b""
@@ -359,7 +384,9 @@ class Handshake:
             and datagram[:1] == bytes([_CHANGE_CIPHER])
             and not self._new_records.changed_cipher
         ):
-            pass  # the last flight of the handshake before, which is late: OpenSSL would end this one
+            # A late datagram: the last flight of the handshake before. OpenSSL would
+            # end this one.
+            pass
         elif self._received < MAX_FLIGHT_DATAGRAMS:
             self._received += 1
             self._connection.bio_write(datagram)
@@ -380,7 +407,8 @@ class Handshake:
             self._retransmit(now)
 
     def outgoing(self) -> list[bytes]:
-        ready, self._outgoing = self._outgoing, []
+        ready = self._outgoing
+        self._outgoing = []
         return ready
 
     def step(self, now: float) -> None:
@@ -391,16 +419,13 @@ class Handshake:
             pass
         except SSL.Error as error:
             self.failure = _reason(error)
-        if flight := list(
-            split_flight(self._new_records.of(_written(self._connection)))
-        ):
+        fresh = self._new_records.of(_written(self._connection))
+        if flight := list(split_flight(fresh)):
             # The peer has answered, or nothing new would have been written: the flight
             # before need not be repeated.
-            self._newest_flight, self._retransmit_after, self._sent = (
-                flight,
-                FIRST_RETRANSMISSION,
-                now,
-            )
+            self._newest_flight = flight
+            self._retransmit_after = FIRST_RETRANSMISSION
+            self._sent = now
             self._outgoing += flight
 
     def _retransmit(self, now: float) -> None:
@@ -426,11 +451,13 @@ class Handshake:
         material = self._connection.export_keying_material(
             b"EXTRACTOR-dtls_srtp", 2 * (KEY_SIZE + SALT_SIZE)
         )
-        keys, salts = material[: 2 * KEY_SIZE], material[2 * KEY_SIZE :]
+        keys = material[: 2 * KEY_SIZE]
+        salts = material[2 * KEY_SIZE :]
         caller = keys[:KEY_SIZE] + salts[:SALT_SIZE]
         answerer = keys[KEY_SIZE:] + salts[SALT_SIZE:]
         ssrcs = self._connection.export_keying_material(b"EXPORTER-tactophone-ssrc", 8)
-        first, second = int.from_bytes(ssrcs[:4]), int.from_bytes(ssrcs[4:])
+        first = int.from_bytes(ssrcs[:4])
+        second = int.from_bytes(ssrcs[4:])
         if self._calls:
             return Secrets(caller, answerer, local_ssrc=first, remote_ssrc=second)
         return Secrets(answerer, caller, local_ssrc=second, remote_ssrc=first)
@@ -441,8 +468,8 @@ def call_label(fingerprint: str) -> bytes:
     32 hexadecimal digits.
 
     It proves nothing, because whoever observes a call can repeat it. It lets an
-    answerer distinguish, before any computation, the hellos of trusted callers from
-    those of anybody who only knows the address.
+    answerer tell the hellos of trusted callers, before any computation, from hellos
+    sent by anybody who only knows the address.
     """
     return (
         hashlib.sha256(b"tactophone call " + fingerprint.encode())
@@ -462,18 +489,12 @@ def _reason(error: SSL.Error) -> str:
     """Return OpenSSL's words for an error; ``SysCallError`` has a number where others
     have a list."""
     first = error.args[0] if error.args else None
-    if (
-        isinstance(first, list | tuple)
-        and first
-        and isinstance(first[-1], list | tuple)
-        and first[-1]
-    ):
-        return str(first[-1][-1])
-    return (
-        "the handshake failed"
-        if first is None or first == []
-        else f"the handshake failed ({error})"
-    )
+    newest = first[-1] if isinstance(first, list | tuple) and first else None
+    if isinstance(newest, list | tuple) and newest:
+        return str(newest[-1])
+    if first is None or first == []:
+        return "the handshake failed"
+    return f"the handshake failed ({error})"
 
 
 def _fingerprint(certificate: crypto.X509) -> str:
@@ -490,10 +511,14 @@ STRANGER_TIME = 0.5
 """Seconds for which a stranger's unfinished handshake keeps its place: above the round
 trip of most paths."""
 
-KNOWN_RATE, STRANGER_RATE = 200.0, 50.0
-"""ClientHellos answered in a second. A caller sends 2 for each handshake, and at most
-10 a second; one costs about 0.1 ms before its cookie and 1 ms after, so that strangers
-get at most some 5 % of a processor."""
+KNOWN_RATE = 200.0
+"""ClientHellos of trusted callers that are answered in a second. A caller sends 2 for
+each handshake, and at most 10 a second."""
+
+STRANGER_RATE = 50.0
+"""ClientHellos of strangers that are answered in a second. One costs about 0.1 ms
+before its cookie and 1 ms after, so that strangers get at most some 5 % of a
+processor."""
 
 HELLO_BURST = 0.5
 """Seconds of the rate that may come at once."""
@@ -511,8 +536,10 @@ class RateLimit:
     """
 
     def __init__(self, rate: float, *, burst: float) -> None:
-        self._rate, self._burst = rate, burst
-        self._tokens, self._at = burst, 0.0
+        self._rate = rate
+        self._burst = burst
+        self._tokens = burst
+        self._at = 0.0
 
     def take(self, now: float) -> bool:
         """Whether one more is within the rate at ``now`` (s)."""
@@ -537,8 +564,8 @@ class Admission:
         }
 
     def admits(self, pending: Pending, *, known: bool, now: float) -> bool:
-        """Whether a hello is answered: within the rate, and if a stranger's, with a
-        place to take."""
+        """Whether a hello is answered: it must be within the rate, and a stranger's
+        hello needs a free place, or one that it may take over."""
         if (
             not known
             and self._is_full(pending, known=False)
@@ -550,8 +577,8 @@ class Admission:
     def displaced(
         self, pending: Pending, *, source: Address, known: bool, now: float
     ) -> list[tuple[Address, bytes]]:
-        """Return the handshakes that end when one from ``source`` begins: its own
-        before, and one too many."""
+        """Return the handshakes that end when one from ``source`` begins: the earlier
+        one from there, else the oldest if all places are taken."""
         own = [key for key in pending if key[0] == source]
         if own or not self._is_full(pending, known=known):
             return own
@@ -567,8 +594,8 @@ class Admission:
     def _replaceable(
         self, pending: Pending, *, known: bool, now: float
     ) -> tuple[Address, bytes] | None:
-        """Return the oldest handshake; none while a stranger's is too young to give
-        way."""
+        """Return the oldest handshake; ``None`` while it is a stranger's and too young
+        to give way."""
         oldest = next(
             (key for key, handshake in pending.items() if handshake.known == known),
             None,

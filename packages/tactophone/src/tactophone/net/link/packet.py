@@ -66,9 +66,9 @@ contributing source."""
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
 _EXTENSION = struct.Struct("!HH")
-_EARLIER = struct.Struct(
-    "!I"
-)  # RFC 2198 section 3: F, 7 bits of type, 14 of timestamp offset, 10 of length
+_EARLIER = struct.Struct("!I")
+"""Header of an earlier payload (RFC 2198 section 3): a set bit, 7 bits of type, 14 of
+timestamp offset and 10 of length."""
 
 MAX_EARLIER_OFFSET = (1 << 14) - 1
 """Maximum samples by which an earlier payload may lie behind its packet (RFC 2198
@@ -157,7 +157,8 @@ def split_address(text: str, port: int) -> Address:
     host, colon, number = text.rpartition(":")
     # The colons of an IPv6 address alone are no port.
     if not colon or text.endswith("]") or (":" in host and not host.endswith("]")):
-        host, number = text, str(port)
+        host = text
+        number = str(port)
     if not host:
         raise ValueError("there is no host")
     if not number.isascii() or not number.isdecimal() or not 0 < int(number) < 1 << 16:
@@ -166,7 +167,8 @@ def split_address(text: str, port: int) -> Address:
 
 
 def is_dtls(datagram: bytes) -> bool:
-    """Whether a datagram is of a handshake, by its first byte (RFC 7983 section 7)."""
+    """Whether a datagram belongs to a handshake, by its first byte (RFC 7983 section
+    7)."""
     return len(datagram) > 0 and 20 <= datagram[0] < 64
 
 
@@ -234,7 +236,8 @@ class Packet(msgspec.Struct, frozen=True):
             head += MOTION
         if not self.earlier:
             return head + self.payload.content
-        heads, contents = b"", b""
+        heads = b""
+        contents = b""
         for past in self.earlier:
             behind = (self.payload.timestamp - past.timestamp) % (1 << 32)
             heads += _EARLIER.pack(
@@ -269,7 +272,8 @@ def parse_packet(datagram: bytes) -> Packet:
     if second & 0x7F == PayloadType.RED:
         payload, earlier = _read_redundancy(timestamp, body)
     else:
-        payload, earlier = Payload(_kind(second & 0x7F), timestamp, body), ()
+        payload = Payload(_kind(second & 0x7F), timestamp, body)
+        earlier = ()
     moving = (
         first & 0x0F == 1
         and datagram[_HEADER.size : _HEADER.size + len(MOTION)] == MOTION
@@ -309,7 +313,8 @@ class TimestampUnwrapper:
         """Return the samples since the first timestamp, whose position is ``start``;
         less for an older one."""
         if self._newest is None:
-            self._newest, self.origin = timestamp, timestamp - self._start
+            self._newest = timestamp
+            self.origin = timestamp - self._start
         # As `ahead`, without a call for each packet.
         reached = (
             self._newest
@@ -329,7 +334,8 @@ def _body(datagram: bytes, first: int) -> bytes:
     These are contributing sources and an extension of the header, and padding at the
     end (RFC 3550 section 5.1).
     """
-    start, end = _HEADER.size + 4 * (first & 0x0F), len(datagram)
+    start = _HEADER.size + 4 * (first & 0x0F)
+    end = len(datagram)
     if first & 0x10:
         if start + _EXTENSION.size > end:
             raise PacketError(
@@ -354,7 +360,8 @@ def _read_redundancy(
     """Return a packet's own payload, which is the last and takes the rest, and the
     earlier ones."""
     heads: list[tuple[int, int, int]] = []
-    position, size = 0, len(body)
+    position = 0
+    size = len(body)
     # Headers with a set first bit announce earlier payloads; the one without announces
     # the packet's own, and has no length. The contents follow in the same order.
     while position < size and body[position] & 0x80:
@@ -373,7 +380,8 @@ def _read_redundancy(
         raise PacketError(
             "redundancy without a last header: the packet's own payload is missing"
         )
-    own, position = _kind(body[position]), position + 1
+    own = _kind(body[position])
+    position += 1
     earlier: list[Payload] = []
     for number, offset, length in heads:
         if position + length > size:
@@ -408,7 +416,9 @@ LARGEST_FRAME = 1275
 LONG_LENGTH = 252
 """Least length of a frame that takes two bytes to write (RFC 6716 section 3.2.1)."""
 
-_CODE = 3  # bits of the first byte with the number of frames
+_CODE = 3
+"""Bits of a packet's first byte that say how many frames follow (RFC 6716 section
+3.1)."""
 
 
 def frame_length(size: int) -> bytes:
@@ -427,14 +437,17 @@ def split_streams(payload: bytes, streams: int) -> list[bytes]:
     """Return a packet of each stream, 1 or 2, where each holds one frame of the same
     kind; nothing otherwise.
 
-    >>> split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2) == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
+    >>> parts = split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2)
+    >>> parts == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
     True
     """
     if streams == 1 or len(payload) < 3:
         return [payload] if payload and streams == 1 else []
-    length, start = payload[1], 2
+    length = payload[1]
+    start = 2
     if length >= LONG_LENGTH:
-        length, start = length + 4 * payload[2], 3
+        length += 4 * payload[2]
+        start = 3
     end = start + length
     if (
         payload[0] & _CODE
@@ -457,7 +470,14 @@ def join_frames(head: int, frames: list[bytes]) -> bytes:
 
 
 _PREDICTION = struct.Struct("!BBHHHHhI")
-_ONE, _SILENT = 65_535, -32_768
+"""A prediction as in the table above: touch, faulty, three probabilities, roughness,
+level and length."""
+
+_ONE = 65_535
+"""A probability or roughness of 1, in 16 bits."""
+
+_SILENT = -32_768
+"""A level of -inf dBFS, in hundredths: the lowest number of 16 bits."""
 
 
 def write_prediction(prediction: Prediction) -> bytes:
@@ -539,7 +559,8 @@ def read_predictions(
     """
     if payload.kind == PayloadType.PREDICTION:
         return {0: read_prediction(payload.content, end=end)}, 1
-    content, size = payload.content, 1 + _PREDICTION.size
+    content = payload.content
+    size = 1 + _PREDICTION.size
     records = [content[start : start + size] for start in range(0, len(content), size)]
     predictions = {
         record[0] & 15: read_prediction(record[1:], end=end) for record in records

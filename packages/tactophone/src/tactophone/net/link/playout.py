@@ -55,20 +55,28 @@ JUMP = 0.04
 """Seconds of error above which the position is set anew: slewing would take more than
 two seconds."""
 
-MIN_ALLOWANCE, MAX_ALLOWANCE = 0.002, 0.04
-"""Seconds allowed for jitter; a packet later than the maximum is a stall, which playout
-does not wait for. With a packet and a period of 512 samples, the margin stays under the
-60 ms from which sound counts as stale."""
+MIN_ALLOWANCE = 0.002
+"""Shortest allowance for jitter, in seconds."""
+
+MAX_ALLOWANCE = 0.04
+"""Longest allowance for jitter, in seconds. A packet that is later belongs to a stall,
+which playout does not wait for. With a packet and a period of 512 samples, the margin
+stays under the 60 ms from which sound counts as stale."""
 
 PLAYOUT_WARM_UP = 0.25
 """Seconds of measuring before the first sound."""
 
-_TARGET_LATE, _MAX_LATE = 1 / 1000, 1 / 250
-"""Shares of late packets: the share that a new allowance is computed for, and the share
-that triggers a new one."""
+_TARGET_LATE = 1 / 1000
+"""Share of late packets that a new allowance is computed for."""
 
-_LONG, _SHORT = 4_000, 1_000
-"""Packets evaluated to grow, and to shrink: 20 and 5 seconds of 5 ms each."""
+_MAX_LATE = 1 / 250
+"""Share of late packets above which the allowance grows."""
+
+_LONG = 4_000
+"""Packets by which the allowance grows: 20 seconds of 5 ms each."""
+
+_SHORT = 1_000
+"""Packets by which the allowance shrinks: 5 seconds of 5 ms each."""
 
 _SHRINK = 0.5
 """The allowance shrinks when this part of it would have been enough; hysteresis against
@@ -98,11 +106,14 @@ class PlayoutController:
         self.position = math.nan
         self._block_size = block_size
         self._packet_size = 0
-        self._first, self._arrived = math.inf, -math.inf
+        self._first = math.inf
+        self._arrived = -math.inf
         self._min_transit = math.inf
         self._allowance = Allowance()
         self._second = _Second()
-        self._integral = 0.0  # how much faster the sender's clock runs than the local one, as the loop estimates it
+        # The loop's estimate of how much faster the sender's clock runs than the local
+        # one, as a ratio less 1.
+        self._integral = 0.0
         self._speed = 1.0
         self._late: list[float] = []
 
@@ -127,9 +138,10 @@ class PlayoutController:
             self._allowance.push(transit - self._min_transit)
         self._late = [*self._late, transit] if start < self.position else []
         if len(self._late) >= _PATH_CHANGED:
-            # So many late packets in a row are no jitter: the path has become longer.
-            # The lateness known so far was measured against the shorter one.
-            self._min_transit, self._late = min(self._late), []
+            # This is no jitter any more: the path has become longer. The lateness known
+            # so far was measured against the shorter one.
+            self._min_transit = min(self._late)
+            self._late = []
             self._allowance.reset()
 
     def step(self, size: int, *, now: float) -> Step:
@@ -146,10 +158,8 @@ class PlayoutController:
             self.position = target
         second = self._second
         second.begun = now if math.isnan(second.begun) else second.begun
-        second.error_sum, second.steps = (
-            second.error_sum + (target - self.position) / CLOCK_RATE,
-            second.steps + 1,
-        )
+        second.error_sum += (target - self.position) / CLOCK_RATE
+        second.steps += 1
         if now - second.begun >= 1.0:
             self._steer(second.error_sum / second.steps)
             if math.isfinite(second.min_transit):
@@ -261,7 +271,11 @@ _QUEUE_SIZE = 400
 _FADE_ANGLES = np.linspace(0, np.pi / 2, CONCEALMENT_FADE, dtype=np.float32)[
     :, np.newaxis
 ]
+"""Angles of a fade, shape ``(CONCEALMENT_FADE, 1)``: their cosine and sine keep the
+power of the two sounds constant."""
+
 _MAX_EXTRAPOLATED = round(MAX_EXTRAPOLATION * CLOCK_RATE)
+"""`MAX_EXTRAPOLATION` in samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,10 +291,10 @@ class Playout:
     """Decodes one stream of packets by the listener's clock.
 
     ``push`` only queues, so that a network thread may call it while an actuator's
-    thread calls ``pull``. ``channels`` is of the output: a mono stream fills both, of a
-    stereo stream the first is contact.
+    thread calls ``pull``. ``channels`` counts the channels of the output: a mono stream
+    fills both, and the first channel of a stereo stream is contact.
 
-    ``controller``: its delay and margin, and the clock skew.
+    ``controller``: the delay, the margin and the clock skew of the playout.
     """
 
     latency = 20 / CLOCK_RATE
@@ -289,7 +303,8 @@ class Playout:
     def __init__(self, *, block_size: int, channels: int = 2) -> None:
         self.reception = Reception()
         self.controller = PlayoutController(block_size=block_size)
-        self.block_size, self._channels = block_size, channels
+        self.block_size = block_size
+        self._channels = channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_QUEUE_SIZE)
         self._waiting: dict[int, _QueuedPayload] = {}
         self._timestamps = TimestampUnwrapper()
@@ -319,7 +334,8 @@ class Playout:
             # What is decoded already belongs to the old position; the new sound fades
             # in over it.
             self._position = round(self.controller.position - self.block_size)
-            self._decoded, self._discontinuous = self._decoded[:0], True
+            self._decoded = self._decoded[:0]
+            self._discontinuous = True
         # The resampler returns a varying number of samples; what exceeds the block is
         # kept for the next pull.
         while len(self._ready) < self.block_size:
@@ -328,10 +344,8 @@ class Playout:
             self._ready = np.concatenate(
                 [self._ready, block.reshape(-1, self._channels)]
             )
-        block, self._ready = (
-            self._ready[: self.block_size],
-            self._ready[self.block_size :],
-        )
+        block = self._ready[: self.block_size]
+        self._ready = self._ready[self.block_size :]
         return block
 
     def _accept(self, packet: Packet, now: float) -> None:
@@ -366,7 +380,8 @@ class Playout:
     def _read(self, size: int) -> FloatArray:
         while len(self._decoded) < size:
             self._decoded = np.concatenate([self._decoded, self._next()])
-        sound, self._decoded = self._decoded[:size], self._decoded[size:]
+        sound = self._decoded[:size]
+        self._decoded = self._decoded[size:]
         return sound
 
     def _next(self) -> FloatArray:
@@ -411,7 +426,8 @@ class Playout:
     def _extrapolate(self) -> FloatArray:
         """Continue for a packet's length without a following payload: fading sound at
         first, then silence."""
-        size, was_silent = self._packet_size, self._extrapolated > _MAX_EXTRAPOLATED
+        size = self._packet_size
+        was_silent = self._extrapolated > _MAX_EXTRAPOLATED
         self._count_concealed(size)
         if self._decoder is not None and self._extrapolated <= _MAX_EXTRAPOLATED:
             sound = self._append(
@@ -446,11 +462,12 @@ class Playout:
         if length:
             # A fade may span several calls: the angles go on where the last call
             # stopped.
-            old, self._fading = self._fading[:length], self._fading[length:]
-            new, rest = samples[:length], samples[length:]
-            angle = _FADE_ANGLES[CONCEALMENT_FADE - len(self._fading) - length :][
-                :length
-            ]
+            old = self._fading[:length]
+            self._fading = self._fading[length:]
+            new = samples[:length]
+            rest = samples[length:]
+            done = CONCEALMENT_FADE - len(self._fading) - length
+            angle = _FADE_ANGLES[done:][:length]
             samples = np.concatenate([np.cos(angle) * old + np.sin(angle) * new, rest])
         self._last = np.concatenate([self._last, samples])[-CONCEALMENT_FADE:]
         return samples

@@ -52,8 +52,8 @@ _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 
 
 class PredictionReceived(msgspec.Struct, frozen=True):
-    """A prediction made on the robot, whether it is too old to be rendered, and of
-    which finger of how many."""
+    """A prediction made on the robot: whether it is too old to be rendered, which
+    finger it is about, and how many fingers the hand has."""
 
     prediction: Prediction
     stale: bool = False
@@ -86,7 +86,8 @@ class ReceiveSession:
         )
         self._reorder = reorder
         self.playout: Playout | None = None
-        self.bandwidth, self.moving = 0, False
+        self.bandwidth = 0
+        self.moving = False
         self._ssrcs = (0, 0)
         self._next_report = 0.0
         self._zero: float | None = None
@@ -94,7 +95,7 @@ class ReceiveSession:
 
     @property
     def peer(self) -> str | None:
-        """Name of the connected robot; ``None`` while there is none."""
+        """Name of the connected robot; ``None`` without a connection."""
         return self.session.peer
 
     @property
@@ -188,7 +189,8 @@ class ReceiveSession:
         self.playout = None
         self._predictions = _PredictionStream(start)
         self._meter = _Meter()
-        self._depth, self._loss = 0, 0.0
+        self._depth = 0
+        self._loss = 0.0
 
     def _handle_safely(
         self, events: list[Event], now: float, *, polled: bool = False
@@ -233,15 +235,14 @@ class ReceiveSession:
         """Take a report, or add predictions to ``received``; return a packet of sound,
         which is still to be ordered."""
         if event.report:
-            if isinstance(report := parse_report(event.packet), SenderReport):
+            report = parse_report(event.packet)
+            if isinstance(report, SenderReport):
                 self._depacketizer.reception.note_sender_report(report, now=now)
             return None
         packet = parse_packet(event.packet)
-        payload, self._depth, self.moving = (
-            packet.payload,
-            len(packet.earlier),
-            packet.moving,
-        )
+        payload = packet.payload
+        self._depth = len(packet.earlier)
+        self.moving = packet.moving
         if payload.kind not in _PREDICTIONS:
             if self.playout:
                 self.playout.push(packet, now=now)
@@ -267,8 +268,8 @@ class ReceiveSession:
 
 
 class _PredictionStream:
-    """Orders predictions by the end of their windows; one older than the newest of its
-    finger is dropped."""
+    """Orders predictions by the end of their windows; one that is older than its
+    finger's newest is dropped."""
 
     def __init__(self, start: int = 0) -> None:
         self.timestamps = TimestampUnwrapper(start)

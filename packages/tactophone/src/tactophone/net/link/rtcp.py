@@ -12,16 +12,42 @@ from typing import TypeAlias
 from tactophone.core.errors import PacketError
 from tactophone.net.link.packet import CLOCK_RATE
 
-_SENDER, _RECEIVER, _DESCRIPTION, _GOODBYE, _APPLICATION = 200, 201, 202, 203, 204
+# Packet types (RFC 3550 section 12.1).
+_SENDER = 200
+_RECEIVER = 201
+_DESCRIPTION = 202
+_GOODBYE = 203
+_APPLICATION = 204
+
 _TOOL = 6
+"""Item of a description that names the program (RFC 3550 section 6.5.6)."""
+
 _PROGRAM = "tactophone "
+"""What that item begins with; the version follows."""
+
 _HEAD = struct.Struct("!BBHI")
+"""Header of every report: version and count, packet type, length in words less one,
+SSRC."""
+
 _SENT = struct.Struct("!QIII")
+"""Sender information: NTP time, RTP timestamp, packets and octets sent (RFC 3550
+section 6.4.1)."""
+
 _BLOCK = struct.Struct("!IIIIII")
+"""Report block: SSRC, losses, highest number, jitter, stamp and age of the last sender
+report (RFC 3550 section 6.4.1)."""
+
 _REQUEST = struct.Struct("!4sI")
+"""Content of a `ReceiverRequest`: `_NAME`, and a frequency in Hz."""
+
 _NAME = b"TACT"
+"""Name of our application packets, in four characters (RFC 3550 section 6.7)."""
+
 _VERSION = 2
+"""Version of RTP and RTCP (RFC 3550 section 5.1)."""
+
 _VERSION_TEXT = re.compile(r"[\w.+-]{0,64}", re.ASCII)
+"""What a peer may say its version is: a terminal shows it, and a peer chose it."""
 
 NTP_ERA = 2_208_988_800
 """Seconds between the NTP epoch, 1900, and the Unix epoch, 1970 (RFC 868)."""
@@ -172,7 +198,8 @@ def parse_report(packet: bytes) -> Report:
             return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:
             of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
-            fraction, lost = (losses >> 24) / 256, losses & 0xFFFFFF
+            fraction = (losses >> 24) / 256
+            lost = losses & 0xFFFFFF
             return ReceiverReport(
                 ssrc,
                 of,
@@ -200,7 +227,9 @@ def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
     6.4.1); ``None`` before one.
 
     >>> sent = SenderReport(1, ntp=1000.0, timestamp=0, packets=0, octets=0)
-    >>> answer = ReceiverReport(2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25)
+    >>> answer = ReceiverReport(
+    ...     2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25
+    ... )
     >>> round_trip_time(answer, now=1000.5)
     0.25
     """

@@ -45,10 +45,10 @@ Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 class Member:
     """One operator of a group: its session and stream, and what its reports say.
 
-    - ``stream``: makes the packets of the connection; ``None`` while there is none.
+    - ``stream``: makes the packets of the connection; ``None`` without a connection.
     - ``counters``: in telemetry's names: ``packets_sent``, ``handshakes``,
       ``link_losses``, ``packets_broken``.
-    - ``bandwidth``: that the operator has requested, in Hz; 0 before it has.
+    - ``bandwidth``: what the operator has requested, in Hz; 0 before its first request.
     - ``new``: whether no request of this connection has widened the band yet.
     - ``round_trip``: round-trip time in s, by the newest report; ``None`` before the
       first.
@@ -75,14 +75,14 @@ class SendGroup:
     leaves out changes nothing for the others, with one exception: with ``follow`` the
     band follows the operators' requests. It changes without a step in anybody's sound,
     and while several listen it only widens, which Opus permits three times. Each
-    session calls another address; ``prompt`` is as of `BlockEncoder`.
+    session calls another address; ``prompt`` means the same as for `BlockEncoder`.
 
     - ``members``: one for each session, in the order given. Whoever owns the operators'
       sockets passes what arrives to `receive`, calls `poll`, and sends what each
       session has to send.
     - ``tap``: called with what a log of this end needs: each connection made or lost,
-      and each packet before it is encrypted, of one connected operator, the first that
-      there is.
+      and each packet before it is encrypted. It follows one operator, the first that
+      is connected.
     """
 
     def __init__(
@@ -98,7 +98,8 @@ class SendGroup:
             raise ValueError(
                 f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}"
             )
-        self.encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
+        self.encoder = BlockEncoder(codec, prompt=prompt)
+        self._follow = follow
         self.members = [
             Member(session, rule or RedundancyRule()) for session in sessions
         ]
@@ -167,10 +168,9 @@ class SendGroup:
         duration = 1000 * codec.packet_size / CLOCK_RATE
         return (
             f"sound up to {fitting / 1000:g} kHz is sent, but an operator's model "
-            "hears "
-            f"up to {wanted / 1000:g} kHz, which packets of {duration:g} ms cannot "
-            "hold "
-            f"with {codec.channels} channels; choose a shorter --packet-duration"
+            f"hears up to {wanted / 1000:g} kHz, which packets of {duration:g} ms "
+            f"cannot hold with {codec.channels} channels; choose a shorter "
+            "--packet-duration"
         )
 
     @property
@@ -255,7 +255,9 @@ class SendGroup:
                         self._handle_report(member, packet, now)
                     continue
                 case Connected():
-                    member.begun, member.bandwidth, member.new = event, 0.0, True
+                    member.begun = event
+                    member.bandwidth = 0.0
+                    member.new = True
                     member.stream = Packetizer(
                         self.encoder,
                         ssrc=event.local_ssrc,
@@ -314,8 +316,8 @@ class SendGroup:
                 self.encoder.adapt(codec)
 
     def _log(self, member: Member, event: Event) -> None:
-        """Pass on one connected operator's events, and when it leaves those of the
-        next, as a connection of its own."""
+        """Pass on one connected operator's events; when it leaves, pass on the next
+        one's, as a connection of its own."""
         # One operator is followed at a time: a log is one session, which can be
         # repeated.
         if isinstance(event, Connected) and self._logged is None:

@@ -147,7 +147,9 @@ class Connection:
     def __init__(
         self, handshake: Handshake, agreement: Agreement, address: Address, now: float
     ) -> None:
-        self.handshake, self.agreement, self.address = handshake, agreement, address
+        self.handshake = handshake
+        self.agreement = agreement
+        self.address = address
         self.begun = self.last_received = now
         self.until = now + MAX_KEY_AGE
         self.stream = agreement.secrets.remote_ssrc
@@ -198,7 +200,8 @@ class KeyRing:
 
     def use(self, current: Connection | None, beside: Connection | None = None) -> None:
         """Send through one connection, and accept packets of another one beside it."""
-        self.current, self.beside = current, beside
+        self.current = current
+        self.beside = beside
         # Asked for with every packet, so it is computed here.
         streams = frozenset(connection.stream for connection in self)
         self.remote = (current.address, streams) if current else None
@@ -211,17 +214,15 @@ class KeyRing:
 
     def confirm(self, connection: Connection, now: float) -> bool:
         """Change to renewed keys now that the caller has used them; return whether
-        ``connection`` is of such keys."""
+        ``connection`` has renewed keys."""
         before = self.current
         if before is None or connection.begun <= before.begun:
             return False
         # The two change places: packets under the keys before may still be on their
         # way.
         self.use(connection, before)
-        connection.until, before.until = (
-            connection.begun + MAX_KEY_AGE,
-            now + KEY_OVERLAP,
-        )
+        connection.until = connection.begun + MAX_KEY_AGE
+        before.until = now + KEY_OVERLAP
         return True
 
 
@@ -278,11 +279,14 @@ class Session:
         self._handshakes = Handshakes(identity, peers)
         self.trust = self._handshakes.trust
         self._admission = Admission()
-        self._version, self._peer_version = version, ""
+        self._version = version
+        self._peer_version = ""
         self._introduce_at = 0.0
-        self._callees: list[Address] = (
-            call if isinstance(call, list) else [] if call is None else [call]
-        )
+        self._callees: list[Address] = []
+        if isinstance(call, list):
+            self._callees = call
+        elif call is not None:
+            self._callees = [call]
         self._call_after = -1.0
         self._renew_after = renew_after
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
@@ -361,7 +365,7 @@ class Session:
         return []
 
     def send(self, packet: bytes) -> None:
-        """Encrypt and queue a packet for the peer; it is dropped when there is none."""
+        """Encrypt and queue a packet for the peer; without a session it is dropped."""
         if current := self._keys.current:
             self._outgoing.append((current.protect(packet), current.address))
 
@@ -379,24 +383,17 @@ class Session:
             if handshake.failure:
                 self._drop(key, handshake.failure)
         if self._keys.beside and now > self._keys.beside.until:
+            # Its time is over, whether it was the connection before or one that the
+            # caller never used.
             self._keys.use(self._keys.current)
-        if self._version and self._keys.current and now >= self._introduce_at:
-            self.send(
-                bytes(
-                    Introduction(
-                        self._keys.current.agreement.secrets.local_ssrc, self._version
-                    )
-                )
-            )
-            self._introduce_at = now + max(
-                INTRODUCTION_PAUSE, now - self._keys.current.begun
-            )
-        if (
-            self._keys.current
-            and now - self._keys.current.last_received > SESSION_TIMEOUT
-        ):
+        current = self._keys.current
+        if self._version and current and now >= self._introduce_at:
+            ssrc = current.agreement.secrets.local_ssrc
+            self.send(bytes(Introduction(ssrc, self._version)))
+            self._introduce_at = now + max(INTRODUCTION_PAUSE, now - current.begun)
+        if current and now - current.last_received > SESSION_TIMEOUT:
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
-        if self._keys.current and now > self._keys.current.until:
+        if current and now > current.until:
             return self._end("the keys were not renewed in time")
         if self._callees and not self._pending and now > self._call_after:
             self._call(now)
@@ -424,7 +421,8 @@ class Session:
         return self.hang_up(f"an error on the other side ({type(error).__name__})")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        ready, self._outgoing = self._outgoing, []
+        ready = self._outgoing
+        self._outgoing = []
         return ready
 
     def _call(self, now: float) -> None:
@@ -434,16 +432,15 @@ class Session:
         if current is None or now - current.last_received > RECALL_AFTER:
             # An operator that only stood still goes on with the stream; one that is new
             # makes a new one of it.
-            continues, callee = (
-                current.agreement.continuation if current else b"",
-                self._callees[0],
-            )
+            continues = current.agreement.continuation if current else b""
+            callee = self._callees[0]
             # If this address does not answer, the next call tries the next one.
             self._callees = [*self._callees[1:], callee]
         elif self._keys.beside is None and current.needs_renewal(
             now, after=self._renew_after
         ):
-            continues, callee = current.agreement.continuation, current.address
+            continues = current.agreement.continuation
+            callee = current.address
         else:
             return
         handshake = self._handshakes.call(now=now, continues=continues)
@@ -463,18 +460,17 @@ class Session:
             return []
         # The first packet under renewed keys is the proof that the peer has them too:
         # from now on both ends use them.
-        events: list[Event] = (
-            [connection.renewed] if self._keys.confirm(connection, now) else []
-        )
+        confirmed = self._keys.confirm(connection, now)
+        events: list[Event] = [connection.renewed] if confirmed else []
         if current := self._keys.current:
-            current.last_received = (
-                now  # also under the keys before: it is the same peer, and it lives
-            )
+            # Also for a packet under the keys before: it proves that the same peer is
+            # alive.
+            current.last_received = now
         if not report:
             return [*events, PacketReceived(packet, report)]
-        with suppress(
-            PacketError
-        ):  # one that cannot be read is counted where the others are
+        # A report that cannot be read is passed on below: whoever reads the other
+        # reports counts it.
+        with suppress(PacketError):
             match parse_report(packet):
                 case Goodbye(reason=""):
                     self.hung_up = self.peer or ""
@@ -482,7 +478,8 @@ class Session:
                 case Goodbye(reason=reason):
                     # Sent away, not forgotten: the caller shows why, and calls again
                     # after a pause.
-                    self.failure, self._call_after = reason, now + BUSY_PAUSE
+                    self.failure = reason
+                    self._call_after = now + BUSY_PAUSE
                     return [*events, *self._end(f"{self.peer} hung up: {reason}")]
                 case Introduction(version=version):
                     self._peer_version = version
@@ -545,7 +542,8 @@ class Session:
         if handshake.refused:
             self.failure = self._refusal()
         if handshake.failure and (name := self._handshakes.taken):
-            self._handshakes.taken, self._call_after = "", now + BUSY_PAUSE
+            self._handshakes.taken = ""
+            self._call_after = now + BUSY_PAUSE
             handshake.failure = (
                 f"it is {name!r}, connected already under another "
                 "address: name each operator once"
@@ -576,15 +574,14 @@ class Session:
         self.failure = None
         if current and handshake.continues == current.agreement.continuation:
             # The caller cannot decrypt yet: it is sent packets under the new keys once
-            # it has sent one.
+            # it has sent one. A caller itself changes at once.
             self._keys.add(connection, now)
-            return (
-                [connection.renewed]
-                if self._callees and self._keys.confirm(connection, now)
-                else []
-            )
+            if self._callees and self._keys.confirm(connection, now):
+                return [connection.renewed]
+            return []
         self._keys.use(connection)
-        self._peer_version, self._introduce_at = "", now
+        self._peer_version = ""
+        self._introduce_at = now
         return [
             Connected(
                 agreement.peer,

@@ -1,23 +1,24 @@
 """Statistics of reception, network delay and clock skew, named as in RFC 3550 and
 WebRTC's inbound statistics.
 
-========================
-=================================================================================== here
-WebRTC (``RTCInboundRtpStreamStats``) ========================
-===================================================================================
-``packets_received``      ``packetsReceived``, without duplicates ``packets_lost``
-``packetsLost``: expected less received, before any recovery ``most_lost``
-none: the maximum of ``packets_lost``, which a late packet lowers; a counter must not
-fall ``packets_late``          ``packetsDiscarded``: received after their place had been
-filled ``packets_duplicated``    none; RFC 3550 counts them as received
-``packets_reordered``     none: received after a newer one ``packets_recovered``
-``fecPacketsReceived`` that were used ``packets_concealed``     none: lost packets whose
-sound was concealed ``packets_skipped``       none: too late for a prediction, used as
-history only ``jitter``                ``jitter``, RFC 3550 section 6.4.1
-``samples_received``      ``totalSamplesReceived`` ``samples_concealed``
-``concealedSamples`` ``samples_skipped``       none: gaps too long to conceal
-========================
-===================================================================================
+======================  ===============================================================
+here                    WebRTC (``RTCInboundRtpStreamStats``)
+======================  ===============================================================
+``packets_received``    ``packetsReceived``, without duplicates
+``packets_lost``        ``packetsLost``: expected less received, before any recovery
+``most_lost``           none: the maximum of ``packets_lost``, which a late packet
+                        lowers, while a counter must not fall
+``packets_late``        ``packetsDiscarded``: received after their place had been filled
+``packets_duplicated``  none; RFC 3550 counts them as received
+``packets_reordered``   none: received after a newer one
+``packets_recovered``   ``fecPacketsReceived`` that were used
+``packets_concealed``   none: lost packets whose sound was concealed
+``packets_skipped``     none: too late for a prediction, used as history only
+``jitter``              ``jitter``, RFC 3550 section 6.4.1
+``samples_received``    ``totalSamplesReceived``
+``samples_concealed``   ``concealedSamples``
+``samples_skipped``     none: gaps too long to conceal
+======================  ===============================================================
 
 Delay and skew are estimated without a common clock. A packet's arrival time less its
 timestamp is its transit time plus an unknown constant. The *minimum* over a while is
@@ -124,10 +125,8 @@ class Reception:
     def report(self, *, ssrc: int, of: int, now: float) -> ReceiverReport:
         """Make the receiver report on stream ``of`` since the last report."""
         stats = self.stats
-        expected, received = (
-            stats.packets_expected - self._reported[0],
-            stats.packets_received - self._reported[1],
-        )
+        expected = stats.packets_expected - self._reported[0]
+        received = stats.packets_received - self._reported[1]
         self._reported = (stats.packets_expected, stats.packets_received)
         fraction = max(0.0, 1 - received / expected) if expected > 0 else 0.0
         stamp, received_at = self._last_report
@@ -145,9 +144,9 @@ class Reception:
 
     def _mark_seen(self, number: int) -> None:
         self._seen.add(number)
-        self._seen.discard(
-            number - (1 << 10)
-        )  # one by one: the sweep below, which gaps make necessary, takes long
+        # Old numbers are dropped one by one: the sweep below, which gaps make
+        # necessary, takes long.
+        self._seen.discard(number - (1 << 10))
         if len(self._seen) > 1 << 11:
             self._seen = {
                 seen for seen in self._seen if seen > self.stats.highest - (1 << 10)
@@ -169,17 +168,18 @@ class Reception:
 TRANSIT_WINDOW = 0.14
 """Seconds of a window; the newest two count. A longer path is followed after one to two
 windows, a shorter at once. Two windows stay under 0.3 s, the longest that sound may
-count as stale after a stall has ended. Half a second, as before, kept it stale for 0.5
-to 0.9 s whenever a stall had made the way longer (measured with a stopped robot)."""
+count as stale after a stall has ended. Windows of half a second kept it stale for 0.5
+to 0.9 s whenever a stall had made the path longer (measured with a stopped robot)."""
 
 _MIN_PACKETS = 5
 """Packets that complete a window, so that a stall and the burst after it are not taken
-for a longer path; fewer than a window holds of the longest packets, 20 ms."""
+for a longer path. Even of the longest packets, 20 ms, a window holds more."""
 
 _POINTS = 30
+"""Points of the regression of the clocks, one a second."""
+
 _MIN_SPAN = 10.0
-"""Points, one a second, of the regression of the clocks, and seconds that they must
-span at least."""
+"""Seconds that these points must span before there is an estimate."""
 
 
 class MinDelayFilter:
@@ -209,8 +209,10 @@ class MinDelayFilter:
         if now - self._window_start >= TRANSIT_WINDOW and (
             self._count >= _MIN_PACKETS or math.isinf(self._window_start)
         ):
-            self._previous, self._current = self._current, math.inf
-            self._window_start, self._count = now, 0
+            self._previous = self._current
+            self._current = math.inf
+            self._window_start = now
+            self._count = 0
         self._current = min(self._current, transit)
         self._count += 1
 

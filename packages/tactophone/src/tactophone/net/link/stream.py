@@ -68,9 +68,11 @@ class BlockEncoder:
         self.origin = secrets.randbits(32)
         self.position: int | None = None
         self.moving = False
-        self.codec, self._encoder = codec, open_encoder(codec)
+        self.codec = codec
+        self._encoder = open_encoder(codec)
         self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
-        self._filled, self._after_gap = 0, True
+        self._filled = 0
+        self._after_gap = True
 
     @property
     def missing(self) -> int:
@@ -88,13 +90,14 @@ class BlockEncoder:
             )
         if block.start != self.position:
             # The source lost sound: the incomplete packet is dropped.
-            self._filled, self._after_gap = 0, True
+            self._filled = 0
+            self._after_gap = True
         self.position = block.end
         if block.invalid is not None:
             self.faults["invalid samples"] += int(block.invalid.sum())
         encoded = list(self._cut(block.samples, block.start))
         if self._prompt and block.size > self.codec.packet_size:
-            # The rest goes in shorter packets, as far as the codec has so short ones.
+            # The rest goes in shorter packets, down to the shortest that the codec has.
             while size := self.codec.largest_packet(self._filled):
                 encoded.append(
                     self._code(block.end - self._filled, self._buffer[:size])
@@ -119,7 +122,9 @@ class BlockEncoder:
         """Begin anew: a receiver that has missed all before decodes what follows as it
         was encoded."""
         self._encoder = open_encoder(self.codec)
-        self.position, self._filled, self._after_gap = None, 0, True
+        self.position = None
+        self._filled = 0
+        self._after_gap = True
 
     def _cut(self, samples: FloatArray, start: int) -> Iterator[EncodedSound]:
         if not self._filled and len(samples) == self.codec.packet_size:
@@ -131,7 +136,8 @@ class BlockEncoder:
             self._buffer[self._filled : self._filled + step] = samples[
                 taken : taken + step
             ]
-            self._filled, taken = self._filled + step, taken + step
+            self._filled += step
+            taken += step
             if self._filled == self.codec.packet_size:
                 self._filled = 0
                 yield self._code(start + taken - self.codec.packet_size, self._buffer)
@@ -145,6 +151,7 @@ class BlockEncoder:
 
 
 _EARLIER_HEADER = 4
+"""Bytes that RFC 2198 adds for each earlier payload."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +212,7 @@ class Redundancy:
 class Packetizer:
     """Makes one stream of packets, not yet encrypted.
 
-    The encoder is of this stream, or the one encoder of several streams that carry the
-    same sound.
+    The encoder serves this stream alone, or all streams that carry the same sound.
     """
 
     def __init__(
@@ -214,7 +220,8 @@ class Packetizer:
     ) -> None:
         self.encoder = encoder
         self.packets = self.octets = 0
-        self.ssrc, self._redundancy = ssrc, redundancy
+        self.ssrc = ssrc
+        self._redundancy = redundancy
         # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first
         # packets cannot then cause a wrong roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
@@ -232,17 +239,20 @@ class Packetizer:
         """Make the stream's next packet from a payload at ``position`` samples since
         the start of the stream."""
         payload = Payload(kind, (self.encoder.origin + position) % (1 << 32), content)
-        earlier, moving = self._earlier(payload), self.encoder.moving
+        earlier = self._earlier(payload)
+        moving = self.encoder.moving
         packet = Packet(
             self._sequence, self.ssrc, payload, earlier, self._marker, moving
         )
-        self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
-        self.packets, self.octets = self.packets + 1, self.octets + len(content)
+        self._sequence = (self._sequence + 1) % (1 << 16)
+        self._marker = False
+        self.packets += 1
+        self.octets += len(content)
         return packet
 
     def report(self, now: float) -> SenderReport:
-        """Make the sender report; ``now`` is of any clock, the same that evaluates the
-        receiver's report."""
+        """Make the sender report; ``now`` may come from any clock, but from the same
+        one that evaluates the receiver's report."""
         timestamp = self.encoder.origin + (self.encoder.position or 0)
         return SenderReport(
             self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets
@@ -251,9 +261,8 @@ class Packetizer:
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
         """Return the newest past payloads that fit, oldest first."""
         chosen: list[Payload] = []
-        space = (
-            PAYLOAD_SPACE - 1 - len(payload.content)
-        )  # a byte for the last header of RFC 2198
+        # The packet's own payload has a header of one byte (RFC 2198 section 3).
+        space = PAYLOAD_SPACE - 1 - len(payload.content)
         for past in list(reversed(self._past))[: self._redundancy.depth]:
             space -= _EARLIER_HEADER + len(past.content)
             behind = (payload.timestamp - past.timestamp) % (1 << 32)
@@ -340,7 +349,8 @@ class Depacketizer:
         decoded: list[DecodedAudio] = []
         alone = len(packets) == 1 and not self._waiting
         for packet in packets:
-            if (position := self._count(packet, now)) is None:
+            position = self._count(packet, now)
+            if position is None:
                 continue
             if alone and position == self._next:
                 # Nearly always: the next packet in order, which need not be kept.
@@ -352,10 +362,7 @@ class Depacketizer:
             self._decode_contiguous(decoded, now)
             # More packets wait than may: the one before them is lost. Redundant copies
             # do not count, because they say nothing about the order of the packets.
-            while (
-                sum(waiting.primary for waiting in self._waiting.values())
-                > self._reorder
-            ):
+            while self._waiting_packets() > self._reorder:
                 self._fill_gap(decoded, now)
         return decoded
 
@@ -366,15 +373,19 @@ class Depacketizer:
             self._fill_gap(decoded, now)
         return decoded
 
+    def _waiting_packets(self) -> int:
+        return sum(waiting.primary for waiting in self._waiting.values())
+
     def _count(self, packet: Packet, now: float) -> int | None:
-        """Count a packet; return its position in samples, ``None`` if it is of no
-        use."""
+        """Count a packet; return its position in samples, or ``None`` for one that
+        comes twice or too late to be used."""
         timestamp = packet.payload.timestamp
         if not self.reception.count(packet.sequence, timestamp, now=now):
             return None
         position = self._timestamps.position(timestamp)
         if position >= self._newest:  # an older packet says how it was
-            self._newest, self._moving = position, packet.moving
+            self._newest = position
+            self._moving = packet.moving
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
@@ -450,7 +461,8 @@ class Depacketizer:
             if start >= self._next
         }
         position = min(self._waiting, default=self._next)
-        stats, size = self.reception.stats, position - self._next
+        stats = self.reception.stats
+        size = position - self._next
         if size > MAX_CONCEALED_GAP * CLOCK_RATE:
             stats.samples_skipped += size
             self._next = position
@@ -473,7 +485,8 @@ class Depacketizer:
         self, samples: FloatArray, now: float, *, concealed: bool, arrival: float
     ) -> DecodedAudio:
         block = AudioBlock(samples, CLOCK_RATE, self._next, concealed, self._moving)
-        size, stats = len(samples), self.reception.stats
+        size = len(samples)
+        stats = self.reception.stats
         self._next += size
         stale = now - block.start / CLOCK_RATE - self._delay.minimum > SOUND_STALE_AFTER
         stats.samples_received += size

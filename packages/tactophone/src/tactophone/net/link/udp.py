@@ -20,14 +20,60 @@ from typing import Any
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address, is_dtls
 
-_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
-_LOAD_BYTE, _LOAD_HALF, _LOAD_WORD, _AND = 0x30, 0x28, 0x20, 0x54
-_JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x05, 0x15, 0x35, 0x06
-_FIRST_BYTE, _SECOND_BYTE, _SSRC_OF_RTCP, _SSRC_OF_RTP = 8, 9, 12, 16
+_SO_ATTACH_FILTER = 26
+"""Socket option that attaches a filter (``asm-generic/socket.h``)."""
+
+_SO_DETACH_FILTER = 27
+"""Socket option that takes the filter away (``asm-generic/socket.h``)."""
+
+# The instructions of classic BPF that the filter uses (``linux/bpf_common.h``).
+
+_LOAD_BYTE = 0x30
+"""Load the byte at an offset: ``BPF_LD | BPF_B | BPF_ABS``."""
+
+_LOAD_HALF = 0x28
+"""Load two bytes at an offset: ``BPF_LD | BPF_H | BPF_ABS``."""
+
+_LOAD_WORD = 0x20
+"""Load four bytes at an offset: ``BPF_LD | BPF_W | BPF_ABS``."""
+
+_AND = 0x54
+"""Keep the bits of a mask: ``BPF_ALU | BPF_AND | BPF_K``."""
+
+_JUMP = 0x05
+"""Skip instructions in any case: ``BPF_JMP | BPF_JA``."""
+
+_JUMP_EQUAL = 0x15
+"""Compare with a constant: ``BPF_JMP | BPF_JEQ | BPF_K``."""
+
+_JUMP_AT_LEAST = 0x35
+"""Compare with the least of a range: ``BPF_JMP | BPF_JGE | BPF_K``."""
+
+_RETURN = 0x06
+"""End with the number of bytes to pass on: ``BPF_RET | BPF_K``."""
+
+# Offsets, in bytes from the beginning of the UDP header, which has 8.
+
+_FIRST_BYTE = 8
+"""Offset of a datagram's first byte."""
+
+_SECOND_BYTE = 9
+"""Offset of a datagram's second byte."""
+
+_SSRC_OF_RTCP = 12
+"""Offset of the SSRC of an RTCP packet (RFC 3550 section 6.4)."""
+
+_SSRC_OF_RTP = 16
+"""Offset of the SSRC of an RTP packet (RFC 3550 section 5.1)."""
+
 _DTLS_VERSION = 0xFE
 """First byte of every DTLS version; the second byte of a record."""
 
-_WHOLE, _NOTHING = 0xFFFF_FFFF, 0
+_WHOLE = 0xFFFF_FFFF
+"""What the filter returns for a datagram that passes: all of its bytes."""
+
+_NOTHING = 0
+"""What the filter returns for a datagram that is dropped."""
 
 Instruction = tuple[int, int, int, int]
 """Code, instructions to skip if true and if false, and operand."""
@@ -70,38 +116,38 @@ def _program(
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
     if stun:
         yield from _accept_stun()
-    rtp, compare, dtls = 11, 12, 13 + len(streams)
-    drop, accept = dtls + 2, dtls + 3
+    # Positions of instructions below, as a jump says how many to skip.
+    rtp = 11
+    compare = 12
+    dtls = 13 + len(streams)
+    drop = dtls + 2
+    accept = dtls + 3
     handshake = dtls if handshakes else drop
 
     def skip(index: int, target: int) -> int:
         return target - index - 1
 
+    # The first byte tells the protocols apart (RFC 7983 section 7): DTLS from 20 to 63,
+    # SRTP and SRTCP from 128 to 191.
     yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
-    yield (
-        _JUMP_AT_LEAST,
-        0,
-        skip(1, drop),
-        20,
-    )  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
+    yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)
     yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
+    # Of these, RTCP has 64 to 95 in the lower seven bits of its second byte (RFC 5761
+    # section 4), as in `packet.is_report`. Its SSRC stands elsewhere than RTP's.
     yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
     yield (_AND, 0, 0, 0x7F)
-    yield (
-        _JUMP_AT_LEAST,
-        0,
-        skip(7, rtp),
-        64,
-    )  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
+    yield (_JUMP_AT_LEAST, 0, skip(7, rtp), 64)
     yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
     yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTCP)
     yield (_JUMP, 0, 0, skip(10, compare))
     yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTP)
+    # One comparison for each stream of the peer.
     for index, stream in enumerate(streams, compare):
         yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
     yield (_JUMP, 0, 0, skip(dtls - 1, drop))
+    # A record of DTLS has its version in the second byte.
     yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
     yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
     yield (_RETURN, 0, 0, _NOTHING)
@@ -111,6 +157,7 @@ def _program(
 def _accept_stun() -> Iterator[Instruction]:
     """Let STUN pass: by its first byte (RFC 7983), its cookie, and a
     length in words of four bytes."""
+    # Whatever does not begin like STUN skips all of this, to the instructions after it.
     yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 7, 0, END_OF_STUN)
     yield (_LOAD_WORD, 0, 0, _FIRST_BYTE + 4)
@@ -129,35 +176,43 @@ STUN_COOKIE = 0x2112A442
 """Bytes 4 to 7 of every STUN message (RFC 8489 section 5)."""
 
 _LARGEST = 2_048
+"""Bytes that a read takes of a datagram; a session's datagrams have at most 1,232."""
+
 _MOST_AT_ONCE = 256
 """Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
 
 _QUEUE = 1 << 20
-"""Bytes of a socket's queue, if the system permits so many: datagrams that arrive while
-the process is late."""
+"""Bytes of a socket's queue, which holds what arrives while the process is late; the
+system may grant less."""
 
 MAX_FOREIGN = 16
-"""Maximum datagrams of one read from others than the connected peer: 3,200 a second
+"""Maximum datagrams of one read from anybody but the connected peer: 3,200 a second
 where a read waits 5 ms."""
 
 MAX_PEER_HANDSHAKES = 64
 """Maximum DTLS datagrams of one read from the address of the connected peer, which
-anybody can forge: a handshake and its retransmissions during a stall of seconds are
-fewer. The rest is dropped, and what follows for a while too."""
+anybody can forge. A handshake and its retransmissions during a stall of seconds are
+fewer. What exceeds this is dropped, and DTLS that follows is dropped for a while too
+(`CLOSED_READS`)."""
 
 CLOSED_READS = 200
-"""Reads of up to `CLOSED_READ` s, or fewer of more, for which the kernel then drops
-DTLS from that address: about a second at an operator, to whom a packet comes every 5
-ms, and at a robot, whose reads wait 50 ms."""
+"""Number of reads for which the kernel then drops DTLS from that address. A read that
+waits longer than `CLOSED_READ` counts several times, so that the pause takes about a
+second both at an operator, to whom a packet comes every 5 ms, and at a robot, whose
+reads wait 50 ms."""
 
 CLOSED_READ = 0.005
+"""Seconds of waiting that count as one of the `CLOSED_READS`."""
 
 FOREIGN_TURNS = 4
 """Reads from one look at what others sent to the next, while the peer sends: 10 ms with
 packets of 2.5 ms."""
 
 _ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
+"""The address that stands for all addresses of a family."""
+
 _MAPPED = "::ffff:"
+"""How an IPv4 address begins that a socket of IPv6 uses (RFC 4291 section 2.5.5.2)."""
 
 _EXPEDITED = 46 << 2
 """DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of
@@ -168,12 +223,15 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     """UDP at one port, of IPv4, IPv6 or both; a context manager.
 
     While a peer is `follow`-ed, two sockets share the port. The system passes the
-    peer's datagrams to one that is connected to its address, and everybody else's to
-    the first one, of which each `receive` takes only a few: so strangers can fill their
-    own queue and not the peer's. A filter in both drops what belongs to no stream of
-    the peer. Everything is sent through the first one, whose source address follows the
-    route. An empty ``host`` is all addresses of both families; port 0 lets the system
-    choose. Raises `DeviceError` when the address is not of this machine, or is in use.
+    peer's datagrams to the one that is connected to its address, and everybody else's
+    to the first one. Each `receive` takes only a few from the first one, so that
+    strangers can fill their own queue and not the peer's. A filter in both drops what
+    belongs to no stream of the peer. Everything is sent through the first one, whose
+    source address follows the route.
+
+    An empty ``host`` stands for all addresses of both families; port 0 lets the system
+    choose. Raises `DeviceError` when this machine does not have the address, or when it
+    is in use.
     """
 
     def __init__(self, host: str = "", port: int = 0) -> None:
@@ -182,7 +240,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         self._peer_socket: socket.socket | None = None
         self._peer_poll = select.poll()
         self._left: list[tuple[bytes, Address]] = []
-        self._closed_reads, self._closed = 0, False
+        self._closed_reads = 0
+        self._closed = False
         self._turns = 0
         self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
 
@@ -204,10 +263,12 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             return
         # Another address takes another socket; the same one with renewed keys, only
         # another filter.
-        before, self._followed = self._followed, remote
+        before = self._followed
+        self._followed = remote
         if remote is None or before is None or before[0] != remote[0]:
             self._connect(remote[0] if remote else None)
-        self._closed_reads, self._closed = 0, False
+        self._closed_reads = 0
+        self._closed = False
         for each in filter(None, (self._socket, self._peer_socket)):
             set_filter(each, remote[1] if remote else ())
 
@@ -217,11 +278,13 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
         if self._peer_socket is None or self._followed is None:
             if timeout > 0 and not self._left:
                 select.select([self._socket], [], [], timeout)
-            datagrams, self._left = self._left, []
+            datagrams = self._left
+            self._left = []
             return datagrams + _read(self._socket, _MOST_AT_ONCE)
         if timeout > 0 and not self._left:
             self._peer_poll.poll(1000 * timeout)
-        datagrams, self._left = self._left, []
+        datagrams = self._left
+        self._left = []
         datagrams += self._without_flood(
             self._read_peer(self._peer_socket, self._followed[0]), timeout
         )
@@ -256,7 +319,7 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
                 datagrams.append((source.recv(_LARGEST), peer))
             except BlockingIOError:
                 break
-            except OSError:  # of an earlier datagram, as in `_read`
+            except OSError:  # it concerns an earlier datagram, as in `_read`
                 continue
             # Asking takes less than the exception of an empty queue, and nearly always
             # there is one datagram.
@@ -281,9 +344,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             return datagrams
         self._closed_reads = CLOSED_READS
         self._accept_handshakes(False)
-        return [each for each in datagrams if not is_dtls(each[0])] + handshakes[
-            :MAX_FOREIGN
-        ]
+        others = [each for each in datagrams if not is_dtls(each[0])]
+        return others + handshakes[:MAX_FOREIGN]
 
     def _accept_handshakes(self, accepted: bool) -> None:
         if accepted == self._closed and self._peer_socket and self._followed:
@@ -291,8 +353,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
 
     def _address_of(self, target: Address) -> tuple[Any, ...]:
-        """Return the address as the socket takes it; that of the last call is kept, as
-        most go to one peer."""
+        """Convert an address for the socket; the last one is cached, because nearly
+        everything goes to one peer."""
         if target is not self._target[0]:
             self._target = target, _socket_address(target, self._socket.family)
         return self._target[1]
@@ -306,10 +368,8 @@ class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
             self._peer_socket = None
         if peer is not None:
             with contextlib.suppress(OSError):
-                self._peer_socket, self._peer_poll = (
-                    _share(self._socket, peer),
-                    select.poll(),
-                )
+                self._peer_socket = _share(self._socket, peer)
+                self._peer_poll = select.poll()
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
 
 
@@ -328,11 +388,10 @@ def resolve(host: str, port: int) -> list[Address]:
 def _open(host: str, port: int) -> socket.socket:
     """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too,
     where there is IPv6."""
-    families = (
-        [socket.AF_INET6, socket.AF_INET]
-        if not host
-        else [socket.AF_INET6 if ":" in host else socket.AF_INET]
-    )
+    if host:
+        families = [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    else:
+        families = [socket.AF_INET6, socket.AF_INET]
     error = OSError()
     for family in families:
         opened = None
@@ -364,9 +423,8 @@ def prepare(opened: socket.socket) -> None:
     of voice."""
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
-    with contextlib.suppress(
-        OSError
-    ):  # works without, where a system does not support it
+    # The link works without the priority, where a system does not support it.
+    with contextlib.suppress(OSError):
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
     with contextlib.suppress(OSError, AttributeError):
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
