@@ -1,21 +1,20 @@
-"""Write the commands of a timeline as a haptic file: python examples/haptic_files.py
-felt/a.csv a.haptic
+"""Write the commands of a timeline as a haptic file:
+
+    python examples/haptic_files.py felt/a.csv a.haptic
 
 Haptic files hold amplitude and frequency envelopes in formats that phones, editors and
 codecs read.
 
-=========  =====================================================
-================================================ ending     format
-checked against =========  =====================================================
-================================================ .haptic    Meta (formerly Lofelt)
-Haptics, version 1.0.0          the rules of its documentation, as cited below .ahap
-Apple Haptic and Audio Pattern, version 1.0            Apple's documented keys; there is
-no schema .hjif      MPEG haptics, ISO/IEC 23090-31, in JSON                the rules of
-the reference software; its schema
-                                                                  could not be had, nor
-                                                                  a player
-=========  =====================================================
-================================================
+=========  ==============================  ===========================================
+ending     format                          checked against
+=========  ==============================  ===========================================
+.haptic    Meta (formerly Lofelt)          the rules of its documentation, as cited
+           Haptics, version 1.0.0          below
+.ahap      Apple Haptic and Audio          Apple's documented keys, as Apple publishes
+           Pattern, version 1.0            no schema
+.hjif      MPEG haptics, ISO/IEC           the rules of the reference software; neither
+           23090-31, in JSON               its schema nor a player could be had
+=========  ==============================  ===========================================
 
 Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (tests
 decode them). Between two points all formats interpolate linearly; a change is therefore

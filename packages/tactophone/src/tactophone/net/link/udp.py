@@ -388,9 +388,8 @@ def resolve(host: str, port: int) -> list[Address]:
 def _open(host: str, port: int) -> socket.socket:
     """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too,
     where there is IPv6."""
-    if host:
-        families = [socket.AF_INET6 if ":" in host else socket.AF_INET]
-    else:
+    families = [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    if not host:
         families = [socket.AF_INET6, socket.AF_INET]
     error = OSError()
     for family in families:
