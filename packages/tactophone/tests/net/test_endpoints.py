@@ -1,3 +1,4 @@
+import math
 from collections.abc import Callable, Iterator
 from itertools import cycle
 from pathlib import Path
@@ -135,6 +136,38 @@ def test_late_sound_is_not_rendered_but_still_detected(
         for prediction in step.predictions
     ]
     assert {prediction.touch for prediction in now} == {Touch.ROUGH}
+
+
+def test_a_robot_that_connects_anew_is_not_heard_with_the_sound_of_the_one_before(
+    model: str,
+) -> None:
+    """It may come within the time across which a detector joins what was lost."""
+
+    def levels(*, after_another: bool) -> list[float]:
+        robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+        endpoint = OperatorEndpoint(operator, pipeline_of(model))
+        link = VirtualLink(robot, endpoint)
+        now = link.connect(0.0)
+        if after_another:
+            for block in blocks(noise(level_dbfs=-6, duration=0.3, channels=1), 120):
+                robot.push(block)
+                link.carry(now + block.end / RATE)
+            now += 0.3
+            robot.members[0].session.hang_up("its wearer goes home")
+            link.carry(now)
+            now = link.connect(now)
+        found = []
+        for block in blocks(noise(duration=0.3, channels=1, seed=1), 120):
+            robot.push(block)
+            for _, step in link.carry(now + block.end / RATE):
+                found += list(step.predictions) if step else []
+        # How many windows there are before one is full depends on the phase of packets.
+        heard = [prediction.level_dbfs for prediction in found]
+        return [level for level in heard if level > -math.inf]
+
+    fresh = levels(after_another=False)
+    assert len(fresh) >= 4
+    assert levels(after_another=True)[:4] == pytest.approx(fresh[:4], abs=1.0)
 
 
 def test_a_robot_with_other_microphones_gets_its_own_pipeline_under_the_same_ceiling(

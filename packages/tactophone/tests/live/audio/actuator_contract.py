@@ -11,7 +11,8 @@ TIMEOUT = 5.0
 
 
 class Counting:
-    """Renders a constant level, counts its periods and waits for more of them."""
+    """Renders a constant level, counts its periods and waits for more of them; one that
+    ``fails`` raises after it has written."""
 
     def __init__(self) -> None:
         self.level = 0.0
@@ -23,9 +24,10 @@ class Counting:
         with self._called:
             self.sizes.append(len(out))
             self._called.notify_all()
+        # What fails has usually written a part of its period.
+        out[:] = self.level
         if self.fails:
             raise RuntimeError("a render that fails")
-        out[:] = self.level
 
     def wait(self, more: int) -> None:
         with self._called:

@@ -20,6 +20,7 @@ from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
 
 from . import actuator_contract as contract
+from .test_jack import eventually
 
 
 def jack_actuator(
@@ -55,6 +56,42 @@ def test_jack_keeps_the_contract(promise: Callable, jack_server: DummyServer) ->
 @pytest.mark.usefixtures("portaudio")
 def test_portaudio_keeps_the_contract(promise: Callable) -> None:
     promise(lambda render: portaudio_actuator(render, device="system"))
+
+
+@pytest.mark.realtime
+@pytest.mark.usefixtures("portaudio")
+def test_portaudio_plays_silence_while_the_render_fails(
+    jack_server: DummyServer,
+) -> None:
+    heard: list[float] = []
+    render = contract.Counting()
+    render.level = 0.5
+    with portaudio_actuator(render, device="system"):
+        probe = JackClient(
+            "probe", None, inputs={}, outputs={}, server=jack_server.name
+        )
+        probe.open()
+        [played] = [
+            port.name for port in probe.ports() if port.is_output and not port.physical
+        ]
+        probe.close()
+        listener = JackClient(
+            "listener",
+            lambda inputs, _: heard.append(float(np.abs(inputs[0]).max())),
+            inputs={"in": played},
+            outputs={},
+            server=jack_server.name,
+        )
+        listener.open()
+        try:
+            assert eventually(lambda: heard[-1:] == [0.5])
+            render.fails = True
+            assert eventually(lambda: heard[-1:] == [0.0])
+            begun = len(heard)
+            assert eventually(lambda: len(heard) > begun + 10)
+            assert set(heard[begun:]) == {0.0}
+        finally:
+            listener.close()
 
 
 @pytest.mark.parametrize("promise", contract.ALL)

@@ -106,6 +106,24 @@ def test_a_finger_is_muted_alone_and_an_emergency_stop_is_for_all(
         assert eventually(lambda: peaks(watcher)[0] == 0.0 and peaks(watcher)[2] > 0.3)
 
 
+def test_the_watchdog_sees_the_finger_that_vibrates_most_not_the_last(
+    system: LiveSystem,
+) -> None:
+    """A stalled hand is late after 50 ms while any finger vibrates, and after 2 s while
+    none does."""
+    with system.both():
+        watcher = Watcher(system.names[1])
+        assert eventually(lambda: min(peaks(watcher)[0], peaks(watcher)[2]) > 0.3)
+        watcher.ask("ceiling", 0.05, finger=2)
+        assert eventually(lambda: 0.0 < peaks(watcher)[2] <= 0.05)
+        assert eventually(lambda: watcher.pulse().amplitude > 0.3)
+        watcher.ask("mute", finger=2)
+        assert eventually(lambda: peaks(watcher)[2] == 0.0)
+        assert eventually(lambda: watcher.pulse().amplitude > 0.3)
+        watcher.ask("mute")
+        assert eventually(lambda: watcher.pulse().amplitude == 0.0)
+
+
 def test_an_operator_with_another_number_of_fingers_says_so_at_both_ends(
     system: LiveSystem,
 ) -> None:

@@ -1,4 +1,6 @@
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,8 @@ from tactophone.core.types import Touch
 from tactophone.live.runtime.operator import LONGEST_CALL
 from tactophone.live.runtime.output_gate import EMERGENCY_STOP, RESTARTED
 from tactophone.live.telemetry.watcher import Watcher
+from tactophone.net.endpoints import EventStep, OperatorEndpoint
+from tactophone.net.link.send import Datagrams
 from tests.models import write_tiny_model
 
 from .live_system import LiveSystem, eventually
@@ -46,6 +50,36 @@ def test_either_side_may_start_first_die_and_come_back(
                 )
             if second == "robot":
                 assert eventually(lambda: system.amplitude() == 0.0)
+
+
+def test_at_the_end_silence_does_not_wait_for_the_network(
+    system: LiveSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The network's thread may have much to do when the run ends, and goes on with
+    commands."""
+    amplitudes: list[float] = []
+    lingers = threading.Event()
+    with system.both() as operator:
+        assert eventually(lambda: system.amplitude() > 0.3)
+        receive = OperatorEndpoint.receive
+
+        def linger(
+            endpoint: OperatorEndpoint, datagrams: Datagrams, *, now: float
+        ) -> Iterator[EventStep]:
+            steps = list(receive(endpoint, datagrams, now=now))
+            newest = next((step for _, step in steps if step and step.commands), None)
+            yield from steps
+            while newest and len(amplitudes) < 30:
+                lingers.set()
+                yield steps[-1][0], newest
+                time.sleep(0.01)
+                if operator.ended.is_set():
+                    amplitudes.append(system.amplitude())
+
+        monkeypatch.setattr(OperatorEndpoint, "receive", linger)
+        assert lingers.wait(5.0)
+    assert len(amplitudes) == 30
+    assert amplitudes[-1] == 0.0
 
 
 def test_a_robot_that_falls_silent_silences_the_finger_and_is_reported(

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 from itertools import product
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from OpenSSL import SSL
 
 from tactophone.net.link.handshake import (
     HANDSHAKE_TIMEOUT,
@@ -13,7 +16,7 @@ from tactophone.net.link.handshake import (
     hello_random,
     is_hello,
 )
-from tactophone.net.link.identity import Peers
+from tactophone.net.link.identity import Identity, Peers
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 
@@ -166,3 +169,89 @@ def test_no_signature_with_sha1_is_offered() -> None:
     offered = [hello[at + 2 + place : at + 4 + place] for place in range(0, size, 2)]
     assert b"\x04\x03" in offered  # ECDSA with SHA-256
     assert not [each.hex() for each in offered if each[0] == 2]
+
+
+def test_a_cookie_serves_the_port_that_it_was_sent_to_alone() -> None:
+    """Whoever forges another's address would otherwise use a cookie of its own, from
+    another port of a shared host."""
+    answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    robot = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"})).call(now=0.0)
+    own, other = ("192.0.2.1", 5_000), ("192.0.2.1", 5_001)
+    (hello,) = robot.outgoing()
+    begun, (verify,) = answering.answer(hello, source=own, now=0.0)
+    assert begun is None
+    robot.receive(verify, now=0.0)
+    (second,) = robot.outgoing()
+    begun, replies = answering.answer(second, source=other, now=0.0)
+    assert begun is None
+    assert len(replies) == 1  # a cookie for that port
+    begun, _ = answering.answer(second, source=own, now=0.0)
+    assert begun is not None
+
+
+def carry(robot: Handshake, answering: Handshakes) -> Handshake | None:
+    """Carry flights without loss until nobody has more to say; return the answerer's
+    handshake."""
+    operator: Handshake | None = None
+    while flight := [*robot.outgoing(), *(operator.outgoing() if operator else ())]:
+        for datagram in flight:
+            if operator is None:
+                operator, replies = answering.answer(datagram, source="robot", now=0.0)
+                for reply in replies:
+                    robot.receive(reply, now=0.0)
+            else:
+                operator.receive(datagram, now=0.0)
+        for datagram in operator.outgoing() if operator else ():
+            robot.receive(datagram, now=0.0)
+    return operator
+
+
+def issued_by(issuer: Identity) -> Identity:
+    """Return an identity whose certificate claims an issuer that never signed it."""
+    stranger = Identity.create("stranger")
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(stranger.certificate.subject)
+        .issuer_name(issuer.certificate.subject)
+        .public_key(stranger.key.public_key())
+        .serial_number(1)
+        .not_valid_before(issuer.certificate.not_valid_before_utc)
+        .not_valid_after(issuer.certificate.not_valid_after_utc)
+    )
+    return Identity(stranger.key, builder.sign(stranger.key, hashes.SHA256()))
+
+
+def test_a_trusted_certificate_above_ones_own_is_worth_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Certificates travel in plain text: anybody may send a trusted one along."""
+    answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    use = SSL.Context.use_certificate
+
+    def use_two(context: SSL.Context, certificate: x509.Certificate) -> None:
+        use(context, certificate)
+        context.add_extra_chain_cert(ROBOT.certificate)
+
+    monkeypatch.setattr(SSL.Context, "use_certificate", use_two)
+    stranger = Handshakes(issued_by(ROBOT), Peers({OPERATOR.fingerprint: "operator"}))
+    operator = carry(stranger.call(now=0.0), answering)
+    assert operator is not None
+    assert operator.failure
+    assert operator.agreement is None
+    # Else a stranger could claim the robot's place, which another session has.
+    assert (answering.accepted, answering.taken) == ("", "")
+
+
+def test_a_peer_without_the_agreed_cipher_of_the_sound_gets_no_session(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    monkeypatch.setattr(
+        "tactophone.net.link.handshake.PROFILE", b"SRTP_AES128_CM_SHA1_80"
+    )
+    calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
+    monkeypatch.undo()
+    operator = carry(calling.call(now=0.0), answering)
+    assert operator is not None
+    assert "AES-256-GCM" in (operator.failure or "")
+    assert operator.agreement is None
