@@ -34,12 +34,12 @@ LEVEL_DBFS = -35.0
 """Level to which it is amplified: in the middle of the training levels."""
 
 MOST_GAIN_DB = 60.0
-"""Over that, it is a converter's noise that would be amplified."""
+"""Largest amplification (dB): a larger one would only amplify the converter's noise."""
 
 TRAINED_HUM_DBFS = -30.0
-"""Models but for a hard tip are trained with hum under this, that of the simulated
-contact microphone: without it they are right 0.02 less often
-(docs/research/contact.md)."""
+"""Upper limit of the hum that models are trained with, except models for a hard tip: it
+is the hum of the simulated contact microphone. Without it they are right 0.02 less
+often (docs/research/contact.md)."""
 
 _MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
 

@@ -139,10 +139,12 @@ def code_as_shown(said: Sequence[str]) -> str:
     """Return a code as `tactophone call` shows it, from how a person says or types it;
     a name as it is.
 
-    Raises `ConfigError` if it begins as a code and is none.
+    Raises `ConfigError` if it begins like a code, but is not a code.
 
-    >>> [code_as_shown(each) for each in (["3", "Escapade", "peachy"], ["3 escapade peachy"], ["lab"])]
-    ['3-escapade-peachy', '3-escapade-peachy', 'lab']
+    >>> code_as_shown(["3", "Escapade", "peachy"]), code_as_shown(["3 escapade peachy"])
+    ('3-escapade-peachy', '3-escapade-peachy')
+    >>> code_as_shown(["lab"])
+    'lab'
     """
     text = " ".join(said).strip()
     if not text[:1].isdigit():

@@ -25,17 +25,19 @@ from tactophone.core.recordings.values import (
 from tactophone.core.types import SURFACE_LABELS
 
 TRACK_SUFFIX = ".txt"
+"""Ending of an Audacity label track, which has the name of its sound file."""
+
 EVENT_TABLE = "metadata.tsv"
-"""The name under which a table of events is written; read is any ``.tsv`` with its
-columns."""
+"""Name under which a table of events is written; for reading, any ``.tsv`` with its
+columns will do."""
 
 EVENT_COLUMNS = ("onset", "offset")
 """Columns, in seconds, by which a table of events is known."""
 
 
 def read_track(sound: Path, problems: list[Problem]) -> tuple[Segment, ...]:
-    """Return the segments of the Audacity label track beside a sound file; empty where
-    there is none."""
+    """Return the segments of the Audacity label track beside a sound file; empty if the
+    file has no track."""
     track = sound.with_suffix(TRACK_SUFFIX)
     try:
         lines = track.read_text("utf-8-sig").splitlines()
@@ -164,11 +166,10 @@ def write_events(
             "tells files apart by name alone; rename them, or write Audacity's tracks"
         )
     lines = ["filename\tonset\toffset\tevent_label"]
-    lines += [
-        f"{path.name}\t{each.start:.3f}\t{each.end:.3f}\t{each.label_name or 'ambiguous'}"
-        for path, own in segments.items()
-        for each in own
-    ]
+    for path, own in segments.items():
+        for each in own:
+            label = each.label_name or "ambiguous"
+            lines.append(f"{path.name}\t{each.start:.3f}\t{each.end:.3f}\t{label}")
     target = folder / EVENT_TABLE
     _write_lines(target, lines)
     return target

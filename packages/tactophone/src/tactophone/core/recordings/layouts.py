@@ -169,14 +169,13 @@ def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]
 
 def _object(path: Path, match: re.Match[str]) -> Recording:
     number = int(match["number"])
+    split = "" if number == SPARE_OBJECT else "train"
+    if number in TEST_OBJECTS:
+        split = "test"
     properties = {
         "stroke": match["stroke"] or "wiggle",
         "pressure": TAKE_PRESSURES.get(match["pressure"] or "", ""),
-        "split": "test"
-        if number in TEST_OBJECTS
-        else ""
-        if number == SPARE_OBJECT
-        else "train",
+        "split": split,
         "kin": KIN.get(number, f"object {number:02}"),
         "tip": DEFAULT_TIP,
     }
@@ -206,7 +205,9 @@ def _final(path: Path, match: re.Match[str]) -> Recording:
 
 
 _TAKE_AT_END = re.compile(
-    r"(?P<rest>.*?)[ _.-]*(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|(?:take|rep|trial)?[ _.-]*\d+)",
+    r"(?P<rest>.*?)[ _.-]*"
+    r"(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|"
+    r"(?:take|rep|trial)?[ _.-]*\d+)",
     re.IGNORECASE,
 )
 
@@ -225,8 +226,10 @@ def surface_and_take(stem: str) -> tuple[str, str]:
     """Split a file's name into surface and take: a number or one of the paper's takes
     at its end.
 
-    >>> surface_and_take("granite_03"), surface_and_take("slate-long_light"), surface_and_take("07")
-    (('granite', '03'), ('slate', 'long_light'), ('07', ''))
+    >>> surface_and_take("granite_03"), surface_and_take("slate-long_light")
+    (('granite', '03'), ('slate', 'long_light'))
+    >>> surface_and_take("07")
+    ('07', '')
     """
     match = _TAKE_AT_END.fullmatch(stem)
     return (match["rest"], match["take"]) if match and match["rest"] else (stem, "")

@@ -51,8 +51,8 @@ def read_metadata(
     surface_of: Callable[[Path], str] | None = None,
     labels: Mapping[str, str] | None = None,
 ) -> Dataset:
-    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and
-    ``test`` sub-folders.
+    """Read a folder's ``metadata.csv``, or the ones in its sub-folders ``train``,
+    ``validation`` and ``test``.
 
     ``surface_of`` names the surface of a file, by its path from the folder, where the
     manifest has no column ``surface``, which is required without it. Raises
@@ -220,7 +220,7 @@ def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
 
 
 def manifests_in(folder: Path) -> list[Path]:
-    """Return each ``metadata.csv`` of a data set, the whole one or those of its
+    """Return the ``metadata.csv`` of a whole data set, or the one of each of its
     parts."""
     whole = folder / FILE_NAME
     if whole.is_file():

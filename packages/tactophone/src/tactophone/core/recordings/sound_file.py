@@ -194,7 +194,8 @@ def is_hidden(path: Path, folder: Path) -> bool:
     Names that begin with a dot are hidden (a Mac's ``._take.wav``, a cache of some
     program); ``__MACOSX`` holds the same in archives.
 
-    >>> is_hidden(Path("d/__MACOSX/a.wav"), Path("d")), is_hidden(Path("d/a.wav"), Path("d"))
+    >>> folder = Path("d")
+    >>> is_hidden(Path("d/__MACOSX/a.wav"), folder), is_hidden(Path("d/a.wav"), folder)
     (True, False)
     """
     parts = path.relative_to(folder).parts
@@ -487,10 +488,12 @@ def _block_size(code: int) -> int:
 
 def _coded_number(content: bytes) -> tuple[int, int]:
     """Decode a number as UTF-8 extended to 36 bits; returns it and the bytes that it
-    takes, 0 if it is none.
+    takes, or 0 bytes if they are not such a number.
 
-    >>> _coded_number(b"A"), _coded_number(bytes([0xC2, 0x80])), _coded_number(bytes([0x80]))
-    ((65, 1), (128, 2), (0, 0))
+    >>> _coded_number(b"A"), _coded_number(bytes([0xC2, 0x80]))
+    ((65, 1), (128, 2))
+    >>> _coded_number(bytes([0x80]))
+    (0, 0)
     """
     if not content:
         return 0, 0

@@ -71,7 +71,8 @@ def touch_at(time: float, segments: Iterable[Segment]) -> int:
     """Return the number of the labelled `Touch` at a time in s, or -1 where it is
     unknown, as telemetry stores it.
 
-    >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
+    >>> segments = [Segment(0.0, 2.0, "rough")]
+    >>> touch_at(1.0, segments), touch_at(3.0, segments)
     (2, -1)
     """
     labels = (
@@ -149,7 +150,9 @@ class Recording:
     def known(self, name: str) -> str:
         """Return a field or a property as text, empty if unknown; splits group by it.
 
-        >>> Recording(Path("a.wav"), "slate", Touch.ROUGH, properties={"pressure": "light"}).known("pressure")
+        >>> light = {"pressure": "light"}
+        >>> recording = Recording(Path("a.wav"), "slate", Touch.ROUGH, properties=light)
+        >>> recording.known("pressure")
         'light'
         """
         value = (
@@ -224,14 +227,15 @@ def _pick(samples: FloatArray, order: tuple[int, ...] | None) -> FloatArray:
 def channel_order(
     recording: Recording, *, count: int, single: str = "contact"
 ) -> tuple[int, ...]:
-    """Return which of a file's channels to read, in the order contact, air; unknown
-    ones are taken as these.
+    """Return which of a file's channels to read, in the order contact, air. Channels
+    without a known microphone are taken to be in this order.
 
     If ``count`` is 1, it is the channel of the microphone ``single``, or the first
     where there is no such microphone. Raises `DatasetError` if ``count`` is 2 and the
     file does not hold one contact and one air channel.
 
-    >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), count=2)
+    >>> swapped = Recording(Path("a.wav"), "slate", channels=("air", "contact"))
+    >>> channel_order(swapped, count=2)
     (1, 0)
     """
     names = recording.channels
@@ -311,9 +315,9 @@ class Dataset:
 
     def labelled(self, *, segments: bool = False) -> "Dataset":
         """Return the data set with only the recordings labelled smooth or rough; with
-        ``segments`` also those of which a segment is.
+        ``segments``, also recordings that have a segment with such a label.
 
-        Raises `DatasetError` if there are none.
+        Raises `DatasetError` if none is left.
         """
 
         def holds(recording: Recording) -> bool:

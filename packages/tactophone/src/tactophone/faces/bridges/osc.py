@@ -123,8 +123,8 @@ class OscBridge:
                 "contact": float(passed.contact),
                 "amplitude": command.amplitude,
             }
-            # An avatar has one parameter for each name: those of a hand's fingers end
-            # with the finger's.
+            # An avatar has one parameter for each name, so the parameters of a hand end
+            # with the finger's name.
             ending = (
                 passed.finger.title().replace("-", "")
                 if len(self._reader.fingers) > 1
@@ -153,8 +153,10 @@ def _address(datagram: bytes) -> str:
     """Return the address pattern of a message; empty for a bundle and for anything
     else.
 
-    >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3)), _address(bytes([255] * 9))
-    ('/tactophone/stop', '')
+    >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3))
+    '/tactophone/stop'
+    >>> _address(bytes([255] * 9))
+    ''
     """
     text, end, _ = datagram.partition(b"\0")
     try:

@@ -54,29 +54,38 @@ WAIT = 0.02
 """Seconds without sound after which an empty block is returned, so that the reader of
 the source can end."""
 
-MOVES, STILL = 0.02, 0.01
-"""Speed of a joint, in rad/s or m/s, from which the robot moves, and under which it
-stands."""
+MOVES = 0.02
+"""Speed of a joint, in rad/s or m/s, from which the robot counts as moving."""
+
+STILL = 0.01
+"""Speed of every joint, in rad/s or m/s, under which a moving robot counts as still."""
 
 MOST_JOINTS = 256
-"""Joints whose speeds are kept: whoever sends others sends new ones without end."""
+"""Maximum joints whose speeds are kept, as a sender could invent new names without
+end."""
 
 LOWEST_RATE = 2_000
+"""Lowest sample rate of a sound topic that is taken, in Hz."""
+
 HIGHEST_RATE = 192_000
+"""Highest sample rate of a sound topic that is taken, in Hz."""
 
 _SAMPLE = np.dtype("<i2")
+"""A sample in a sound topic: 16 bits, little-endian."""
 
-# ROS 2's default for topics: reliable, volatile, the newest ten.
 QOS = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
     Policy.Durability.Volatile,
     Policy.History.KeepLast(10),
 )
+"""ROS 2's default for topics: reliable, volatile, the newest ten."""
+
 LATCHED = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
     Policy.Durability.TransientLocal,
     Policy.History.KeepLast(1),
 )
+"""A topic whose newest message reaches late subscribers too."""
 
 
 class Transport(Protocol):
@@ -95,7 +104,7 @@ class Transport(Protocol):
 
 
 _VALID = SimpleNamespace(valid_data=True)
-"""Of a message that came over Zenoh, which has no such notes."""
+"""Note on a message that came over Zenoh, which has no such notes of its own."""
 
 
 class DdsTransport:
@@ -144,8 +153,8 @@ def default_domain() -> int:
 
 
 class JointMotion:
-    """Tells from joint states whether a robot moves; each may be of some joints, with
-    speeds or only places."""
+    """Tells from joint states whether a robot moves; each may cover only some joints,
+    and give speeds or only places."""
 
     def __init__(self) -> None:
         self.moving = False
@@ -212,7 +221,9 @@ class RosBridge:
             for sink in messages.open_sinks(text, fingers=self._reader.fingers)
         ]
         self._snapshots: dict[str, Snapshot] = {}
-        self._beat, self._motion, self._moving = 0, JointMotion(), False
+        self._beat = 0
+        self._motion = JointMotion()
+        self._moving = False
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
         self._diagnosed_at = -DIAGNOSTICS_INTERVAL
         self._sound_at = 0.0

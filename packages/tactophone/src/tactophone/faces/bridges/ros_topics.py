@@ -39,20 +39,15 @@ def message_type(name: str, definition: str) -> Any:
     for kind, key in map(str.split, definition.splitlines()):
         base, bracket, length = kind.rstrip("]").partition("[")
         made = _TYPES[base]
-        zero = (
-            made
-            if base == "string" or "/" in base
-            else float
-            if "float" in base
-            else int
-        )
+        # What makes the default: a number's type, or the field's own.
+        zero: Any = float if "float" in base else int
+        if base == "string" or "/" in base:
+            zero = made
         if bracket:
             made = types.array[made, int(length)] if length else types.sequence[made]
             zero = partial(list, [zero()] * int(length or 0))
-        namespace["__annotations__"][key], namespace[key] = (
-            made,
-            field(default_factory=zero),
-        )
+        namespace["__annotations__"][key] = made
+        namespace[key] = field(default_factory=zero)
     package, _, short = name.split("/")
     wire = {"typename": f"{package}::msg::dds_::{short}_"}
     _DEFINITIONS[name] = definition
@@ -164,8 +159,8 @@ def predicted(passed: Passed) -> dict[str, Any]:
 
 
 def sound(samples: FloatArray, now: float) -> Any:
-    """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s
-    since 1970)."""
+    """Return sound, shape ``(samples, 1 or 2)``, whose first sample was taken at
+    ``now`` (s since 1970)."""
     every = (
         samples
         if samples.shape[1] > 1
@@ -176,7 +171,7 @@ def sound(samples: FloatArray, now: float) -> Any:
 
 
 def header(now: float, frame: str = "fingertip") -> Any:
-    """Return the header of a message of ``now`` (s since 1970)."""
+    """Return the header of a message stamped ``now`` (s since 1970)."""
     return Header(time_of(now), frame)
 
 
@@ -194,9 +189,8 @@ def open_type_store() -> Any:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name in (
-        _DEFINITIONS.keys() - store.fielddefs.keys()
-    ):  # those of other packages than ROS's own
+    # The store knows ROS's own messages; ours and other packages' are added.
+    for name in _DEFINITIONS.keys() - store.fielddefs.keys():
         store.register(get_types_from_msg(_DEFINITIONS[name], name))
     return store
 
@@ -241,8 +235,8 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for
     each finger.
 
-    Raises `ConfigError` if there is none of that kind, or a finger has no name that the
-    glove knows.
+    Raises `ConfigError` for an unknown kind, or if the glove does not know the name of
+    a finger.
     """
     kind, _, topic = text.partition(":")
     make = _SINKS.get(kind) or plugins.load(plugins.ROS_SINKS, kind)

@@ -24,27 +24,27 @@ from tactophone.faces.bridges.ros_topics import open_type_store, type_name
 ROUTER = "tcp/localhost:7447"
 """Where `ros2 run rmw_zenoh_cpp rmw_zenohd` listens."""
 
+# Quality of service as rmw_zenoh writes it into a liveliness token: fields that differ
+# from the defaults, here the durability and the depth of the history.
 _VOLATILE = "::,10:,:,:,,"
 _TRANSIENT_LOCAL = ":1:,1:,:,:,,"
-# Quality of service in a token: what differs from the defaults, here durability, and
-# the depth of the history.
 
 _ATTACHMENT = struct.Struct("<qqB16s")
+"""What rmw_zenoh attaches to a message: its number, the time in ns, and the size and
+bytes of the writer's identity."""
 
 
 class ZenohTransport:
-    """A session of Zenoh: of ZENOH_SESSION_CONFIG_URI, or at the router of this
-    machine.
+    """A session of Zenoh, as ZENOH_SESSION_CONFIG_URI configures it, or else at the
+    router of this machine.
 
     Raises `ConfigError` if the session cannot be opened.
     """
 
     def __init__(self, domain: int) -> None:
-        self._domain, self._types, self._numbers = (
-            domain,
-            open_type_store(),
-            itertools.count(1),
-        )
+        self._domain = domain
+        self._types = open_type_store()
+        self._numbers = itertools.count(1)
         try:
             self._session: Any = zenoh.open(_config())
         except zenoh.ZError as error:
@@ -98,7 +98,9 @@ class ZenohTransport:
 
 class _Writer:
     def __init__(self, publisher: Any) -> None:
-        self._publisher, self._identity, self._count = publisher, uuid.uuid4().bytes, 0
+        self._publisher = publisher
+        self._identity = uuid.uuid4().bytes
+        self._count = 0
 
     def write(self, message: Any) -> None:
         self._count += 1

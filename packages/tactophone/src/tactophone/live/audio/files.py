@@ -183,10 +183,8 @@ class CombinedSource:
     def __init__(self, sources: Sequence[LabelledSource]) -> None:
         self._sources = list(sources)
         self._resources = ExitStack()
-        self.sample_rate, self.channels = (
-            self._sources[0].sample_rate,
-            len(MICROPHONES) * len(self._sources),
-        )
+        self.sample_rate = self._sources[0].sample_rate
+        self.channels = len(MICROPHONES) * len(self._sources)
 
     def __enter__(self) -> Self:
         for source in self._sources:

@@ -291,7 +291,8 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                     complete = True
                     break
     except (EndOfFile, RecordLengthLimitExceeded):
-        pass  # its writer was killed, or a changed byte made a record longer than the file
+        # Its writer was killed, or a changed byte made a record longer than the file.
+        pass
     except (
         McapError,
         struct.error,

@@ -29,15 +29,18 @@ READER_SILENCE = 0.1
 ends leaves nothing vibrating."""
 
 READER_BACKLOG = 100
-"""Predictions of a finger that may wait for their reader, about a second; older ones
-are of no use to a device."""
+"""Predictions of a finger that may wait for their reader, about a second; a device has
+no use for older ones."""
 
 FASTEST_DRIFT = 1e-4
 """Largest relative drift between the microphone's clock and ours: cheap quartzes stay
 within 100 ppm."""
 
 _INFO = 2
+"""Level of a message for information (``foxglove.Log``)."""
+
 _WARNING = 3
+"""Level of a message with a warning (``foxglove.Log``)."""
 
 
 def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
@@ -222,13 +225,8 @@ def _settle(now: FingerState, before: FingerState) -> FingerState:
 def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
     """Say what changed between two states, in one line for each subject."""
     if before.muted_because != after.muted_because or before.armed != after.armed:
-        yield (
-            f"muted: {after.muted_because}"
-            if after.muted_because
-            else "armed"
-            if after.armed
-            else "not armed"
-        )
+        armed = "armed" if after.armed else "not armed"
+        yield f"muted: {after.muted_because}" if after.muted_because else armed
     for name in ("profile", "ceiling", "output_level", "threshold_dbfs"):
         if getattr(before, name) != getattr(after, name):
             yield f"{name}: {getattr(after, name)}"
@@ -239,8 +237,8 @@ class StreamClock:
     seen.
 
     The least delay from the end of the sound to its prediction (capture, packet,
-    network, detector) stays in it: by so much a time is late. No clock of the other
-    machine enters.
+    network, detector) cannot be told from a difference of the clocks, so every time is
+    late by this much. No clock of the other machine enters.
     """
 
     def __init__(self) -> None:

@@ -40,14 +40,16 @@ from tactophone.net.link.packet import (
 JOINED = 0.02
 """Seconds of sound in a message, about as much as the schemas of Foxglove ask for."""
 
+# First bytes of the link's events (`tactophone.net.link.events`).
 _PACKET = 0
 _CONNECTED = 2
-# First byte of an event of the link.
 
 _CODE = 3
+"""Bits of an Opus packet's first byte that say how many frames follow (RFC 6716 section
+3.1)."""
+
 _CELT = 16
-# Bits with the number of frames; the first configuration of CELT (RFC 6716 section
-# 3.1).
+"""The first configuration of CELT (RFC 6716 section 3.1)."""
 
 
 @dataclass(slots=True)

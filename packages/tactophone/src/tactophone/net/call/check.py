@@ -51,8 +51,10 @@ class Findings:
         yield f"this machine: {WORDS[self.nat]}" + (
             f"; it is seen at {self.public}" if self.public else ""
         )
-        yield f"STUN: {', '.join(f'{host}:{port}' for host, port in self.stun) or 'no server'} answered"
-        yield f"mailbox: {'answers' if self.mailbox else 'does not answer; name another with --set call.mailbox=...'}"
+        servers = ", ".join(f"{host}:{port}" for host, port in self.stun)
+        yield f"STUN: {servers or 'no server'} answered"
+        other = "does not answer; name another with --set call.mailbox=..."
+        yield f"mailbox: {'answers' if self.mailbox else other}"
         if self.relay_set:
             advice = "gives no address; check call.turn, its user and password"
             yield f"relay: {'gives an address' if self.relay else advice}"

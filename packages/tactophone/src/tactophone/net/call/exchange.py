@@ -111,10 +111,9 @@ def uninstall() -> None:
 
 def code_of(secret: bytes) -> str:
     """Return the code that two ends derive from the secret of their last call."""
-    number = int.from_bytes(
-        hmac.digest(secret, b"tactophone call number", hashlib.sha256)[:5]
-    )
-    return f"{1_000_000 + number}-{hmac.digest(secret, b'tactophone call words', hashlib.sha256).hex()}"
+    number = hmac.digest(secret, b"tactophone call number", hashlib.sha256)[:5]
+    words = hmac.digest(secret, b"tactophone call words", hashlib.sha256)
+    return f"{1_000_000 + int.from_bytes(number)}-{words.hex()}"
 
 
 class Exchange:
@@ -240,7 +239,9 @@ class Exchange:
             ) from None
         except TactophoneError:
             raise
-        except Exception as error:  # its words reach the state machines of a library that raise whatever they raise
+        except Exception as error:
+            # What the mailbox says reaches the state machines of a library, which raise
+            # exceptions of any kind.
             raise DeviceError(
                 f"the mailbox {self._mailbox} does not serve this call "
                 f"({_words(error)}); check the network, or name "

@@ -31,7 +31,7 @@ which anybody can forge, and as many from everybody else: a handshake and its
 retransmissions are fewer."""
 
 MOST_WORDS = 64
-"""Maximum words of which the source is remembered."""
+"""Maximum number of words whose source is remembered."""
 
 
 class GuardedLoop(asyncio.SelectorEventLoop):

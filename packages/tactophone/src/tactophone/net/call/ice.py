@@ -40,15 +40,15 @@ ICE_TIMEOUT = 6.0
 repeated for some seconds."""
 
 LEAST_PORT = 1024
-"""Ports below are of services, such as a router's 53; an end of a call has one that its
-system or router chose."""
+"""Lower ports belong to services, such as a router's DNS; an end of a call has a port
+that its system or router chose."""
 
 MOST_ADDRESSES = 16
 """Maximum addresses of the other end that are tried for each kind of way: the other end
 chooses where this machine sends, and aioice has no limit."""
 
 MOST_OF_A_HOST = 4
-"""Maximum of them that are of one machine."""
+"""Maximum of these addresses that one machine may have."""
 
 RELAY_DELAY = 0.4
 """Seconds for which direct ways are tried alone: the first check of one end is lost at
@@ -80,19 +80,24 @@ REPLY = b"r"
 """The answer to either."""
 
 _NUMBER_SIZE = 8
+"""Bytes of the random number by which an answer is told from others."""
+
 _MAC_SIZE = 16
+"""Bytes of the code that proves who sent a word: half of SHA-256."""
 
 
 def allowed(addresses: Sequence[Address]) -> list[Address]:
     """Return the addresses to which an end of a call may be asked to send, the most
     preferred first.
 
-    None of this machine, of this cable (but IPv6 has no other without a router), of a
-    group or reserved, and no network service by its port: what a stranger names is not
-    to reach a router or a cloud's metadata.
+    What a stranger names must not reach this machine, a router or a cloud's metadata.
+    So loopback, link-local, multicast and reserved addresses are left out, and ports
+    that belong to network services.
 
-    >>> [each.host for each in allowed([Address("host", host, 4000, 1, "f000") for host in
-    ...     ("192.168.1.7", "127.0.0.1", "169.254.169.254", "224.0.0.251", "2001:db8::7", "::1", "240.0.0.1")])]
+    >>> hosts = ("192.168.1.7", "127.0.0.1", "169.254.169.254", "224.0.0.251")
+    >>> hosts += ("2001:db8::7", "::1", "240.0.0.1")
+    >>> named = [Address("host", host, 4000, 1, "f000") for host in hosts]
+    >>> [each.host for each in allowed(named)]
     ['192.168.1.7', '2001:db8::7']
     """
     found: list[Address] = []
@@ -133,8 +138,8 @@ class Server:
             ) from None
 
     async def resolve(self) -> tuple[str, int] | None:
-        """Return the IPv4 address, which is all that aioice asks servers at; ``None``
-        if there is none."""
+        """Return the IPv4 address, the only kind at which aioice asks servers; ``None``
+        if the server has no such address."""
         with contextlib.suppress(OSError):
             found = await asyncio.get_running_loop().getaddrinfo(
                 self.host, self.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
@@ -235,7 +240,7 @@ class Finder:
         end passes it on.
 
         ``nat`` is what lies before this end. Raises `ConnectionError` or `TimeoutError`
-        if there is none.
+        if no way is found.
         """
         own = self._relayed or self._direct
         assert own, "gather comes first"
@@ -252,7 +257,8 @@ class Finder:
             task = asyncio.ensure_future(
                 self._check(connection, offer, addresses, delay)
             )
-            # A failure that nobody asks for any more is none.
+            # Asking for the exception keeps asyncio from reporting a failure that no
+            # longer matters, because another search has won.
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
             searches[task] = connection
 

@@ -99,7 +99,7 @@ LARGEST_MESSAGE = 20_000
 def read_message(data: bytes) -> Message:
     """Decode a message of the other end.
 
-    Raises `PacketError` if it is none.
+    Raises `PacketError` if the bytes are something else.
     """
     try:
         if len(data) > LARGEST_MESSAGE:

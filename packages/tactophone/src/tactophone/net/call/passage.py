@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from tactophone.net.call.ice import Finder
 
 WAY_SILENCE = 1.0
-"""Seconds without a datagram of the other end, which sends several a second, until a
-new way is asked for, and again."""
+"""Seconds without a datagram from the other end, which sends several a second, after
+which a new way is asked for. The question is repeated after as long again."""
 
 SILENCE_TICK = 0.1
-"""Seconds from one look for datagrams to the next. Silence is a number of looks and not
-a difference of times: a machine that was suspended has heard nothing, but for another
-reason."""
+"""Seconds from one look for datagrams to the next. Silence is counted in looks and not
+measured as a difference of times: a machine that was suspended has heard nothing, but
+for another reason."""
 
 QUEUE = 1 << 20
-"""Bytes that wait in the socket to the live side, if the system permits so many."""
+"""Bytes that may wait in the socket to the live side; the system may grant less."""
 
 
 class Passage:

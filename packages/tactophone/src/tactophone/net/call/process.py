@@ -85,7 +85,7 @@ class Plan:
 @dataclass(frozen=True, slots=True)
 class Found:
     """The other end, what kind of way leads to it, and the secrets for the next call:
-    its own and that of this one.
+    the other end's and the one of this call.
 
     ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again``
     whether it replaces another way.
