@@ -82,6 +82,6 @@ paper: $(READY)  ## the paper's tables, in build/paper/tables.md
 	{ echo "# The paper's tables" && echo && \
 	  echo "Made by \`make paper\` on $$(date -u +%F) at commit $$(git rev-parse --short HEAD), seed 0, $(PAPER_SECONDS) s a take." && \
 	  $(BIN)/python benchmarks/paper_tables.py 1 2 $(PAPER_DATA:%=--data %) --cache $(PAPER)/cache --form markdown \
-	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))),texture && \
+	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))),texture,rendered:texture,rendered:paper && \
 	  $(BIN)/python benchmarks/paper_tables.py 3 ablations $(PAPER_DATA:%=--data %) --cache $(PAPER)/cache --form markdown; \
 	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER_PAGE)

@@ -3,9 +3,9 @@
 import functools
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from importlib import resources
-from typing import Any
+from typing import Any, TypeVar
 
 from tactophone.core.errors import DatasetError, did_you_mean
 from tactophone.core.types import Touch
@@ -163,3 +163,17 @@ def _si(table: Mapping[str, float]) -> dict[str, Any]:
         )
         found[key.removesuffix(suffix)] = value * _UNITS[suffix] if suffix else value
     return found
+
+
+Blended = TypeVar("Blended")
+
+
+def blend(first: Blended, second: Blended, share: float) -> Blended:
+    """Blend the positive numbers of two dataclass instances geometrically, with weight
+    ``share`` for the first."""
+    blended: dict[str, Any] = {}
+    for field in fields(first):  # type: ignore[arg-type]  # called with dataclass instances only
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if isinstance(a, float) and a > 0 and b > 0:
+            blended[field.name] = float(a**share * b ** (1 - share))
+    return replace(first, **blended)  # type: ignore[type-var]
