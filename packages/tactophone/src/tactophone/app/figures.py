@@ -51,6 +51,8 @@ _STYLE: Any = {
 }
 
 PANELS = 12
+"""Most spectrograms in the figure of a data set."""
+
 EXCERPT = 5.0
 """Seconds of a recording that a small panel can show."""
 

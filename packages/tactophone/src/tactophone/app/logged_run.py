@@ -58,7 +58,9 @@ LONGEST_GAP = 1.0
 noted and left out."""
 
 _NOWHERE: Address = ("", 0)
+"""Where the datagrams of a log come from: a replay has no network."""
 
+# Settings that a replay treats apart, by their dotted names.
 _CALIBRATION = "detector.calibration"
 _MODEL = "detector.model"
 _CEILING = "rendering.ceiling"

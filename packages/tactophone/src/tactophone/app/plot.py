@@ -23,7 +23,11 @@ from tactophone.core.types import Touch
 from tactophone.live.telemetry.timeline import read_timeline
 
 _WIDTH = 11.0
+"""Width of the figure, in inches."""
+
 _DPI = 130
+"""Pixels of the figure in an inch."""
+
 _NO_CONTACT_COLOUR = "#C9C9C9"
 
 

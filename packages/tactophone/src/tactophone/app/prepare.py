@@ -42,6 +42,7 @@ is the hum of the simulated contact microphone. Without it they are right 0.02 l
 often (docs/research/contact.md)."""
 
 _MEASURED = (health.FaultKind.CLIPPED, health.FaultKind.OFFSET, health.FaultKind.HUM)
+"""Faults that a preparation measures itself, so that it need not repeat them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ class Preparation:
 
     @classmethod
     def of(cls, source: Source) -> Self:
-        """Read a source to its end, and return what to change but for the gain."""
+        """Read a source to its end, and return everything to change except the gain."""
         peak, total, railed = np.zeros((3, source.channels))
         count = invalid = 0
         meter = HumMeter(source.sample_rate, source.channels)
@@ -119,8 +120,8 @@ class Preparation:
         )
 
     def for_tip(self, tip: str) -> Self:
-        """Return this without subtracting hum that models for a tip, empty where it is
-        unknown, were trained with."""
+        """Return this without the subtraction of hum that models for ``tip`` were
+        trained with; an empty ``tip`` is unknown."""
         if (
             self.hum is None
             or self.hum.level_dbfs >= TRAINED_HUM_DBFS

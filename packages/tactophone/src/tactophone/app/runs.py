@@ -103,8 +103,8 @@ def open_side(
     report: Report = ignore,
     **way: Any,
 ) -> "Supervisor":
-    """Return the robot's side, or without a source the operator's, which is not started
-    yet; ``way`` as of a call."""
+    """Return the robot's side, or the operator's if there is no source; it is not
+    started yet. ``way`` holds what a side of a call gets besides."""
     from tactophone.live.runtime.operator import run_operator
     from tactophone.live.runtime.robot import run_robot
     from tactophone.live.runtime.supervisor import Main, Supervisor

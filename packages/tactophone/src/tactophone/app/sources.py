@@ -146,8 +146,8 @@ def for_one_microphone(settings: Settings) -> Settings:
     """Choose the model for one air microphone, where that is the source and no model is
     named.
 
-    What touches is anything then, so the tip is the model's, unless another than the
-    default is named.
+    Anything may be the tip then, so the model's tip is taken unless the settings name
+    one.
     """
     if (
         settings.capture.source not in ("browser", "microphone")

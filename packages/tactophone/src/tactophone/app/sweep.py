@@ -25,11 +25,11 @@ SWEEP_DURATION = 8.0
 follow."""
 
 BAND_DB = 10.0
-"""The band ends where the level is that much below the resonance's."""
+"""The band ends where the level is this far below the resonance's, in dB."""
 
 LEAST_SNR_DB = 12.0
-"""The resonance must stand that far over the noise that is recorded before the
-sweep."""
+"""The resonance must stand this far over the noise that is recorded before the sweep,
+in dB."""
 
 POINTS = 48
 """Levels per sweep: ten an octave."""

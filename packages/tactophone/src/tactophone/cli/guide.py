@@ -35,7 +35,11 @@ DONE = "done"
 """Button that ends the page."""
 
 METER_LOWEST_DBFS = -72.0
+"""Level at the left end of a meter, in dBFS."""
+
 WIDTH = 36
+"""Characters of a meter: 2 dB each."""
+
 METER_INTERVAL = 0.1
 """Seconds between two updates of the screen."""
 
@@ -44,7 +48,10 @@ PEAK_HOLD = 0.7
 tap."""
 
 RED_DBFS = -1.0
+"""Peak from which a meter is red, in dBFS: the converter is about to clip."""
+
 YELLOW_DBFS = -6.0
+"""Peak from which a meter is yellow, in dBFS."""
 
 
 class Meters:
@@ -221,7 +228,7 @@ class GuideScreen:
         return self.has_keyboard or self.page is not None
 
     def begin(self, step: int) -> None:
-        """Mark a step as the one now; all before it are done."""
+        """Mark a step as the current one; all before it are done."""
         if self.page is not None:
             coming = (
                 {"instruction": f"Next: {self.steps[step]}"}
@@ -315,7 +322,7 @@ class Steps:
         self._unattended = unattended
 
     def begin(self, number: int, audio: AudioInput) -> None:
-        """Mark a step as the one now; of the first, open the meters."""
+        """Mark a step as the current one; at the first, open the meters."""
         if number == 1:
             self._meters = Meters(audio.source.channels, math.nan)
             self._wait = self._screen.answers and not (

@@ -113,8 +113,8 @@ def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> 
 
 
 def as_values(result: Any) -> Any:
-    """Return what JSON can hold: of a dataclass its fields, or its ``as_json()``; of a
-    path its text.
+    """Convert a value to what JSON can hold: a dataclass to its fields or its
+    ``as_json()``, a path to its text.
 
     A field whose name ends in ``_`` is called by the keyword before it, and one that
     begins with ``_`` is left out.

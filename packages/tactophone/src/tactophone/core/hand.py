@@ -101,7 +101,7 @@ def default_names(count: int) -> dict[str, dict[str, Any]]:
 
 
 def of_finger(settings: Settings, index: int) -> Settings:
-    """Return the settings of one finger, as of a run with this finger alone.
+    """Return the settings of one finger, as if the run had this finger alone.
 
     >>> of_finger(with_fingers(Settings(), "2"), 1).capture.contact
     'system:capture_3'

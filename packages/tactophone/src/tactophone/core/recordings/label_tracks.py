@@ -113,8 +113,8 @@ def _event(
 
 
 def label_of(segments: Iterable[Segment]) -> str:
-    """Return the label of a whole recording by its segments: of the only surface in
-    them, else that it is mixed.
+    """Return the label of a whole recording by its segments: the one surface that they
+    name, or else ``mixed``.
 
     >>> label_of([Segment(0, 1, "none"), Segment(1, 2, "rough")])
     'rough'

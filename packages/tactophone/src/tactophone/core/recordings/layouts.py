@@ -24,12 +24,17 @@ from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import Touch
 
 MANIFEST = "manifest.csv"
+"""Name of the table of recordings."""
+
 SEGMENTS = "segments.csv"
+"""Name of the table of labels that change in time."""
 
 ROUGH_OBJECTS = frozenset({0, 1, 8, 11, 13, 15, 17, 19, 20, 22})
+"""Objects that the authors' notebooks label rough; all others are smooth."""
+
 TEST_OBJECTS = frozenset({21, 22})
-"""The paper has two, as the authors' test notebook; their training notebook leaves
-object 20 out besides."""
+"""Objects to test with: two in the paper, as in the authors' test notebook. Their
+training notebook also leaves out object 20."""
 
 SPARE_OBJECT = 20
 """Neither trained on nor tested with by default: the fine-tuned model's sample of the
@@ -44,7 +49,10 @@ KIN: Mapping[int, str] = {
 one side."""
 
 STEREO = Path("opus", "stereo")
+"""The authors' folder of recordings of objects."""
+
 FINALS = Path("finals_recordings")
+"""The authors' folder of recordings at the competition."""
 
 TAKE_PRESSURES: Mapping[str, str] = {
     "light": "light",

@@ -27,7 +27,11 @@ from tactophone.core.recordings.values import (
 )
 
 FILE_NAME = "metadata.csv"
+"""Name of the manifest."""
+
 LABELS_FILE = "labels.toml"
+"""Name of the file that says what numbered labels mean."""
+
 PARTS = ("train", "validation", "test")
 """Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it;
 kept as property ``split``."""

@@ -522,8 +522,9 @@ def _crc_table(polynomial: int, bits: int) -> tuple[int, ...]:
 
 
 _CRC_TABLES = {8: _crc_table(0x07, 8), 16: _crc_table(0x8005, 16)}
-"""Of a frame's header, x^8 + x^2 + x + 1, and of a whole frame, x^16 + x^15 + x^2 + 1
-(RFC 9639, sections 9.1.8 and 9.3)."""
+"""Tables of the two checksums, by their bits: 8 for a frame's header, x^8 + x^2 + x +
+1, and 16 for a whole frame, x^16 + x^15 + x^2 + 1 (RFC 9639, sections 9.1.8 and
+9.3)."""
 
 
 def _crc(content: bytes, *, bits: int) -> int:

@@ -294,8 +294,8 @@ class Problem:
 class Dataset:
     """Recordings that belong together, in the manifest's order.
 
-    ``problems`` are those met while reading the manifest; their messages say whether a
-    line was left out or corrected.
+    ``problems`` were met while reading the manifest; their messages say whether a line
+    was left out or corrected.
     """
 
     name: str

@@ -30,6 +30,7 @@ FOXGLOVE_ADDRESS = "127.0.0.1:8765"
 """Where Foxglove looks by itself."""
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""Names of the protocol, the newer first: they mean the same here."""
 
 ORIGINS = ("https://app.foxglove.dev", "null", "file://")
 """Origins of Foxglove's page and of the desktop programs; others only from this
@@ -45,13 +46,17 @@ FOXGLOVE_VIEWERS = 8
 """Greatest number of viewers."""
 
 MESSAGES_PER_SECOND = 100.0
-"""From a viewer: it subscribes once."""
+"""Messages that a viewer may send in a second: it only says once what it subscribes
+to."""
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """A layout to import in Foxglove or Lichtblick."""
 
-_FRAME = struct.Struct("<BIQ")  # message data, subscription, time in ns
+_FRAME = struct.Struct("<BIQ")
+"""Head of a binary frame: its kind, the subscription, and the time in ns."""
+
 _MESSAGE_DATA = 1
+"""Kind of a binary frame that holds a message."""
 
 
 class FoxgloveBridge:

@@ -12,7 +12,7 @@ from tactophone.core.types import ignore
 
 BRIDGE_START_PATIENCE = 20.0
 """Seconds of waiting for a bridge to import its libraries and begin, after which the
-user is told; a busy machine takes so long."""
+user is told; a busy machine takes this long."""
 
 BRIDGE_START_TIMEOUT = 120.0
 """Seconds after which a bridge that has not begun ends the start of the run."""

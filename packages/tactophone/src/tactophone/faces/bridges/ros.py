@@ -93,11 +93,12 @@ class Transport(Protocol):
     without their first slash."""
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return what has ``write(message)``; a ``latched`` message reaches late
-        subscribers too."""
+        """Return a writer, which has ``write(message)``; a ``latched`` message reaches
+        late subscribers too."""
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return what has ``take(N=...)``, a list of what came since the last call."""
+        """Return a reader, whose ``take(N=...)`` lists what came since the last
+        call."""
 
     def close(self) -> None:
         """Leave."""
@@ -192,7 +193,7 @@ class RosBridge:
     - ``publish``: whether to publish predictions, sound and diagnostics; otherwise only
       the sinks get something.
     - ``sinks``: devices to drive, as `open_sink` takes them.
-    - ``domain``: of ROS; ``None`` takes ROS_DOMAIN_ID.
+    - ``domain``: ROS's domain; ``None`` takes ROS_DOMAIN_ID.
     - ``over``: ``dds`` or ``zenoh``.
 
     Raises `ConfigError` if the domain cannot be joined.

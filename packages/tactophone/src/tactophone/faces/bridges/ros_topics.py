@@ -181,6 +181,7 @@ def time_of(now: float) -> Any:
 
 
 _LOWEST_DBFS = -200.0
+"""What stands for a level of -inf dBFS: plots and JSON cannot show infinity."""
 
 
 def open_type_store() -> Any:
@@ -206,12 +207,16 @@ def type_name(kind: type) -> str:
 
 
 _SENSEGLOVE_VALUES = 12
-# The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb
-# to little finger, vibration of their tips, then of two places of the palm. A Nova 2
-# has tips of thumb and index only.
+"""Values in a SenseGlove's message: brakes of thumb to little finger, vibration of
+their tips, then vibration of two places of the palm
+(github.com/Adjuvo/senseglove_ros/issues/47). A Nova 2 only has the tips of thumb and
+index."""
+
 _SENSEGLOVE_TIPS = 5
+"""Place of the thumb's tip among these values."""
 
 _RUMBLE = 1
+"""Type of a ``sensor_msgs/JoyFeedback`` that vibrates."""
 
 TOPIC_HEARTBEAT = 0.01
 """Per cent that the SenseGlove's value alternates by: its driver does not send an equal

@@ -49,8 +49,8 @@ class FileSource:
     Raises
     ------
     DatasetError
-        If the file is missing, empty, not a sound file, or of other channels or rates;
-        while iterating, if it is damaged.
+        If the file is missing, empty or not a sound file, or if its channels or its
+        rate cannot be used; while iterating, if it is damaged.
     """
 
     def __init__(

@@ -49,7 +49,7 @@ ABSENT = (
 
 
 def _any() -> int:
-    """Return the samples that a reader needs which takes any."""
+    """Return how many samples a reader needs that takes any number."""
     return 1
 
 

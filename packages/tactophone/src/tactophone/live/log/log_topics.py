@@ -1,5 +1,5 @@
-"""The topics of a log (MCAP) and of a live view (Foxglove), each with its schema; those
-of ROS 2 are in `ros_topics`.
+"""The topics of a log (MCAP) and of a live view (Foxglove), each with its schema; the
+topics of ROS 2 are in `ros_topics`.
 
 Messages are JSON, which every viewer plots and every language reads; bytes in them are
 base64. Sound is protobuf in Foxglove's own schemas, as its Audio panel plays nothing

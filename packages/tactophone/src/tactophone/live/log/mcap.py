@@ -44,6 +44,7 @@ FORMAT = "tactophone 5"
 """Profile in the header of the file; a later layout gets a later number."""
 
 MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of every MCAP file."""
 
 CHUNK_SIZE = 1 << 20
 """Bytes after which the writer ends a chunk by itself."""
@@ -310,8 +311,8 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
 
 
 def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
-    """Return the records of a file, those in chunks too: the library would make of a
-    chunk whatever it claims to be."""
+    """Return the records of a file, inside and outside of chunks. The library would
+    unpack a chunk to whatever size the chunk claims."""
     from mcap.exceptions import EndOfFile
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
@@ -339,7 +340,7 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
 
 
 def _decompressed(chunk: Any) -> bytes:
-    """Return at most one byte more than `LARGEST_CHUNK` of a chunk; raises `ValueError`
+    """Decompress a chunk, up to one byte more than `LARGEST_CHUNK`; raises `ValueError`
     for a damaged one."""
     if chunk.compression == "zstd":
         import zstandard

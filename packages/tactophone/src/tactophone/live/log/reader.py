@@ -68,7 +68,7 @@ class RunReader:
 
     - ``missed``: predictions and bytes of the session log that were overwritten before
       they were read.
-    - ``names``: of the fingers of a hand; one empty name where there is no hand.
+    - ``names``: names of a hand's fingers; one empty name where there is no hand.
     """
 
     def __init__(self, name: str) -> None:

@@ -79,7 +79,8 @@ class SoundMessages:
         self._stamps: TimestampUnwrapper | None = None
 
     def push(self, topic: str, data: bytes) -> Iterator[Message]:
-        """Take a message of the run; yield those that its packets complete."""
+        """Take a message of the run; yield the messages of sound that its packets
+        complete."""
         if topic == RUN.name:
             yield from self.flush()
             self._epoch = msgspec.json.decode(data, type=RunStart).epoch

@@ -149,7 +149,7 @@ def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:
 
 
 def _wrapped(differences: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the nearest that two RTP timestamps can be: from half a wrap back to half
+    """Return the shortest way between two RTP timestamps: from half a wrap back to half
     a wrap ahead."""
     return (differences + _WRAP // 2) % _WRAP - _WRAP // 2
 

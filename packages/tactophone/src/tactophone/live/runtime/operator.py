@@ -79,6 +79,7 @@ SAME_MACHINE = (
 )
 """Advice where both sides began together: there is nothing to start."""
 
+# Places of this side's marks among all.
 _RECEIVED = MARKS.index("received")
 _RELEASED = MARKS.index("released")
 _DECODED = MARKS.index("decoded")
@@ -161,8 +162,8 @@ class Operator(Side):
         """RTP timestamp of the sound behind the newest command; written by the network
         thread."""
         self._rendered = 0
-        """The same of the newest command that was rendered; written by the actuator's
-        thread."""
+        """RTP timestamp of the sound behind the newest command that was rendered;
+        written by the actuator's thread."""
         self._losses = 0
         """How often the device was lost when it was last looked at."""
         self._period = 0

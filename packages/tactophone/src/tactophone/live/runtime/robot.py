@@ -63,6 +63,7 @@ START_OPERATOR = (
 )
 """Advice where an operator never answers."""
 
+# Places of this side's marks among all.
 _CAPTURED = MARKS.index("captured")
 _SENT = MARKS.index("sent")
 

@@ -33,6 +33,7 @@ it at least every 0.1 s."""
 _LARGEST_COUNT = 1 << 62
 """Greatest count that a run can reach: 3 million years of samples."""
 
+# Places of what a `Pulse` holds: a watchdog reads them two hundred times a second.
 _CALLBACKS = list(COUNTERS).index("callbacks")
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
 _AMPLITUDE = _GAUGE["output_amplitude"]

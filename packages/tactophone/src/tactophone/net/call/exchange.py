@@ -49,6 +49,8 @@ LARGEST_WORD = 1 << 17
 JSON."""
 
 LONGEST_CODE = 100
+"""Most characters of a code: the codes derived from a secret are the longest, with 78
+at most."""
 
 SECRET_SIZE = 32
 """Bytes of the secret from which two ends derive the code of their next call."""

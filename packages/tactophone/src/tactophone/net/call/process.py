@@ -53,8 +53,11 @@ STATES_TIMEOUT = 330.0
 live side may take to start."""
 
 CALL_POLL = 0.1
+"""Seconds that the parent waits for a step before it looks whether the process has
+ended."""
 
 OTHER: dict[str, Role] = {"robot": "operator", "operator": "robot"}
+"""The role that is left for the other end."""
 
 
 @dataclass(frozen=True, slots=True)

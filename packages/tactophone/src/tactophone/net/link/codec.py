@@ -64,6 +64,7 @@ NARROW_BAND = 4_000.0
 uses."""
 
 _KINDS = {format: kind for kind, format in SOUND_FORMATS.items()}
+"""Payload type of each codec and number of channels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +197,7 @@ def most_pcm_samples(channels: int) -> int:
 
 
 _FULL_SCALE = 32_768.0
+"""What a sample of 1 is in 16 bits; the greatest sample is one less."""
 
 
 class PcmEncoder:

@@ -46,7 +46,13 @@ class PacketReceived(msgspec.Struct, frozen=True):
 
 Event: TypeAlias = Connected | Renewed | Disconnected | PacketReceived
 
-_PACKET, _REPORT, _CONNECTED, _DISCONNECTED, _RENEWED = range(5)
+# First byte of an event in a log: old logs must stay readable, so a number keeps its
+# meaning.
+_PACKET = 0
+_REPORT = 1
+_CONNECTED = 2
+_DISCONNECTED = 3
+_RENEWED = 4
 
 
 def write_event(event: Event) -> bytes:

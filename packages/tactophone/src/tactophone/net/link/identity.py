@@ -29,8 +29,13 @@ IDENTITY_FOLDER = Path("~/.config/tactophone")
 """Default folder of the key and the trusted peers."""
 
 KEY_FILE = "key.pem"
+"""File of the private key, which only its user may read."""
+
 CERTIFICATE_FILE = "certificate.pem"
+"""File of the certificate, whose fingerprint peers pin."""
+
 PEERS_FILE = "peers.txt"
+"""File of the trusted peers: a fingerprint and a name in each line."""
 
 _LIFETIME = datetime.timedelta(days=365 * 30)
 """A certificate ends with its pin, not by date; OpenSSL requires a date."""

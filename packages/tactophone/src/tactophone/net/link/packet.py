@@ -64,8 +64,16 @@ PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 16
 contributing source."""
 
 _VERSION = 2
+"""Version of RTP (RFC 3550 section 5.1)."""
+
 _HEADER = struct.Struct("!BBHII")
+"""Header of RTP: version and flags, marker and payload type, sequence number,
+timestamp, SSRC (RFC 3550 section 5.1)."""
+
 _EXTENSION = struct.Struct("!HH")
+"""Head of a header extension: its profile, and its length in words (RFC 3550 section
+5.3.1)."""
+
 _EARLIER = struct.Struct("!I")
 """Header of an earlier payload (RFC 2198 section 3): a set bit, 7 bits of type, 14 of
 timestamp offset and 10 of length."""

@@ -47,8 +47,10 @@ _STREAM_COUNTERS = (
     "samples_received",
     "samples_concealed",
 )
+"""Fields of `StreamStats` that telemetry counts under the same names."""
 
 _PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
+"""Payload types that hold predictions made on the robot, in place of sound."""
 
 
 class PredictionReceived(msgspec.Struct, frozen=True):
