@@ -810,7 +810,7 @@ def _narrow(values: Mapping[str, Estimate]) -> dict[str, str]:
         for name in (IN_CONTACT_DAYS, IN_CONTACT_TEST)
     ]
     if shares[0] is not None:
-        cells["in contact:\ndays\ntest"] = "\n".join(map(str, shares))
+        cells["in\ncontact\ndays,\ntest"] = "\n".join(map(str, shares))
     return cells
 
 

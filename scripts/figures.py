@@ -8,6 +8,9 @@ measurement, change it there and run
 
     python scripts/figures.py
 
+An entry may have a ``phrase``, a regular expression of the words in which pages state
+the figure, as "gained N points": a test then finds a page that states it by hand.
+
 ``--check`` writes nothing, and ends with 1 where a page states another value.
 """
 
@@ -33,6 +36,16 @@ def values() -> dict[str, str]:
     return found
 
 
+def phrases() -> dict[str, re.Pattern[str]]:
+    """Return the words in which pages state a figure, by its name."""
+    entries = tomllib.loads(FIGURES.read_text(encoding="utf-8"))
+    return {
+        name: re.compile(entry["phrase"])
+        for name, entry in entries.items()
+        if "phrase" in entry
+    }
+
+
 def from_card(entry: Mapping[str, str]) -> str:
     """Return a score of a shipped model's card, to two digits."""
     card = read_model(model_path(entry["model"])).card
@@ -43,6 +56,7 @@ def pages() -> Iterator[Path]:
     """Yield the pages that may state a figure."""
     yield ROOT / "README.md"
     yield from sorted((ROOT / "docs").rglob("*.md"))
+    yield ROOT / "docs" / "reference" / "paper.toml"
 
 
 def with_figures(text: str, figures: Mapping[str, str]) -> str:

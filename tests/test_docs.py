@@ -126,6 +126,27 @@ def test_files_and_tests_that_pages_name_exist() -> None:
     assert not missing, "\n".join(missing)
 
 
+def test_python_files_that_pages_name_without_their_folder_exist() -> None:
+    """A table once named `operator.py` long after the file had another name."""
+    folders = (
+        "packages",
+        "benchmarks",
+        "examples",
+        "hardware",
+        "integrations",
+        "scripts",
+    )
+    known = {path.name for name in folders for path in (ROOT / name).rglob("*.py")}
+    known |= {path.name for path in files_of_tests()} | {"conftest.py"}
+    missing = [
+        f"{page.relative_to(ROOT)}: {name}"
+        for page in PAGES
+        for name in re.findall(r"`(?:[\w./-]*/)?(\w+\.py)`", page.read_text())
+        if name not in known
+    ]
+    assert not missing, "\n".join(missing)
+
+
 def test_tests_that_pages_name_without_their_file_exist() -> None:
     known = {
         name
@@ -247,6 +268,21 @@ def test_every_marked_figure_of_a_page_is_the_measured_one() -> None:
         )
         marked |= {mark["name"] for mark in script["MARKED"].finditer(text)}
     assert marked == figures.keys()
+
+
+def test_no_page_states_a_figure_without_its_mark() -> None:
+    """A figure copied by hand stays behind when it is measured again."""
+    script = runpy.run_path(str(ROOT / "scripts" / "figures.py"))
+    phrases = script["phrases"]()
+    assert len(phrases) > 3
+    unmarked = [
+        f"{page.relative_to(ROOT)}: {found[0]!r} is {name}: mark it"
+        for page in script["pages"]()
+        for name, phrase in phrases.items()
+        for found in phrase.finditer(script["MARKED"].sub("@", page.read_text()))
+    ]
+    assert not unmarked, "\n".join(unmarked)
+    assert phrases["finetune.gain"].search("it gained 17 points of balanced accuracy")
 
 
 def test_a_page_with_another_figure_would_be_found() -> None:
