@@ -98,9 +98,7 @@ def overridden() -> Iterator[tuple[str, str]]:
                     yield Path(inspect.getfile(kind)).name, name
 
 
-def test_every_private_name_of_another_project_is_listed_and_every_listed_one_used() -> (
-    None
-):
+def test_private_names_of_other_projects_are_listed_and_all_listed_are_used() -> None:
     used = {*foreign_uses(), *overridden()}
     assert used - listed() == set()
     unused = {

@@ -101,7 +101,7 @@ def flat(pairs: list[Any]) -> list[float]:
     ]
 
 
-def test_a_finger_without_an_air_microphone_and_one_with_broken_sound_leave_the_others_alone(
+def test_fingers_without_air_or_with_broken_sound_leave_the_others_alone(
     model: str,
 ) -> None:
     samples = sound_of(3)

@@ -47,16 +47,18 @@ from tactophone.faces.bridges import ros_topics as messages
 from tactophone.faces.bridges.ros import LATCHED, QOS
 domain = DomainParticipant(87)
 def topic(name, kind, qos=QOS):
-    return Topic(domain, "rt/" + name, kind, qos)
+    return Topic(domain, "rt/" + name, getattr(messages, kind), qos)
+def reader(name, kind, qos=QOS):
+    return DataReader(domain, topic(name, kind, qos))
 readers = {
-    "prediction": DataReader(domain, topic("tactophone/index/prediction", messages.Float32MultiArray)),
-    "joy": DataReader(domain, topic("joy/set_feedback", messages.JoyFeedback)),
-    "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
-    "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, LATCHED)),
-    "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
-    "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
+    "prediction": reader("tactophone/index/prediction", "Float32MultiArray"),
+    "joy": reader("joy/set_feedback", "JoyFeedback"),
+    "glove": reader("haptics_controller/commands", "Float64MultiArray"),
+    "info": reader("tactophone/index/audio_info", "AudioInfo", LATCHED),
+    "audio": reader("tactophone/index/audio", "AudioDataStamped"),
+    "diagnostics": reader("diagnostics", "DiagnosticArray"),
 }
-stop = DataWriter(domain, topic("tactophone/stop", messages.Empty))
+stop = DataWriter(domain, topic("tactophone/stop", "Empty"))
 found, until = {}, time.monotonic() + 30
 while time.monotonic() < until and len(found) < len(readers):
     for name, reader in readers.items():
@@ -416,7 +418,8 @@ def test_a_writer_tells_the_hash_of_its_type_as_ros_2_looks_for_it(
     writer = ros.DdsTransport(DOMAIN + 2).writer(
         "tactophone/index/roughness", ros_topics.Float32, latched=True
     )
-    hashed = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"  # by ROS 2 itself
+    # As ROS 2 itself computes it.
+    hashed = "RIHS01_7170d3d8f841f7be3172ce5f4f59f3a4d7f63b0447e8b33327601ad64d83d6e2"
     assert (
         bytes(writer.get_qos()[Policy.Userdata].data) == f"typehash={hashed};".encode()
     )

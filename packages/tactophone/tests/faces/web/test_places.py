@@ -129,9 +129,7 @@ def test_those_who_have_sent_nothing_go_before_a_viewer_in_its_tls_handshake(
 @pytest.mark.skipif(
     not hasattr(socket, "SO_PEERCRED"), reason="only Linux has the host 127.0.0.2"
 )
-def test_an_address_that_has_shown_the_token_keeps_places_among_strangers_who_speak() -> (
-    None
-):
+def test_an_address_that_showed_the_token_keeps_places_among_strangers() -> None:
     async def work() -> None:
         async with serving() as server:
             for path, answered in (("token", True), ("", True)):

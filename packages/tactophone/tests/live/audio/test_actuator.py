@@ -120,7 +120,7 @@ def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(
     assert waveform[-1] == 0.0
 
 
-def test_the_waveform_keeps_its_length_through_a_stall_and_what_a_longer_one_costs_is_counted(
+def test_the_waveform_keeps_its_length_through_a_stall_or_counts_what_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now, periods = [0.0], [0]
@@ -151,10 +151,10 @@ def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_a_missing_port_lists_the_candidates(jack_server: DummyServer) -> None:
     actuator = jack_actuator(print, port="system:playback_9", server=jack_server.name)
+    candidates = "system:playback_1, system:playback_2"
     with (
         pytest.raises(
-            DeviceError,
-            match=r"no JACK port system:playback_9.*system:playback_1, system:playback_2",
+            DeviceError, match=rf"no JACK port system:playback_9.*{candidates}"
         ),
         actuator,
     ):

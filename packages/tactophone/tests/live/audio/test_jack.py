@@ -90,9 +90,7 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
         server.stop()
 
 
-def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_follows() -> (
-    None
-):
+def test_another_rate_is_a_fault_until_a_server_of_the_first_rate_follows() -> None:
     server = DummyServer(128)
     server.start()
     recorder = Recorder()
@@ -242,7 +240,8 @@ def compute():
 for _ in range(3):
     threading.Thread(target=compute, daemon=True).start()
 for _ in range(3):
-    client = JackClient("starved", silent, inputs={"in": ""}, outputs={"out": ""}, server=sys.argv[1])
+    ports = dict(inputs={"in": ""}, outputs={"out": ""})
+    client = JackClient("starved", silent, **ports, server=sys.argv[1])
     client.open()
     time.sleep(0.1)
     client.close()
@@ -264,7 +263,11 @@ from tests.live.audio.test_jack import Recorder, eventually
 
 server = DummyServer(128)
 server.start()
-clients = [JackClient(name, Recorder(), inputs={"in": ""}, outputs={}, server=server.name) for name in ("one", "two")]
+def listener(name):
+    inputs = {"in": ""}
+    return JackClient(name, Recorder(), inputs=inputs, outputs={}, server=server.name)
+
+clients = [listener("one"), listener("two")]
 for client in clients:
     client.open()
 server.kill()

@@ -69,9 +69,7 @@ def test_times_go_on_with_the_clock_after_a_stall(skip: bool) -> None:
     )
 
 
-def test_a_recording_skips_what_was_missed_and_a_simulation_goes_on_where_it_stopped() -> (
-    None
-):
+def test_a_recording_skips_missed_sound_and_a_simulation_goes_on_with_it() -> None:
     recording, simulation = (after_a_stall(skip=skip) for skip in (True, False))
     assert [block.start % 480 for _, block in recording] == [0] * len(recording)
     assert len(recording) == pytest.approx(100 - 50, abs=7)

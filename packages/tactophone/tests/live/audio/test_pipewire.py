@@ -21,9 +21,16 @@ pytestmark = [
 ]
 
 SINK = """
-context.properties = { default.clock.rate = 48000 default.clock.quantum = 128 default.clock.min-quantum = 128 }
+context.properties = {
+  default.clock.rate = 48000
+  default.clock.quantum = 128
+  default.clock.min-quantum = 128
+}
 context.objects = [ { factory = adapter args = {
-  factory.name = support.null-audio-sink node.name = "null" media.class = "Audio/Sink" audio.position = [ FL FR ]
+  factory.name = support.null-audio-sink
+  node.name = "null"
+  media.class = "Audio/Sink"
+  audio.position = [ FL FR ]
 } } ]
 """
 

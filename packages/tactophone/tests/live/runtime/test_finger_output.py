@@ -154,9 +154,7 @@ def test_a_stop_while_an_arming_is_applied_reaches_the_renderer(
     assert oscillator.stopped
 
 
-def test_controls_count_as_changed_after_each_request_stop_and_pipeline_and_not_between() -> (
-    None
-):
+def test_controls_count_as_changed_after_each_request_stop_and_pipeline_only() -> None:
     session = ReceiveSession(Session(Identity.create("operator"), Peers()))
     endpoint = OperatorEndpoint(session, open_pipeline(sample_rate=48_000, channels=2))
     finger = FingerOutput(Settings(), Oscillator(), endpoint)

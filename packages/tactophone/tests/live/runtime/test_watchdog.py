@@ -78,9 +78,7 @@ def verdicts(pulses: list[Pulse]) -> dict[Verdict, list[float]]:
     return found
 
 
-def test_a_process_that_is_late_is_reported_once_and_that_it_stalled_two_seconds_later() -> (
-    None
-):
+def test_a_late_process_is_reported_once_and_as_stalled_two_seconds_later() -> None:
     found = verdicts([Pulse(7, 0.5, beat=1.0)] * 500)
     assert found[Verdict.LATE] == [pytest.approx(0.055)]
     assert found[Verdict.STALLED][0] == pytest.approx(2.0, abs=0.01)
@@ -96,9 +94,7 @@ def test_a_process_that_goes_on_can_be_late_again() -> None:
     assert not found[Verdict.STALLED]
 
 
-def test_a_process_whose_device_was_lost_is_neither_late_nor_stalled_while_its_housekeeping_goes_on() -> (
-    None
-):
+def test_a_process_without_its_device_is_neither_late_nor_stalled() -> None:
     lost = [Pulse(7, 0.5, beat=1.0)] * 60 + [Pulse(7, 0.0, beat=n) for n in range(2000)]
     assert not verdicts(lost)[Verdict.STALLED]
 

@@ -31,9 +31,12 @@ with Telemetry(sys.argv[1]) as telemetry:
     n = 0
     while time.monotonic() < ends:
         n += 1
-        block = AudioBlock(np.full((32, 2), n % 65536 / 65536, np.float32), sample_rate=32, start=32 * (n - 1))
-        telemetry.publish(PipelineStep(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
-        telemetry.update(RunState(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
+        sound = np.full((32, 2), n % 65536 / 65536, np.float32)
+        block = AudioBlock(sound, sample_rate=32, start=32 * (n - 1))
+        command = HapticCommand(n % 65536, n % 65536, 0.0)
+        telemetry.publish(PipelineStep(block, (), (command,)), now=time.monotonic())
+        state = RunState(source="x" * (n % 1000), sample_rate=n % 1000)
+        telemetry.update(state, now=time.monotonic())
 """
 
 

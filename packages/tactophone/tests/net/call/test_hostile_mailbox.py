@@ -151,7 +151,7 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
 
 @pytest.mark.slow
-def test_a_mailbox_that_lies_is_silent_or_says_too_much_ends_the_call_in_time_and_in_printable_words() -> (
+def test_a_mailbox_that_misbehaves_ends_the_call_in_time_and_in_printable_words() -> (
     None
 ):
     found = results_of(hostile_calls)

@@ -92,7 +92,7 @@ def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(
     assert all(max(end.gaps) < LONGEST_GAP for end in ends)
 
 
-def test_a_permission_of_the_relay_is_renewed_before_it_ends_and_a_dead_relay_ends_the_call_in_words() -> (
+def test_a_relays_permission_is_renewed_in_time_and_a_dead_relay_ends_the_call() -> (
     None
 ):
     with Networks("changes", "changes", relay=False) as networks:
@@ -259,7 +259,7 @@ class LyingRelay:
         return [datagram]
 
 
-def test_the_two_commands_feel_a_recording_stop_with_the_relay_go_on_with_it_and_hang_up_with_a_word(
+def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_with_a_word(
     tmp_path: Path,
 ) -> None:
     sound = np.random.default_rng(1).normal(0.0, 0.1, (960_000, 2))

@@ -101,7 +101,7 @@ def call_again(homes: Networks, own: list[str], other: list[str]) -> list[str]:
     return connect((caller, answerer), relayed=False)
 
 
-def test_a_wrong_code_tells_both_ends_and_the_next_code_reaches_somebody_who_may_decline(
+def test_a_wrong_code_tells_both_ends_and_the_next_reaches_somebody_who_may_decline(
     homes: Networks,
 ) -> None:
     caller = homes.end("ope", "call")

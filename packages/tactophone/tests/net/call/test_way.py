@@ -65,7 +65,7 @@ def test_a_keeper_that_is_late_or_gone_holds_up_nothing(
         assert own.send([(SRTP, PEER)]) == 1
 
 
-def test_a_successor_asks_for_the_way_and_hears_nothing_that_was_meant_for_its_predecessor(
+def test_a_successor_asks_for_the_way_and_hears_nothing_meant_for_its_predecessor(
     pair: tuple[socket.socket, socket.socket],
 ) -> None:
     here, there = pair

@@ -7,7 +7,7 @@ import pytest
 from tactophone.net.link.stats import TRANSIT_WINDOW, MinDelayFilter, Skew
 
 
-def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_a_window_or_two() -> (
+def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_two_windows() -> (
     None
 ):
     delay = MinDelayFilter()

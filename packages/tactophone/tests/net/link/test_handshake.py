@@ -118,9 +118,7 @@ def steps_of_a_call(sent: list[bytes]) -> Iterator[tuple[Handshake, Handshake | 
 
 
 @pytest.mark.slow
-def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_a_flight() -> (
-    None
-):
+def test_a_stall_of_a_second_neither_ends_a_handshake_nor_repeats_a_flight() -> None:
     """OpenSSL's own timer reads the wall clock; what it repeated made an answerer take
     the caller for a new one."""
     calls = []

@@ -519,9 +519,7 @@ def test_predictions_go_to_all() -> None:
     assert first == second
 
 
-def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_listen() -> (
-    None
-):
+def test_the_bandwidth_is_the_greatest_requested_while_others_listen() -> None:
     call = GroupCall(2)
     call.links[0].operator.bandwidth = 8_000
     call.connect(1)
@@ -552,9 +550,7 @@ def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None
     ]
 
 
-def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> (
-    None
-):
+def test_an_operator_under_two_addresses_is_connected_once_and_refused_once() -> None:
     robot, operator = Identity.create("robot"), Identity.create("trainer")
     trusted, addresses = (
         Peers({operator.fingerprint: "trainer"}),

@@ -170,9 +170,7 @@ def test_keys_that_the_caller_never_uses_are_dropped_after_their_time() -> None:
     assert list(pair.operator._keys) == [current, other]
 
 
-def test_a_handshakes_last_flight_is_repeated_for_ten_seconds_and_for_its_own_address_only() -> (
-    None
-):
+def test_a_last_flight_is_repeated_for_ten_seconds_and_for_its_own_address() -> None:
     pair = connected()
     current, heard = keys(pair.operator), []
     current.handshake.receive = lambda datagram, *, now: heard.append(now)  # type: ignore[method-assign]
@@ -347,9 +345,7 @@ def test_a_silent_peer_is_called_again_after_the_recall_time_and_not_before() ->
     assert robot.outgoing()
 
 
-def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted_with_the_time() -> (
-    None
-):
+def test_a_second_trusted_robot_is_told_at_its_own_address_and_noted() -> None:
     second = Identity.create("second")
     pair = SessionPair(
         operator=Session(

@@ -51,9 +51,7 @@ def test_nothing_more_after_a_whole_number_of_steps_is_silence_not_an_error(
     assert len(rendered) + len(passthrough.push(noise(duration=0.001))) > len(rendered)
 
 
-def test_direct_keeps_a_low_tone_and_pitch_brings_a_high_one_down_by_three_octaves() -> (
-    None
-):
+def test_direct_keeps_a_low_tone_and_pitch_lowers_a_high_one_by_three_octaves() -> None:
     direct = Passthrough(limits=FULL).render_whole(tone(200))[12_000:-4800]
     assert peak_frequency(direct) == pytest.approx(200, abs=3)
     shifted = ALL_PASSTHROUGHS["pitch"](FULL).render_whole(tone(1600, duration=2.0))[

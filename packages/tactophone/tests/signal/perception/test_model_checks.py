@@ -295,7 +295,7 @@ def test_weights_of_another_size_than_they_claim_are_refused(tmp_path: Path) -> 
         read_model(with_nodes(tmp_path / "claims.onnx", ADD, [SHARES, weights]))
 
 
-def test_the_runtimes_own_format_is_refused_though_its_bytes_may_also_be_a_protocol_buffer(
+def test_the_runtimes_own_format_is_refused_though_it_may_parse_as_protocol_buffer(
     tmp_path: Path,
 ) -> None:
     import onnxruntime

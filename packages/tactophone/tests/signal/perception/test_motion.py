@@ -92,9 +92,7 @@ def test_a_robot_that_says_nothing_or_moves_steadily_delays_no_contact() -> None
     assert begins(contacts(touch, (2.0,))) == begins(contacts(touch)) < 2.61
 
 
-def test_whoever_claims_starts_and_stops_without_end_delays_contact_by_150_ms_and_no_more() -> (
-    None
-):
+def test_endless_claims_of_starts_and_stops_delay_contact_by_150_ms_at_most() -> None:
     found = contacts(sound((2.0, 4.0)), np.arange(1.0, 4.0, 0.02).tolist())
     assert begins(found) - 2.0 < PERSISTENT + 0.02
     assert all(each.touching for each in found if begins(found) < each.time < 4.0)

@@ -8,9 +8,7 @@ from tactophone.signal.perception.no_touch import NoTouchCheck
 SMOOTH, ROUGH = (0.0, 0.8, 0.2), (0.0, 0.2, 0.8)
 
 
-def test_a_voice_beside_the_air_microphone_is_noticed_and_from_then_on_never_rough() -> (
-    None
-):
+def test_a_voice_beside_the_air_microphone_is_noticed_and_then_never_rough() -> None:
     sound = draw_no_touch("voice", 6.0, 500)
     detector = open_touch_detector(
         "stylus", sample_rate=NO_TOUCH_RATE, follow_floor=True

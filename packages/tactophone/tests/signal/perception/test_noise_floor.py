@@ -107,9 +107,7 @@ def test_the_threshold_is_bounded() -> None:
     assert (quiet.threshold_dbfs, loud.threshold_dbfs) == (LOWEST_DBFS, HIGHEST_DBFS)
 
 
-def test_the_margin_grows_with_the_spread_of_the_noise_and_the_rarity_of_false_alarms() -> (
-    None
-):
+def test_the_margin_grows_with_the_spread_of_noise_and_rarity_of_false_alarms() -> None:
     assert margin_db(0.4, 0.01) < margin_db(0.4, 0.001) < margin_db(1.0, 0.001)
 
 
