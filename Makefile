@@ -99,8 +99,11 @@ integrations: $(READY)  ## the packages for other programs, those of them that a
 	$(if $(LEROBOT),PYTHONPATH=packages/tactophone/src:packages/tactophone-lab/src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -rs -p no:cacheprovider \
 	  integrations/lerobot_*/tests packages/tactophone-lab/tests/app/test_lerobot.py packages/tactophone-lab/tests/app/test_lerobot_readers.py)
 
-mutants: $(READY)  ## mutants of the safety code that no test of its room kills; about half an hour
-	$(BIN)/python scripts/mutants.py
+# A tenth of a minute each, some up to two minutes; the seed decides which. Without --draw all of them, for some hours.
+DRAW ?= 100
+SEED ?= 0
+mutants: $(READY)  ## DRAW small faults in code that keeps a promise, and which of them no test of its room finds
+	$(BIN)/python scripts/mutants.py --draw $(DRAW) --seed $(SEED)
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov=tactophone_lab --cov-report=term:skip-covered

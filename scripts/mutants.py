@@ -1,18 +1,20 @@
-"""Mutates what keeps a vibration safe, runs the unit tests of its room on each mutant,
-and prints those that survive.
+"""Puts small faults into what keeps a promise of docs/reference/safety.md or
+docs/reference/threat-model.md, runs the tests of its room on each, and prints the
+faults that no test finds.
 
-A mutant changes one operator, number, condition or compared string in memory; message
-texts and docstrings stay. Each is tested in a process forked from one that has the
-libraries already. A mutant that no test kills is a promise that no test holds, or an
-equivalent one: no input tells it from the original.
+Each fault, a *mutant*, stands in memory alone, and is tested in a process forked from
+one that has the libraries already. A mutant that survives is a promise that no test
+holds, or an equivalent one: no input tells it from the original.
 
     python scripts/mutants.py --files limits,gate --share 0.2 --seed 1
+    python scripts/mutants.py --draw 50 --seed 20261128
+
+`--draw` takes so many of all files together, the same for the same seed.
 """
 
 import argparse
 import ast
 import contextlib
-import copy
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -23,76 +25,132 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import hypothesis
 import pytest
+from mutation import ALL_KINDS, Change, changes
 
 ROOT = Path(__file__).parents[1]
-TARGETS = {  # the file, and the tests of its room; those that kill most come first
-    "limits": (
-        "signal/haptics/limits.py",
-        "test_limits.py test_mapping.py test_profiles.py",
+PACKAGE = ROOT / "packages/tactophone/src/tactophone"
+TESTS = ROOT / "packages/tactophone/tests"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file and the tests of its room, those that kill most first.
+
+    - ``tests``: names in the room of the file, or paths from the folder of tests.
+    - ``realtime``: whether tests that start real servers and threads are among them.
+    """
+
+    file: str
+    tests: str
+    realtime: bool = False
+
+    @property
+    def path(self) -> Path:
+        return PACKAGE / self.file
+
+    @property
+    def module(self) -> str:
+        return ".".join(("tactophone", *Path(self.file).with_suffix("").parts))
+
+    @property
+    def paths(self) -> list[str]:
+        """Paths of the file, for its examples, and of its tests."""
+        room = TESTS / Path(self.file).parent
+        tests = [
+            TESTS / test if "/" in test else room / test for test in self.tests.split()
+        ]
+        return [str(self.path), *map(str, tests)]
+
+    @property
+    def marks(self) -> str:
+        left_out = "not package and not slow"
+        return left_out if self.realtime else f"not realtime and {left_out}"
+
+    def faults(self, kinds: Sequence[str]) -> list[Change]:
+        tree = ast.parse(self.path.read_text("utf-8"))
+        return [change for change in changes(tree) if change.kind in kinds]
+
+
+TARGETS = {
+    "limits": Target(
+        "signal/haptics/limits.py", "test_limits.py test_mapping.py test_profiles.py"
     ),
-    "watchdog": ("live/runtime/watchdog.py", "test_watchdog.py"),
-    "decision": ("signal/perception/decision.py", "test_decision.py test_engine.py"),
-    "gate": (
-        "live/runtime/output_gate.py",
-        "test_output_gate.py test_finger_output.py",
-    ),
-    "security": ("faces/web/security.py", "test_security.py"),
-    "oscillator": (
+    "oscillator": Target(
         "signal/haptics/oscillator.py",
         "test_oscillator.py test_playback.py test_waveform.py",
     ),
-    "session": (
+    "passthrough": Target(
+        "signal/haptics/passthrough.py",
+        "test_passthrough.py test_passthrough_renderer.py",
+    ),
+    "decision": Target(
+        "signal/perception/decision.py", "test_decision.py test_engine.py"
+    ),
+    "fallback": Target(
+        "signal/perception/fallback.py", "test_fallback.py test_faults.py"
+    ),
+    "health": Target(
+        "signal/perception/health.py",
+        "test_faults.py test_signal_statistics.py test_invalid_samples.py",
+    ),
+    "onnx_table": Target(
+        "signal/perception/onnx_table.py", "test_model_checks.py test_model_trial.py"
+    ),
+    "watchdog": Target("live/runtime/watchdog.py", "test_watchdog.py"),
+    "gate": Target(
+        "live/runtime/output_gate.py",
+        "test_output_gate.py test_finger_output.py",
+    ),
+    "operator": Target(
+        "live/runtime/operator.py",
+        "test_operator.py test_hand.py test_network.py",
+        realtime=True,
+    ),
+    "jack": Target(
+        "live/audio/jack.py", "test_jack.py test_actuator.py", realtime=True
+    ),
+    "device": Target(
+        "live/audio/device.py", "test_stream.py test_actuator.py", realtime=True
+    ),
+    "gamepad": Target("live/audio/gamepad.py", "test_gamepad.py"),
+    "memory": Target(
+        "live/telemetry/memory.py", "test_memory.py test_writer.py test_watcher.py"
+    ),
+    "log": Target("live/log/mcap.py", "test_mcap.py test_hand_log.py"),
+    "session": Target(
         "net/link/session.py",
         "test_session_bounds.py test_session.py test_renewal.py "
-        "test_hostile_callers.py test_session_states.py",
+        "test_hostile_callers.py test_session_states.py test_end_to_end.py",
     ),
+    "handshake": Target(
+        "net/link/handshake.py",
+        "test_handshake.py test_hostile_callers.py test_session.py "
+        "test_session_bounds.py",
+    ),
+    "identity": Target("net/link/identity.py", "test_identity.py"),
+    "packet": Target(
+        "net/link/packet.py", "test_packet.py test_packetizer.py test_depacketizer.py"
+    ),
+    "rtcp": Target("net/link/rtcp.py", "test_rtcp.py test_send.py test_session.py"),
+    "send": Target("net/link/send.py", "test_send.py test_end_to_end.py"),
+    "receive": Target(
+        "net/link/receive.py",
+        "test_end_to_end.py test_prediction_payload.py net/test_endpoints.py",
+    ),
+    "endpoints": Target("net/endpoints.py", "test_endpoints.py"),
+    "messages": Target("net/call/messages.py", "test_messages.py test_guard.py"),
+    "guard": Target("net/call/guard.py", "test_guard.py test_allowed.py"),
+    "security": Target("faces/web/security.py", "test_security.py test_requests.py"),
+    "connections": Target("faces/web/connections.py", "test_places.py test_guards.py"),
+    "processes": Target("core/processes.py", "test_processes.py"),
 }
-SWAPS: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.FloorDiv: ast.Mult,
-    ast.Mod: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.BitOr: ast.BitAnd,
-    ast.BitAnd: ast.BitOr,
-    ast.LShift: ast.RShift,
-    ast.RShift: ast.LShift,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-}
-NOT_CODE = {"annotation", "returns", "decorator_list", "type_params"}
-TEXTS = (
-    ast.Compare,
-    ast.MatchValue,
-    ast.Dict,
-    ast.List,
-    ast.Tuple,
-)  # a string in one of these is no message
-
-
-class Mutant(NamedTuple):
-    line: int
-    old: str
-    new: str
-    tree: ast.Module
 
 
 class _Loader(importlib.machinery.SourceFileLoader):
@@ -118,99 +176,24 @@ class _Finder(importlib.abc.MetaPathFinder):
         return None
 
 
-def variants(node: ast.AST, parent: ast.AST, field: str) -> Iterator[ast.AST]:
-    """Yield what may stand in a node's place."""
-    match node:
-        case ast.Compare(ops=ops):
-            for place, op in enumerate(ops):
-                changed = copy.deepcopy(node)
-                changed.ops[place] = SWAPS[type(op)]()  # type: ignore[call-overload]
-                yield changed
-        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op) if (
-            type(op) in SWAPS
-        ):
-            changed = copy.deepcopy(node)
-            changed.op = SWAPS[type(op)]()  # type: ignore[assignment]
-            yield changed
-        case ast.UnaryOp(op=ast.Not() | ast.USub()):
-            yield node.operand
-        case ast.Constant(value=bool(value)):
-            yield ast.Constant(not value)
-        case ast.Constant(value=int(value) | float(value)):
-            yield ast.Constant(
-                value + 1 if isinstance(value, int) or not value else 2 * value
-            )
-        case ast.Constant(value=str(value)) if isinstance(parent, TEXTS):
-            yield ast.Constant(value + "x")
-        case ast.Name(id="min" | "max" as name) if field == "func":
-            yield ast.Name("max" if name == "min" else "min", ast.Load())
-    if field == "test" and not isinstance(node, ast.Compare | ast.UnaryOp):
-        yield ast.UnaryOp(ast.Not(), node)  # type: ignore[arg-type]
-
-
-def places(node: ast.AST) -> Iterator[tuple[ast.AST, str, int, ast.AST]]:
-    """Yield the parent, field, index (-1: the field itself) and node of everything
-    under ``node`` that is code."""
-    for field, value in ast.iter_fields(node):
-        if field in NOT_CODE:
-            continue
-        for index, child in (
-            enumerate(value) if isinstance(value, list) else [(-1, value)]
-        ):
-            if isinstance(child, ast.AST) and not _is_text(child):
-                yield node, field, index, child
-                yield from places(child)
-
-
-def _is_text(node: ast.AST) -> bool:
-    """Whether a node is a docstring, a formatted message, what raises one, or a
-    type."""
-    match node:
-        case ast.JoinedStr() | ast.Raise() | ast.Expr(value=ast.Constant()):
-            return True
-        case ast.Subscript(value=ast.Name(id="Literal")):
-            return True
-    return False
-
-
-def mutants(source: str) -> Iterator[Mutant]:
-    tree = ast.parse(source)
-    for parent, field, index, node in list(places(tree)):
-        for new in variants(node, parent, field):
-            siblings = getattr(parent, field)
-            setattr(
-                parent,
-                field,
-                [*siblings[:index], new, *siblings[index + 1 :]] if index >= 0 else new,
-            )
-            line = getattr(node, "lineno", getattr(parent, "lineno", 0))
-            yield Mutant(line, ast.unparse(node), ast.unparse(new), copy.deepcopy(tree))
-            setattr(parent, field, siblings)
-
-
-def survives(path: Path, tree: ast.Module, tests: list[str], limit: float) -> bool:
+def survives(target: Target, tree: ast.Module, limit: float) -> bool:
     """Whether all tests pass on a mutant, in a process of its own that ends after
     ``limit`` seconds."""
     if child := os.fork():
         return os.waitpid(child, 0)[1] == 0
+    # A group of its own, so that what the tests start ends with it.
+    os.setpgid(0, 0)
+    signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGKILL))
     signal.alarm(max(1, round(limit)))
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
         os.dup2(nothing, stream)
     try:
-        name = module_name(path)
-        sys.meta_path.insert(0, _Finder(_Loader(name, str(path), tree)))
-        importlib.import_module(name)
+        sys.meta_path.insert(0, _Finder(_Loader(target.module, str(target.path), tree)))
+        importlib.import_module(target.module)
         failed = int(
             pytest.main(
-                [
-                    "-x",
-                    "-m",
-                    "not realtime and not package and not slow",
-                    "-p",
-                    "no:rerunfailures",
-                    *tests,
-                ]
+                ["-x", "-m", target.marks, "-p", "no:rerunfailures", *target.paths]
             )
         )
     except BaseException:
@@ -218,54 +201,73 @@ def survives(path: Path, tree: ast.Module, tests: list[str], limit: float) -> bo
     os._exit(failed)
 
 
-def module_name(path: Path) -> str:
-    return ".".join(
-        path.relative_to(ROOT / "packages/tactophone/src").with_suffix("").parts
-    )
-
-
-def tests_of(name: str) -> list[str]:
-    """Paths of the file, for its examples, and of its tests."""
-    file, tests = TARGETS[name]
-    room = ROOT / "packages/tactophone/tests" / Path(file).parent
-    return [
-        str(ROOT / "packages/tactophone/src/tactophone" / file),
-        *(str(room / test) for test in tests.split()),
-    ]
-
-
-def run(name: str, share: float, seed: int) -> tuple[int, int]:
-    """Test a share of one file's mutants; print the survivors, and return how many were
-    tested and survived."""
-    file, wanted = TARGETS[name][0], tests_of(name)
-    path = ROOT / "packages/tactophone/src/tactophone" / file
+def limit_of(target: Target) -> float:
+    """Return how long (s) a mutant's tests may take: four times what those of the
+    original do, which have to pass."""
     begin = time.monotonic()
-    if not survives(path, ast.parse(path.read_text("utf-8")), wanted, 600):
-        sys.exit(f"{file}: its tests fail already; run pytest {' '.join(wanted)}")
-    limit = 5 + 4 * (time.monotonic() - begin)
-    chosen = list(mutants(path.read_text("utf-8")))
-    if share < 1:
-        chosen = random.Random(seed).sample(chosen, max(1, round(share * len(chosen))))
+    tree = ast.parse(target.path.read_text("utf-8"))
+    if not survives(target, tree, 600):
+        sys.exit(
+            f"{target.file}: its tests fail already; run pytest "
+            f"-m '{target.marks}' {' '.join(target.paths)}"
+        )
+    return 5 + 4 * (time.monotonic() - begin)
+
+
+def run(target: Target, chosen: Sequence[Change]) -> int:
+    """Test some faults of one file; print the survivors, and return their number."""
+    limit = limit_of(target)
+    tree = ast.parse(target.path.read_text("utf-8"))
+    # A fault belongs to the tree that it was found in.
+    same = {str(change): change for change in changes(tree)}
     alive = 0
-    for mutant in chosen:
-        if survives(path, mutant.tree, wanted, limit):
+    for change in chosen:
+        mutant = same[str(change)].made_in(tree)
+        if survives(target, mutant, limit):
             alive += 1
-            print(f"{file}:{mutant.line} {mutant.old} -> {mutant.new}", flush=True)
+            print(f"{target.file}:{change}", flush=True)
     killed = len(chosen) - alive
     print(
-        f"{file}: {len(chosen)} mutants, {killed} killed, {alive} survived "
-        f"({killed / len(chosen):.0%})",
+        f"{target.file}: {len(chosen)} mutants, {killed} killed, {alive} survived",
         flush=True,
     )
-    return len(chosen), alive
+    return alive
+
+
+def choose(
+    names: Sequence[str], kinds: Sequence[str], options: argparse.Namespace
+) -> dict[str, list[Change]]:
+    """Return the faults to test, by the name of their file."""
+    rng = random.Random(options.seed)
+    faults = {name: TARGETS[name].faults(kinds) for name in names}
+    if options.draw:
+        # First a file, then a fault of it, or the longest files would have most.
+        chosen: dict[str, list[Change]] = {}
+        for _ in range(options.draw):
+            name = rng.choice(names)
+            if faults[name]:
+                place = rng.randrange(len(faults[name]))
+                chosen.setdefault(name, []).append(faults[name].pop(place))
+        return chosen
+    if options.share < 1:
+        return {
+            name: rng.sample(found, max(1, round(options.share * len(found))))
+            for name, found in faults.items()
+        }
+    return faults
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        description=str(__doc__).split("\n", maxsplit=1)[0]
+        description=str(__doc__).split("\n\n", maxsplit=1)[0]
     )
     parser.add_argument(
         "--files", default=",".join(TARGETS), help="names, with commas between them"
+    )
+    parser.add_argument(
+        "--kinds",
+        default=",".join(ALL_KINDS),
+        help="kinds of faults, with commas between them; all by default",
     )
     parser.add_argument(
         "--share",
@@ -273,34 +275,46 @@ def main() -> None:
         default=1.0,
         help="of each file's mutants, chosen at random",
     )
+    parser.add_argument("--draw", type=int, default=0, help="mutants of all files")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--list", action="store_true", help="print them, test none")
     options = parser.parse_args()
-    if unknown := set(options.files.split(",")) - TARGETS.keys():
-        parser.error(
-            f"no file is called {', '.join(unknown)}: name some of {', '.join(TARGETS)}"
-        )
+    names, kinds = options.files.split(","), options.kinds.split(",")
+    for given, known in ((names, TARGETS), (kinds, ALL_KINDS)):
+        if unknown := sorted(set(given) - set(known)):
+            parser.error(
+                f"there is no {', '.join(unknown)}; there are {', '.join(known)}"
+            )
     os.chdir(ROOT)
+    chosen = choose(names, kinds, options)
+    if options.list:
+        for name, found in chosen.items():
+            for change in found:
+                print(f"{TARGETS[name].file}:{change}")
+        return
+    load_libraries(list(chosen))
+    alive = sum(run(TARGETS[name], found) for name, found in chosen.items())
+    total = sum(map(len, chosen.values()))
+    print(f"{total} mutants, {alive} survived", flush=True)
+
+
+def load_libraries(names: Sequence[str]) -> None:
+    """Import what the tests need, so that no mutant waits for libraries; our own
+    modules are then imported anew for each."""
     os.environ["HYPOTHESIS_PROFILE"] = "few"
     hypothesis.settings.register_profile(
         "few", max_examples=20, derandomize=True, deadline=None
     )
-    # Every mutant has the libraries of all tests then, and imports our own modules
-    # anew.
     with contextlib.redirect_stdout(io.StringIO()):
-        pytest.main(
-            [
-                "--collect-only",
-                *(test for name in options.files.split(",") for test in tests_of(name)),
-            ]
-        )
-    for module in [
+        tests = [path for name in names for path in TARGETS[name].paths]
+        pytest.main(["--collect-only", *tests])
+    ours = [
         module
         for module in sys.modules
-        if module.split(".")[0] in ("tactophone", "tests")
-    ]:
+        if module.split(".")[0] in ("tactophone", "tests", "benchmarks")
+    ]
+    for module in ours:
         del sys.modules[module]
-    for name in options.files.split(","):
-        run(name, options.share, options.seed)
 
 
 if __name__ == "__main__":

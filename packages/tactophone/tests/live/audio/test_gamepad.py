@@ -2,6 +2,7 @@
 the machine allows it."""
 
 import errno
+import math
 import os
 import time
 from typing import Any
@@ -110,7 +111,7 @@ def test_silence_and_a_failing_render_rest_both_motors() -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("a render that fails")
 
-    for process in (Level(0.0), Level(float("nan")), fail):
+    for process in (Level(0.0), Level(math.nan), Level(math.inf), fail):
         pad = RecordedPad()
         played = device(pad, process)
         played.open()
