@@ -5,6 +5,11 @@ The protocol (github.com/foxglove/ws-protocol, docs/spec.md) is JSON for adverti
 subscribing and a binary frame for each message. Its two names,
 ``foxglove.websocket.v1`` and ``foxglove.sdk.v1``, mean the same here; old viewers know
 only the first, new ones only the second. A viewer can subscribe, and nothing else.
+
+Why our own server: foxglove-sdk's (0.30.3) admits any path and any page's Origin, keeps
+silent connections and any number of viewers, and refuses viewers of the first protocol
+name. Our token, the check of Origin and the limits against strangers
+(docs/reference/threat-model.md) would fall with ours.
 """
 
 import asyncio
