@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -84,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from tactophone.live.runtime.priority import prepare_passing
     from tactophone.net.call.process import CallProcess, Plan
     from tactophone.net.link.identity import IDENTITY_FOLDER
 
@@ -119,7 +121,11 @@ def run(args: argparse.Namespace) -> int:
         role,
         expected=_fingerprint_of(folder, args.code) if secrets else "",
     )
-    with CallProcess(plan) as process, _LiveSide(args, settings, process) as side:
+    prepare = partial(prepare_passing, settings.process.priority)
+    with (
+        CallProcess(plan, prepare=prepare) as process,
+        _LiveSide(args, settings, process) as side,
+    ):
         side.begin(role or "robot")
         steps = process.steps()
         found = find_other_end(process, steps, args, side, folder)

@@ -8,6 +8,7 @@ import pytest
 from tactophone.live.runtime.priority import (
     COLLECTION_INTERVAL,
     collect_garbage,
+    prepare_passing,
     prioritize_thread,
     settle,
 )
@@ -69,3 +70,20 @@ def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples
         assert sys.getswitchinterval() < 32 / 48_000 / 4
     finally:
         sys.setswitchinterval(before)
+
+
+@pytest.mark.parametrize(("wanted", "given"), [(58, [1]), (1, [1]), (0, [])])
+def test_a_call_waits_for_no_other_program_but_for_the_sound(
+    wanted: int, given: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(
+        os,
+        "sched_setscheduler",
+        lambda pid, policy, param: asked.append(param.sched_priority),
+    )
+    before = sys.getswitchinterval()
+    prepare_passing(wanted)
+    gc.unfreeze()
+    sys.setswitchinterval(before)
+    assert asked == given

@@ -105,10 +105,12 @@ def test_the_process_passes_datagrams_both_ways_and_over_a_new_way_once_there_is
 
     async def run() -> tuple[Any, ...]:
         followed: list[list[int]] = []
-        passage = Passage(there, followed.append)
+        prepared: list[bool] = []
+        passage = Passage(there, followed.append, lambda: prepared.append(True))
         running = asyncio.ensure_future(passage.run())
         first: Any = Line()
         second: Any = Line()
+        assert prepared == []
         passage.use(first, OTHER)
         with WaySocket(here) as own:
             own.follow((PEER, frozenset({STREAM})))
@@ -123,6 +125,7 @@ def test_the_process_passes_datagrams_both_ways_and_over_a_new_way_once_there_is
                 await asyncio.sleep(0)
             second.deliver(SRTP)
             heard += own.receive(1.0)
+        assert prepared == [True]
         running.cancel()
         return first.sent, second.sent, heard, followed
 

@@ -71,3 +71,14 @@ def prioritize_thread(priority: int) -> str:
             "in /etc/security/limits.d, or set process.priority=0)"
         )
     return ""
+
+
+def prepare_passing(priority: int) -> None:
+    """Prepare the process of a call, which stands between the session and the network.
+
+    It waits for no other program, and yet never holds up the sound: strangers can give
+    it work, so its priority is the lowest of SCHED_FIFO. Where the system refuses it,
+    the live side says so.
+    """
+    settle()
+    prioritize_thread(min(MAIN_PRIORITY, priority))

@@ -7,6 +7,7 @@ import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from tactophone.core.types import ignore
 from tactophone.net.link.way import (
     DATAGRAM,
     LARGEST_DATAGRAM,
@@ -35,15 +36,20 @@ class Passage:
     """Between the live side's socket and the way in force, whichever that is.
 
     ``silent`` is set when nothing comes over the way. ``follow`` is told the SSRCs that
-    the live side wants to hear, none of them for all.
+    the live side wants to hear, none of them for all. ``prepare`` is called once there
+    is a way, before the first datagram is passed on.
     """
 
     def __init__(
-        self, live: socket.socket, follow: Callable[[list[int]], None]
+        self,
+        live: socket.socket,
+        follow: Callable[[list[int]], None],
+        prepare: Callable[[], object] = ignore,
     ) -> None:
         self.silent = asyncio.Event()
         self._live = live
         self._follow = follow
+        self._prepare = prepare
         self._finder: Finder | None = None
         self._way = b""
         self._heard = False
@@ -62,6 +68,7 @@ class Passage:
         finder.deliver = self._deliver
         self._way = write_way(way)
         if first:
+            self._prepare()
             self._to_live(self._way)
 
     async def run(self) -> None:

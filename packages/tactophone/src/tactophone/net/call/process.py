@@ -12,13 +12,14 @@ import json
 import select
 import socket
 import time
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from tactophone.core.errors import DeviceError, TactophoneError
 from tactophone.core.processes import Child, Parent
 from tactophone.core.settings import CallSettings
+from tactophone.core.types import ignore
 from tactophone.core.version import __version__
 from tactophone.net.call.guard import GuardedLoop
 from tactophone.net.call.messages import (
@@ -108,10 +109,13 @@ class Found:
 class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
     """The handle of a call's process; a context manager, whose end closes the way.
 
-    ``keeper`` is for the live side.
+    ``keeper`` is for the live side. ``prepare`` is called in the process before it
+    passes on the first datagram, to give it a priority.
     """
 
-    def __init__(self, plan: Plan | CallSettings) -> None:
+    def __init__(
+        self, plan: Plan | CallSettings, *, prepare: Callable[[], object] = ignore
+    ) -> None:
         self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._child = Child(
@@ -119,6 +123,7 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
             plan,
             its,
             live,
+            prepare,
             name="tactophone-call",
         )
         its.close()
@@ -170,13 +175,27 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
             self._pair.send(json.dumps(progress).encode())
 
 
-def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+def _run(
+    parent: Parent,
+    plan: Plan,
+    pair: socket.socket,
+    live: socket.socket,
+    prepare: Callable[[], object],
+) -> None:
     loop = GuardedLoop()
-    _in_loop(parent, loop, lambda: _Call(plan, pair, live, loop).run(), twisted=True)
+
+    async def run() -> None:
+        await _Call(plan, pair, live, loop, prepare).run()
+
+    _in_loop(parent, loop, run, twisted=True)
 
 
 def _run_check(
-    parent: Parent, settings: CallSettings, pair: socket.socket, _: socket.socket
+    parent: Parent,
+    settings: CallSettings,
+    pair: socket.socket,
+    _live: socket.socket,
+    _prepare: Callable[[], object],
 ) -> None:
     async def check() -> None:
         from tactophone.net.call.check import examine
@@ -227,12 +246,13 @@ class _Call:
         pair: socket.socket,
         live: socket.socket,
         loop: GuardedLoop,
+        prepare: Callable[[], object],
     ) -> None:
         from tactophone.net.call.ice import servers_of
 
         self._plan = plan
         self._pair = pair
-        self._passage = Passage(live, loop.follow)
+        self._passage = Passage(live, loop.follow, prepare)
         self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
