@@ -1,5 +1,5 @@
-"""Every way to feel the sound itself: the one that is built in, and those of the
-plug-in in examples/plugins."""
+"""Every way to feel the sound itself: the built-in one, and what the plug-in in
+examples/plugins adds."""
 
 import tomllib
 from collections.abc import Callable

@@ -43,7 +43,7 @@ def test_a_just_noticeable_difference_is_recognised_three_times_in_four() -> Non
         > add_internal_noise(low, rng).pitch.mean()
         for _ in range(2000)
     ]
-    # A little less than three in four: the noise of remembering adds to that of the
+    # A little less than three in four: remembering adds noise to the noise of the
     # glance.
     assert np.mean(recognised) == pytest.approx(0.68, abs=0.04)
 

@@ -152,8 +152,7 @@ def guide(name: str, seconds: float) -> int:
         with contextlib.suppress(target.documented):
             run(data)
 
-    # All loaded functions would take minutes; those of the package are what is
-    # searched.
+    # All loaded functions would take minutes; only the package's own are searched.
     for each in gc.get_objects():
         if isinstance(each, FunctionType) and str(each.__module__).startswith(
             "tactophone."

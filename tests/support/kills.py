@@ -228,7 +228,7 @@ def kill(
         time.sleep(dice.uniform(0.0, 3.0))
         run.terminate()
         left = run.leftovers()
-        # The memory of a run of which nothing lives is for the next run to remove.
+        # When all of a run's processes are dead, the next run removes its memory.
         finding.wrong += left if victim != "everything" else []
     for log in run.logs:
         check_log(log, finding, killed)
@@ -348,7 +348,7 @@ class WallClock:
         self.environment = {"LD_PRELOAD": str(library), "WALL_CLOCK": str(self._offset)}
 
     def set(self, offset: int) -> None:
-        """Set it to so many seconds after the machine's."""
+        """Set it to ``offset`` seconds after the machine's."""
         with open(self._offset, "r+b" if self._offset.exists() else "wb") as file:
             file.write(offset.to_bytes(8, "little", signed=True))
 

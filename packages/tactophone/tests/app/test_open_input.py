@@ -113,7 +113,7 @@ def opened(calibrated: bool = False) -> FallbackDetector:
 
 
 def push(detector: FallbackDetector, samples: FloatArray, start: int = 0) -> int:
-    """Push sound after so many samples; returns where it ends."""
+    """Push sound that begins at sample ``start``; returns where it ends."""
     for block in blocks(samples, 480):
         detector.push(AudioBlock(block.samples, RATE, start + block.start))
     return start + len(samples)

@@ -21,7 +21,7 @@ FIFTH = TipProperties(
 def tip(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> TipProperties:
-    """Each tip, and a fifth one of which nothing but its row exists."""
+    """Each tip, and a fifth one that has nothing but its row."""
     table = (
         MappingProxyType({**TIPS, "brush": FIFTH}) if request.param == "brush" else TIPS
     )

@@ -104,8 +104,8 @@ def record(
     """Record strokes that cross the link; ``meanwhile`` is called before each block,
     with the time of the sound.
 
-    ``fingers`` is that of the command line; the sound then has as many channels as the
-    hand.
+    ``fingers`` is what the command line's ``--fingers`` takes; the sound then has as
+    many channels as the hand.
     """
     codec = codec or Codec("pcm16", channels=1, packet_size=120)
     switches = ["detector.check_microphones=false", f"detector.model={model}", *changes]

@@ -53,7 +53,7 @@ def mute_the_index(operator: RecordedOperator, now: float) -> None:
 
 @pytest.fixture(scope="module")
 def hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write a file of two fingers, of which the index has a profile of its own."""
+    """Write a file of two fingers; the index has a profile of its own."""
     path = tmp_path_factory.mktemp("hand") / "hand.toml"
     path.write_text('[thumb]\n[index]\nprofile = "perceptual"\n')
     return path

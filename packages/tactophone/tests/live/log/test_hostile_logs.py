@@ -176,7 +176,7 @@ LOGS: dict[str, bytes] = {
         _record(12, _text("tactophone") + _text(_text("missed") + _text('{"a":"b"}')))
     ),
     "a chunk of unknown compression": _log(_chunk("xz", b"x" * 50, 50)),
-    "a chunk that is none": _log(_chunk("zstd", b"x" * 50, 50)),
+    "a chunk of other bytes": _log(_chunk("zstd", b"x" * 50, 50)),
     "a chunk of 2^62 bytes": _log(
         _record(6, struct.pack("<QQQI", 0, 0, 1 << 63, 0) + _text("") + b"\xff" * 8)
     ),
@@ -219,7 +219,7 @@ def test_a_chunk_that_grows_is_refused_before_it_fills_the_memory(
         _log(_run(fingers=[_FINGER]), _chunk(compression, _bomb(compression), claimed))
     )
     assert path.stat().st_size < 10_000_000
-    # In its own process: the greatest memory of this one is that of the tests before.
+    # In its own process: the peak memory of this one comes from the tests before.
     code = (
         "import sys, resource; from pathlib import Path; from "
         "tactophone.live.log.mcap import read_log\n"
@@ -279,8 +279,8 @@ def test_only_its_user_reads_a_log(tmp_path: Path) -> None:
 
 
 def _with_gap(path: Path, samples: int) -> Path:
-    """Write a log of two seconds of sound, whose timestamps jump by so many samples
-    after the first."""
+    """Write a log of two seconds of sound, whose timestamps jump by ``samples`` after
+    the first second."""
     connected = write_event(Connected("robot", 1, 2))
     batches, size = [EventBatch(100.0, (connected,))], 240
     for number in range(400):

@@ -152,10 +152,11 @@ def eventually(condition: Callable[[], bool], *, timeout: float = 5.0) -> bool:
 
 
 def writer_of(name: str) -> int:
-    """Return the process that writes a run's telemetry; 0 while there is none.
+    """Return the process that writes a run's telemetry; 0 while there is no such
+    process.
 
-    Whoever starts a run removes the memory of dead processes, so that of a process just
-    killed may be gone.
+    Whoever starts a run removes the memory of dead processes, so the memory of a
+    process just killed may be gone.
     """
     with suppress(TactophoneError):
         return Watcher(name).pid

@@ -208,8 +208,8 @@ def test_sound_is_fresh_again_soon_after_a_machine_slept(
 
 
 def test_times_go_on_after_a_stall_that_ended_the_session() -> None:
-    """After more than five seconds the stream is a new one; in a log, its times are
-    still those of one run."""
+    """After more than five seconds the stream is a new one; in a log, its times still
+    belong to one run."""
     world = World({"robot": ((1.5, 8.5),)})
     world.run(10.5)
     assert world.connections == 2
@@ -294,8 +294,8 @@ def test_the_session_of_a_world_without_stalls_has_no_stale_sound() -> None:
 
 
 def last_stale(watcher: Watcher, *, seconds: float) -> float:
-    """Seconds from now to the last packet that counted as stale within so many seconds;
-    0 if there was none."""
+    """Seconds from now to the last packet that counts as stale in the next ``seconds``;
+    0 if none does."""
     begun, last = time.monotonic(), 0.0
     before = watcher.snapshot().counters["packets_skipped"]
     while (passed := time.monotonic() - begun) < seconds:

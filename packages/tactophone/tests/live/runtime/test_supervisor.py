@@ -30,7 +30,8 @@ pytestmark = pytest.mark.realtime
 
 
 def live(settings: Settings, info: ProcessInfo, *, stall_after: int = 0) -> None:
-    """Act as a side that vibrates; the first process stalls after so many periods."""
+    """Act as a side that vibrates; the first process stalls after ``stall_after``
+    periods."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     with Telemetry(info.name) as telemetry:

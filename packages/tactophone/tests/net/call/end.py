@@ -227,7 +227,7 @@ def run(words: list[str]) -> None:
 def exchange(
     process: CallProcess, ends_at: Callable[[], float], failed: threading.Event
 ) -> None:
-    """Exchange datagrams, and tell each gap in those of the other end when it is
+    """Exchange datagrams, and report each gap in the other end's datagrams when it is
     over."""
     way = WaySocket(process.keeper)
     own, received, last = 0, set[bytes](), time.monotonic()

@@ -16,7 +16,7 @@ def command(
     name: str, response: ActuatorResponse | None, roughness: float
 ) -> tuple[float, float]:
     touch = Touch.ROUGH if roughness >= 0.5 else Touch.SMOOTH
-    # A smooth with no roughness at all is none that was classified.
+    # No classified window is smooth with a roughness of exactly 0.
     least = 0.0 if name == "perceptual" else 1e-9
     prediction = Prediction(
         (0.0, 1 - roughness, roughness), touch, max(roughness, least), -20.0, 0.0, 0.1

@@ -170,7 +170,7 @@ def test_sounds_too_short_raise() -> None:
 def moving(
     motion_db: float, *, jerks: int = 6, seconds: float = 6.0
 ) -> CalibrationSounds:
-    """A robot whose motion raises noise of -60 dBFS by so many dB in every second 0.1
+    """A robot whose motion raises noise of -60 dBFS by ``motion_db`` in every other 0.1
     s, with bangs of 0.2 s."""
     _, (_, _, stroke, tap) = performed("whiteboard", -9.0)
     rest, motion = (

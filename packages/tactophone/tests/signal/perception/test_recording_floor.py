@@ -122,7 +122,7 @@ def strokes(count: int) -> Iterator[np.ndarray]:
 
 
 def peak_of_floor(count: int) -> int:
-    """Return the most bytes that a floor of so many strokes took at once."""
+    """Return the most bytes that a floor of ``count`` strokes took at once."""
     tracemalloc.start()
     floor_of_parts(strokes(count))
     _, peak = tracemalloc.get_traced_memory()
