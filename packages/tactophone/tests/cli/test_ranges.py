@@ -9,13 +9,14 @@ from tactophone.cli.verbs import all_verbs
 from tactophone.core.errors import ConfigError
 
 
-def options(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for sub in action.choices.values():
-                yield from options(sub)
+def options(parser: Parser) -> Iterator[argparse.Action]:
+    """Yield all options of a verb, and of its actions, whose parsers are choices."""
+    for argument in parser.arguments:
+        if isinstance(argument.choices, dict):
+            for action in argument.choices.values():
+                yield from options(action)
         else:
-            yield action
+            yield argument
 
 
 @pytest.mark.parametrize("verb", all_verbs())

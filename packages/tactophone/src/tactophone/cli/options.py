@@ -150,9 +150,10 @@ class _Help(argparse.Action):
         values: Any,
         option: str | None = None,
     ) -> None:
+        assert isinstance(parser, Parser)
         own = [
             action
-            for action in parser._actions
+            for action in parser.arguments
             if action.option_strings and action is not self
         ]
         if values != "all" and len(own) > SHOWN_OPTIONS + 2:
@@ -194,6 +195,11 @@ class Parser(argparse.ArgumentParser):
             help="show this help and exit; --help all leaves nothing out",
         )
 
+    @property
+    def arguments(self) -> Sequence[argparse.Action]:
+        """All options and arguments of this parser, in order."""
+        return self._actions
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, and refuse what is unknown at once: this parser knows which options
         are near."""
@@ -202,7 +208,7 @@ class Parser(argparse.ArgumentParser):
             option = unknown[0].partition("=")[0]
             near = did_you_mean(
                 option,
-                (name for action in self._actions for name in action.option_strings),
+                (name for action in self.arguments for name in action.option_strings),
             )
             self.error(
                 "unrecognized arguments: "

@@ -1,6 +1,7 @@
 """One channel of a device with four, as a DualSense has: bit for bit, and silence on
 the others."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -14,8 +15,9 @@ from tactophone.core.types import FloatArray
 from tactophone.live.audio.actuator import jack_hand_actuator
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
+from tactophone.live.audio.jack_binding import jack_module
 from tactophone.live.audio.portaudio import PortAudioDevice
-from tactophone.live.audio.survey import DUALSENSE_CHANNEL, _assess, _dualsense_port
+from tactophone.live.audio.survey import DUALSENSE_CHANNEL, assess, dualsense_port
 
 from .test_jack import eventually
 
@@ -104,7 +106,7 @@ def test_a_wireless_controller_with_two_outputs_is_none() -> None:
     device = PortAudioDevice(
         2, "Wireless Controller: USB Audio (hw:1,0)", "ALSA", 1, 2, 48_000.0, 0.01, 0.01
     )
-    assert not any("channel" in setting for setting in _assess(device).settings)
+    assert not any("channel" in setting for setting in assess(device).settings)
 
 
 @pytest.mark.parametrize(
@@ -116,8 +118,15 @@ def test_a_wireless_controller_with_two_outputs_is_none() -> None:
     ],
 )
 def test_its_jack_port_is_the_left_coil(ports: list[str], chosen: str) -> None:
-    assert _dualsense_port(ports).endswith(chosen)
-    assert bool(_dualsense_port(ports)) == bool(chosen)
+    assert dualsense_port(ports).endswith(chosen)
+    assert bool(dualsense_port(ports)) == bool(chosen)
+
+
+def connections_of(port: str, *, server: str) -> list[str]:
+    """Return the ports that a port of a JACK server is connected to."""
+    client = jack_module().Client("looker", no_start_server=True, servername=server)
+    with contextlib.closing(client):
+        return [entry.name for entry in client.get_all_connections(port)]
 
 
 @pytest.mark.realtime
@@ -156,10 +165,7 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
         )
         listener.open()
         ports = {port.name for port in listener.ports()}
-        connected = [
-            entry.name
-            for entry in listener._client.get_all_connections("operator:vibration")
-        ]
+        connected = connections_of("operator:vibration", server=server.name)
         # A busy machine loses periods: those that were heard are looked for among those
         # that were rendered.
         assert eventually(

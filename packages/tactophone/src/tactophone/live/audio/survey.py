@@ -58,7 +58,7 @@ def _jack(server: str) -> SurveyedDevice:
     ports = [port for port in client.ports() if port.physical] or client.ports()
     rate = client.sample_rate
     period = client.period
-    coil = _dualsense_port([port.name for port in client.ports() if not port.is_output])
+    coil = dualsense_port([port.name for port in client.ports() if not port.is_output])
     client.close()
     system = "JACK by PipeWire" if is_pipewire() else "JACK"
     outputs = [port.name for port in ports if port.is_output]
@@ -97,10 +97,11 @@ def _portaudio() -> Iterator[SurveyedDevice]:
         return
     if not found:
         yield _missing("PortAudio", "", "no devices: connect a sound card")
-    yield from map(_assess, found)
+    yield from map(assess, found)
 
 
-def _assess(device: PortAudioDevice) -> SurveyedDevice:
+def assess(device: PortAudioDevice) -> SurveyedDevice:
+    """Return what a PortAudio device is suitable for, and how to use it."""
     rate = round(device.sample_rate)
     latency = max(
         device.input_latency * bool(device.inputs),
@@ -136,7 +137,7 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
     )
 
 
-def _dualsense_port(names: Sequence[str]) -> str:
+def dualsense_port(names: Sequence[str]) -> str:
     """Return the port of a DualSense's left voice coil among playback ports; empty
     without one."""
     ports = [name for name in names if DUALSENSE.search(name)]
