@@ -20,15 +20,15 @@ import numpy as np
 
 from tactophone.net.call.guard import GuardedLoop
 from tactophone.net.call.passage import Passage
+from tactophone.net.link.call_socket import PEER, CallPeer, CallSocket
 from tactophone.net.link.udp import UdpSocket
-from tactophone.net.link.way import PEER, Way, WaySocket
 
 PERIOD = 0.005
 SIZE = 160
 
 
 class Line(asyncio.DatagramProtocol):
-    """A way over loopback, in place of the one that aioice finds."""
+    """A path over loopback, in place of the one that aioice finds."""
 
     def __init__(self) -> None:
         self.deliver: Any = None
@@ -56,7 +56,7 @@ def keep(live: socket.socket, told: list[Any], ready: threading.Event) -> None:
         )
         told.append(transport.get_extra_info("sockname"))
         passage = Passage(live, loop.follow)
-        passage.use(line, Way("other", "0A"))
+        passage.use(line, CallPeer("other", "0A"))
         ready.set()
         await passage.run()
 
@@ -108,7 +108,7 @@ def main() -> None:
     process = context.Process(target=child)
     process.start()
     live.close()
-    with UdpSocket("127.0.0.1") as other, WaySocket(here) as own:
+    with UdpSocket("127.0.0.1") as other, CallSocket(here) as own:
         passed = delays(own, other, pipe.recv(), args.count)
     own.send([(b"last", PEER)])
     here.close()

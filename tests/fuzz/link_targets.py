@@ -19,6 +19,13 @@ from tactophone.net.call.messages import (
     write_message,
 )
 from tactophone.net.call.messages import Address as Candidate
+from tactophone.net.link.call_socket import (
+    DATAGRAM,
+    PEER,
+    CallPeer,
+    CallSocket,
+    write_peer,
+)
 from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.events import (
     Connected,
@@ -49,7 +56,6 @@ from tactophone.net.link.rtcp import (
 )
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
-from tactophone.net.link.way import DATAGRAM, PEER, Way, WaySocket, write_way
 
 from .target import Run, Target
 
@@ -352,17 +358,17 @@ def call_messages() -> tuple[Sequence[bytes], Run]:
     ], read_message
 
 
-def way() -> tuple[Sequence[bytes], Run]:
-    """What comes over the way of a call: a datagram whatever it holds, and no words of
+def path() -> tuple[Sequence[bytes], Run]:
+    """What comes over the path of a call: a datagram whatever it holds, and no words of
     the process that passes it on."""
     seeds = [b"\x80\x60\x00\x01" + bytes(4), b"\x01\x01\x00\x00", b'w{"name":"x"}']
 
     def run(data: bytes) -> None:
         here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with here, there:
-            there.send(write_way(Way("other", "0A")))
+            there.send(write_peer(CallPeer("other", "0A")))
             there.send(DATAGRAM + data[:1_200])
-            with WaySocket(here) as own:
+            with CallSocket(here) as own:
                 assert own.receive(0.0) == [(data[:1_200], PEER)]
 
     return seeds, run
@@ -370,7 +376,7 @@ def way() -> tuple[Sequence[bytes], Run]:
 
 TARGETS = {
     "call_messages": Target(call_messages, (PacketError,)),
-    "way": Target(way),
+    "path": Target(path),
     "packets": Target(packets, (PacketError,)),
     "reports": Target(reports, (PacketError,)),
     "predictions": Target(predictions, (PacketError,)),

@@ -199,7 +199,9 @@ def find_other_end(
                 args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes")
             )
         elif step == "found":
-            output.note(f"{content.name}: {_way(content)}; you are the {content.role}")
+            output.note(
+                f"{content.name}: {_route(content)}; you are the {content.role}"
+            )
             return content  # type: ignore[no-any-return]
     raise ConfigError("there is no other end")
 
@@ -215,7 +217,7 @@ def _known(folder: Path, fingerprint: str) -> str:
     return f"its key is new to this machine: {fingerprint[:11]}..."
 
 
-def _way(found: "Found") -> str:
+def _route(found: "Found") -> str:
     how = "over the relay" if found.relayed else f"directly to {found.host}"
     there_and_back = (
         f", {1000 * found.round_trip:.0f} ms there and back"
@@ -242,7 +244,7 @@ def report_changes(
             if step == "state":
                 output.note(f"the {other} is {words[content]}")
             else:
-                output.note(f"the way was lost; {_way(content)}")
+                output.note(f"the route was lost; {_route(content)}")
     except TactophoneError as error:
         failures.append(str(error))
         output.warn(failures[0])
@@ -256,10 +258,10 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
     def __init__(
         self, args: argparse.Namespace, settings: Settings, process: "CallProcess"
     ) -> None:
-        from tactophone.net.link.way import PEER
+        from tactophone.net.link.call_socket import PEER
 
         self._args = args
-        self._keeper = process.keeper
+        self._agent = process.agent
         self._say = process.say
         self._role = ""
         self.name = settings.process.name or args.verb
@@ -292,7 +294,7 @@ class _LiveSide(AbstractContextManager["_LiveSide", None]):
             self.name,
             open_source,
             report=output.note,
-            keeper=self._keeper,
+            agent=self._agent,
         )
         self._supervisor.progress = lambda doing: (
             self._say("opening") if doing.startswith("opening") else None

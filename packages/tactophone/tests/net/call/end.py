@@ -1,4 +1,4 @@
-"""One end of a call without sound: finds the way, sends 100 datagrams a second over it
+"""One end of a call without sound: finds the path, sends 100 datagrams a second over it
 and counts the other end's.
 
 Importing what a call needs takes a second of processor time, so one process does that
@@ -28,8 +28,8 @@ from tactophone.core import processes
 from tactophone.core.errors import TactophoneError
 from tactophone.core.settings import Settings, change
 from tactophone.net.call.process import CallProcess, Plan, _Call
+from tactophone.net.link.call_socket import PEER, CallSocket
 from tactophone.net.link.identity import Identity
-from tactophone.net.link.way import PEER, WaySocket
 
 INTERVAL = 0.01
 GAP = 1.0
@@ -153,14 +153,14 @@ def run(words: list[str]) -> None:
     parser.add_argument("--secrets", nargs="*", default=[])
     parser.add_argument("--set", action="append", default=[])
     parser.add_argument(
-        "--seconds", type=float, default=1.0, help="from the last way on"
+        "--seconds", type=float, default=1.0, help="from the last path on"
     )
-    parser.add_argument("--ways", type=int, default=1)
+    parser.add_argument("--paths", type=int, default=1)
     parser.add_argument("--decline", action="store_true")
     parser.add_argument(
         "--states",
         nargs="*",
-        help="to tell once there is a way; then the other end's are told too",
+        help="to tell once there is a path; then the other end's are told too",
     )
     parser.add_argument(
         "--old", action="store_true", help="say nothing of states, as an older version"
@@ -217,8 +217,8 @@ def run(words: list[str]) -> None:
             pass
         if found:
             ends_at = lambda: (  # noqa: E731
-                found[args.ways - 1] + args.seconds
-                if len(found) >= args.ways
+                found[args.paths - 1] + args.seconds
+                if len(found) >= args.paths
                 else math.inf
             )
             exchange(process, ends_at, failed)
@@ -229,15 +229,15 @@ def exchange(
 ) -> None:
     """Exchange datagrams, and report each gap in the other end's datagrams when it is
     over."""
-    way = WaySocket(process.keeper)
+    path = CallSocket(process.agent)
     own, received, last = 0, set[bytes](), time.monotonic()
-    with way:
+    with path:
         while (now := time.monotonic()) < ends_at() + 0.5 and not failed.is_set():
             # SRTP by its first byte; a few of them are lost before the other end reads.
             if now < ends_at():
-                way.send([(b"\x80\x60" + own.to_bytes(4), PEER)])
+                path.send([(b"\x80\x60" + own.to_bytes(4), PEER)])
                 own += 1
-            for datagram, source in way.receive(INTERVAL):
+            for datagram, source in path.receive(INTERVAL):
                 if source != PEER or datagram[:2] != b"\x80\x60":
                     continue  # a stranger's: the session would refuse it
                 if received and now - last > GAP:

@@ -8,7 +8,7 @@ pytest.importorskip("aioice")
 
 import aioice
 
-from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, Finder, allowed
+from tactophone.net.call.ice import MOST_ADDRESSES, MOST_OF_A_HOST, IceAgent, allowed
 from tactophone.net.call.messages import Address, Offer
 
 
@@ -48,12 +48,12 @@ def test_few_addresses_are_tried_fewer_of_one_machine_and_no_service() -> None:
 
 def test_an_end_that_wants_the_relay_alone_names_no_other_address() -> None:
     async def offered(*, relay_only: bool) -> int:
-        finder = Finder(controls=True, stun=None, turn=None, relay_only=relay_only)
+        agent = IceAgent(controls=True, stun=None, turn=None, relay_only=relay_only)
         try:
-            offer = await finder.gather("unknown")
+            offer = await agent.gather("unknown")
             return len(offer.addresses) + len(offer.relayed)
         finally:
-            await finder.close()
+            await agent.close()
 
     assert asyncio.run(offered(relay_only=False)) > 0
     assert asyncio.run(offered(relay_only=True)) == 0
@@ -75,14 +75,14 @@ def test_only_allowed_addresses_of_an_offer_are_tried(
     monkeypatch.setattr(aioice.Connection, "connect", fail)
 
     async def connect() -> None:
-        finder = Finder(controls=True, stun=None, turn=None, relay_only=False)
-        await finder.gather("open")
+        agent = IceAgent(controls=True, stun=None, turn=None, relay_only=False)
+        await agent.gather("open")
         addresses = [address("10.2.0.1"), address("224.0.0.251")]
         offer = Offer("abcd", "p" * 22, addresses, addresses, "open", True)
         with pytest.raises(ConnectionError):
-            await finder.connect(offer, "open")
-        await finder.close()
+            await agent.connect(offer, "open")
+        await agent.close()
 
     asyncio.run(connect())
-    # For a direct way, and for one over the other end's relay.
+    # For a direct path, and for one over the other end's relay.
     assert tried == ["10.2.0.1"] * 2

@@ -30,10 +30,10 @@ from tactophone.live.runtime.output_gate import RESTARTED, STARTED_MUTED, Finger
 from tactophone.live.runtime.supervisor import MOVING, NO_ANSWER, ProcessInfo, Side
 from tactophone.live.telemetry.layout import MARKS, Fault, RunState
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
+from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.net.link.udp import UdpSocket
-from tactophone.net.link.way import Keeper, WaySocket
 
 OPERATOR_HOUSEKEEPING = 0.02
 """Seconds between two checks of the mailbox."""
@@ -92,7 +92,7 @@ class Operator(Side):
 
     - ``robot``: name of the robot's run, if it is on this machine: source of the true
       touch and of the robot's part of the latency budget.
-    - ``keeper``: leads to the process that finds the way to the robot of a call; it
+    - ``agent``: leads to the process that finds the path to the robot of a call; it
       replaces the port of the settings.
     """
 
@@ -104,10 +104,10 @@ class Operator(Side):
         info: ProcessInfo,
         *,
         robot: str = "",
-        keeper: Keeper | None = None,
+        agent: AgentSocket | None = None,
     ) -> None:
         super().__init__(settings, info, role="operator")
-        self._keeper = keeper
+        self._agent = agent
         fingers = each_finger(settings)
         renderers = [
             wiring.open_renderer(own, self._pull, hand=settings.is_hand)
@@ -120,7 +120,7 @@ class Operator(Side):
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
         self._session = ReceiveSession(
-            wiring.open_session(settings, way=keeper is not None)
+            wiring.open_session(settings, in_call=agent is not None)
         )
         info.progress("opening the models")
         self._endpoint = wiring.open_endpoint(settings, self._session)
@@ -178,11 +178,11 @@ class Operator(Side):
     def __enter__(self) -> Self:
         with self._resources:
             link = self._settings.link
-            self._socket: UdpSocket | WaySocket = (
-                wiring.open_way(
-                    self._keeper, self._session.session, restarts=self._info.restarts
+            self._socket: UdpSocket | CallSocket = (
+                wiring.open_call(
+                    self._agent, self._session.session, restarts=self._info.restarts
                 )
-                if self._keeper
+                if self._agent
                 else UdpSocket(link.host, link.port)
             )
             self._resources.enter_context(self._socket)
@@ -235,7 +235,7 @@ class Operator(Side):
     @property
     def _hung_up(self) -> str:
         """Name of the robot that has ended the call; empty while nobody has."""
-        return self._session.session.hung_up if self._keeper else ""
+        return self._session.session.hung_up if self._agent else ""
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns
@@ -302,7 +302,7 @@ class Operator(Side):
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
             return f"connected to {peer}{MOVING * self._session.moving}"
-        if isinstance(self._socket, WaySocket):
+        if isinstance(self._socket, CallSocket):
             return "waiting for the robot"
         return f"listening at port {self._socket.address[1]}"
 
@@ -338,7 +338,7 @@ class Operator(Side):
 
     def _why_absent(self) -> str:
         """Return why probably no robot has connected, and what to do."""
-        if self._keeper:
+        if self._agent:
             return NO_ANSWER
         if self._local_robot.name:
             return SAME_MACHINE
@@ -484,17 +484,17 @@ def run_operator(
     info: ProcessInfo,
     *,
     robot: str = "",
-    keeper: Keeper | None = None,
+    agent: AgentSocket | None = None,
 ) -> None:
     """Run the operator's side in this process until SIGTERM. SIGUSR1 is the emergency
     stop."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
-    # A process that waits for the way of a call has nothing to end in order: SIGTERM
+    # A process that waits for the path of a call has nothing to end in order: SIGTERM
     # ends it at once until then.
-    if keeper is None:
+    if agent is None:
         note()
-    with Operator(settings, info, robot=robot, keeper=keeper) as operator:
+    with Operator(settings, info, robot=robot, agent=agent) as operator:
         note()
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         operator.run(terminated)

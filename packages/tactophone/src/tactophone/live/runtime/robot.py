@@ -39,9 +39,9 @@ from tactophone.live.runtime.wiring import OpenSource
 from tactophone.live.telemetry.layout import MARKS, Fault, FingerState, RunState
 from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint
+from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.events import Event
 from tactophone.net.link.udp import UdpSocket
-from tactophone.net.link.way import Keeper, WaySocket
 
 ROBOT_HOUSEKEEPING = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -72,7 +72,7 @@ class Robot(Side):
     """The robot's side while it runs; a context manager.
 
     - ``open_source``: opens the microphones, or what replaces them.
-    - ``keeper``: leads to the process that finds the way to the operator of a call; it
+    - ``agent``: leads to the process that finds the path to the operator of a call; it
       replaces the addresses of the settings.
     """
 
@@ -84,10 +84,10 @@ class Robot(Side):
         info: ProcessInfo,
         *,
         open_source: OpenSource = open_device,
-        keeper: Keeper | None = None,
+        agent: AgentSocket | None = None,
     ) -> None:
         super().__init__(settings, info, role="robot")
-        self._keeper = keeper
+        self._agent = agent
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once, as the check whether an object fits a protocol takes 25 us.
@@ -101,7 +101,7 @@ class Robot(Side):
             self._source.rehearse()
         info.progress("rehearsing")
         self._group = wiring.open_send_group(
-            settings, self._source.channels, way=keeper is not None
+            settings, self._source.channels, in_call=agent is not None
         )
         self._operators = wiring.operators_of(settings.link)
         fingers = each_finger(settings)
@@ -136,13 +136,13 @@ class Robot(Side):
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
-            self._sockets: list[UdpSocket | WaySocket] = []
+            self._sockets: list[UdpSocket | CallSocket] = []
             for member in self._group.members:
-                socket: UdpSocket | WaySocket = (
-                    wiring.open_way(
-                        self._keeper, member.session, restarts=self._info.restarts
+                socket: UdpSocket | CallSocket = (
+                    wiring.open_call(
+                        self._agent, member.session, restarts=self._info.restarts
                     )
-                    if self._keeper
+                    if self._agent
                     else UdpSocket()
                 )
                 self._resources.enter_context(socket)
@@ -181,7 +181,7 @@ class Robot(Side):
             loss = group.loss
             peers = group.peers
             link_faults = list(self._link_faults())
-            hung_up = group.members[0].session.hung_up if self._keeper else ""
+            hung_up = group.members[0].session.hung_up if self._agent else ""
         self._count(counters)
         self._telemetry.gauge("loss_ratio", loss)
         self._telemetry.gauge("operators", len(peers))
@@ -234,11 +234,11 @@ class Robot(Side):
         for number, (member, (host, port)) in enumerate(called, 1):
             session = member.session
             which = "" if len(self._operators) == 1 else f"-{number}"
-            hung_up = self._keeper and session.hung_up
+            hung_up = self._agent and session.hung_up
             if session.peer is None and not hung_up:
-                advice = NO_ANSWER if self._keeper else START_OPERATOR
+                advice = NO_ANSWER if self._agent else START_OPERATOR
                 reason = session.failure or advice
-                where = "" if self._keeper else f" at {host}:{port}"
+                where = "" if self._agent else f" at {host}:{port}"
                 yield Fault(f"link{which}", f"no operator{where} yet: {reason}")
             elif conflict := session.version_conflict:
                 yield Fault(f"version{which}", conflict)
@@ -360,19 +360,19 @@ def run_robot(
     info: ProcessInfo,
     *,
     open_source: OpenSource = open_device,
-    keeper: Keeper | None = None,
+    agent: AgentSocket | None = None,
 ) -> None:
     """Run the robot's side in this process until SIGTERM or the end of the sound; in a
     call, until either end hangs up."""
     terminated = threading.Event()
     note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
-    # A process that waits for the way of a call has nothing to end in order: SIGTERM
+    # A process that waits for the path of a call has nothing to end in order: SIGTERM
     # ends it at once until then.
-    if keeper is None:
+    if agent is None:
         note()
     # The emergency stop is the operator's; on the robot nothing vibrates.
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)
-    with Robot(settings, info, open_source=open_source, keeper=keeper) as robot:
+    with Robot(settings, info, open_source=open_source, agent=agent) as robot:
         note()
         robot.run(terminated)
 

@@ -33,6 +33,7 @@ from tactophone.live.audio import actuator
 from tactophone.live.audio.actuator import Actuator, RenderHand
 from tactophone.live.telemetry.layout import Fault
 from tactophone.net.endpoints import OperatorEndpoint
+from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
 from tactophone.net.link.identity import IDENTITY_FOLDER, Identity, Peers
 from tactophone.net.link.packet import Address, split_address
@@ -41,7 +42,6 @@ from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import RedundancyRule
 from tactophone.net.link.udp import UdpSocket, resolve
-from tactophone.net.link.way import Keeper, WaySocket
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator, Renderer
 from tactophone.signal.haptics.passthrough import (
@@ -221,17 +221,17 @@ def finger_fault(finger: str, code: str, text: str) -> Fault:
 
 
 def open_session(
-    settings: Settings, *, call: Sequence[Address] = (), way: bool = False
+    settings: Settings, *, call: Sequence[Address] = (), in_call: bool = False
 ) -> Session:
     """Open one end of an encrypted session: the robot calls an operator's addresses,
     the operator answers.
 
-    With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is
-    trusted yet otherwise.
+    With ``in_call`` nobody is trusted before `open_call`. Raises `ConfigError` if no
+    peer is trusted yet otherwise.
     """
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
-    peers = Peers() if way else Peers.load(folder)
-    if not (way or peers.items()):
+    peers = Peers() if in_call else Peers.load(folder)
+    if not (in_call or peers.items()):
         raise ConfigError(
             f"{folder}: this machine trusts no other yet; run `tactophone pair init` "
             "on both, then the line each prints"
@@ -241,11 +241,11 @@ def open_session(
     )
 
 
-def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
-    """Wait for the way of a call, and trust the other end that was found there, and
+def open_call(agent: AgentSocket, session: Session, *, restarts: int) -> CallSocket:
+    """Wait for the path of a call, and trust the other end that was found there, and
     nobody else."""
-    found = WaySocket(keeper, ask=restarts > 0)
-    session.trust(Peers({found.way.fingerprint: found.way.name}))
+    found = CallSocket(agent, ask=restarts > 0)
+    session.trust(Peers({found.peer.fingerprint: found.peer.name}))
     return found
 
 
@@ -287,7 +287,7 @@ def operators_of(link: LinkSettings) -> list[Address]:
 
 
 def open_send_group(
-    settings: Settings, channels: int, *, way: bool = False
+    settings: Settings, channels: int, *, in_call: bool = False
 ) -> SendGroup:
     """Open the robot's sessions, with the codec and the redundancy that the settings
     ask for.
@@ -315,11 +315,13 @@ def open_send_group(
         if fixed
         else RedundancyRule()
     )
-    sessions = [open_session(settings, call=found, way=way) for found in operators]
+    sessions = [
+        open_session(settings, call=found, in_call=in_call) for found in operators
+    ]
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 
-def send_outgoing(session: Session, socket: UdpSocket | WaySocket) -> None:
+def send_outgoing(session: Session, socket: UdpSocket | CallSocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its
     peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the

@@ -1,2 +1,2 @@
-"""Calls through two routers: a spoken code finds the other end, ICE the way, and a
+"""Calls through two routers: a spoken code finds the other end, ICE the path, and a
 relay helps."""

@@ -37,9 +37,9 @@ def refresh_channels_in_time() -> None:
 
 @contextlib.contextmanager
 def quick_checks() -> Iterator[None]:
-    """Repeat lost checks soon, while a way is searched for.
+    """Repeat lost checks soon, while a path is searched for.
 
-    Once there is a way, an answer to the question for consent may take as long as
+    Once there is a path, an answer to the question for consent may take as long as
     aioice gives it.
     """
     usual = stun.RETRY_RTO

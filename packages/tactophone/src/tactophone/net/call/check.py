@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from tactophone.core.settings import CallSettings
-from tactophone.net.call.ice import Finder, Server, mapped_addresses, servers_of
+from tactophone.net.call.ice import IceAgent, Server, mapped_addresses, servers_of
 from tactophone.net.call.messages import Nat
 from tactophone.net.link.packet import Address
 
@@ -25,9 +25,9 @@ WORDS: dict[Nat, str] = {
     "none",
     "open": "no router changes its addresses",
     "keeps": "its router keeps one port for all destinations, which allows a direct "
-    "way",
+    "route",
     "changes": "its router takes another port for each destination, which allows a "
-    "direct way to few networks",
+    "direct route to few networks",
     "unknown": "only one STUN server answers, so the kind of its router is not known",
 }
 """What lies between a machine and the internet."""
@@ -61,10 +61,10 @@ class Findings:
         else:
             yield "relay: none is set (call.turn)"
         yield f"IPv6: {'yes' if self.ipv6 else 'no global address'}"
-        yield self.way()
+        yield self.route()
 
-    def way(self) -> str:
-        """Return which way a call would take."""
+    def route(self) -> str:
+        """Return which route a call would take."""
         if self.relay and self.nat not in {"keeps", "open"}:
             return (
                 "a call would be direct where the other network allows it, else relayed"
@@ -119,16 +119,16 @@ async def examine(settings: CallSettings) -> Findings:
     return Findings(nat, seen, stun, mailbox, relay, turn is not None, _has_ipv6())
 
 
-def why_no_way(here: Nat, there: Nat, *, relay: bool) -> str:
-    """Return why two ends found no way, and what helps."""
+def why_no_path(here: Nat, there: Nat, *, relay: bool) -> str:
+    """Return why two ends found no path, and what helps."""
     reasons = f"here, {WORDS[here]}; there, {WORDS[there]}"
     if relay:
         return (
-            f"no way between the two networks, not even over the relay: {reasons}; "
+            f"no route between the two networks, not even over the relay: {reasons}; "
             "check call.turn with --check"
         )
     return (
-        f"no direct way between the two networks: {reasons}; this pair needs a "
+        f"no direct route between the two networks: {reasons}; this pair needs a "
         f"relay, call.turn: {HELP}"
     )
 
@@ -147,11 +147,11 @@ async def _answers(mailbox: str) -> bool:
 async def _relays(turn: Server | None) -> bool:
     if turn is None:
         return False
-    finder = Finder(controls=True, stun=None, turn=turn, relay_only=True)
+    agent = IceAgent(controls=True, stun=None, turn=turn, relay_only=True)
     try:
-        return (await finder.gather("unknown")).relay
+        return (await agent.gather("unknown")).relay
     finally:
-        await finder.close()
+        await agent.close()
 
 
 def _is_local(address: str) -> bool:

@@ -13,7 +13,7 @@ from tactophone.net.link.packet import is_dtls
 from tactophone.net.link.udp import END_OF_STUN, STUN_COOKIE, prepare, set_filter
 
 CALL_WORD = b"\x03\0\0\0" + STUN_COOKIE.to_bytes(4)
-"""How every word begins that the two ends' `Finder` say to each other over a way. It
+"""How every word begins that the two ends' `IceAgent` say to each other over a path. It
 has STUN's first byte and cookie, so that it passes every filter, but a length and a
 type that no STUN message has."""
 

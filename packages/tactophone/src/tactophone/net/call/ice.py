@@ -1,4 +1,4 @@
-"""Finds a way between two ends behind routers, with aioice, and keeps it open.
+"""Finds a path between two ends behind routers, with aioice, and keeps it open.
 
 Two connections of aioice search side by side, under one name and password. The direct
 one knows no relay; the relayed one begins a little later, as a relay would often be the
@@ -44,24 +44,24 @@ LEAST_PORT = 1024
 that its system or router chose."""
 
 MOST_ADDRESSES = 16
-"""Maximum addresses of the other end that are tried for each kind of way: the other end
-chooses where this machine sends, and aioice has no limit."""
+"""Maximum addresses of the other end that are tried for each kind of path: the other
+end chooses where this machine sends, and aioice has no limit."""
 
 MOST_OF_A_HOST = 4
 """Maximum of these addresses that one machine may have."""
 
 RELAY_DELAY = 0.4
-"""Seconds for which direct ways are tried alone: the first check of one end is lost at
+"""Seconds for which direct paths are tried alone: the first check of one end is lost at
 the other's router, and is repeated after `aioice_defaults.RETRANSMISSION`."""
 
 STRAGGLER_TIMEOUT = 0.3
 """Seconds from the first STUN server's answer until the other ones are given up."""
 
 CHOICE_INTERVAL = 0.05
-"""Seconds from one repetition of the word for the chosen way to the next."""
+"""Seconds from one repetition of the word for the chosen path to the next."""
 
 CHOICE_TIMEOUT = 5.0
-"""Seconds until an end gives up a way over which that word, or its answer, does not
+"""Seconds until an end gives up a path over which that word, or its answer, does not
 come."""
 
 ROUND_TRIP_TIMEOUT = 0.5
@@ -71,7 +71,7 @@ CLOSE_TIMEOUT = 1.0
 """Seconds for the relay to free an allocation; it expires anyway."""
 
 CHOOSE = b"c"
-"""The calling end has chosen the way on which this word comes."""
+"""The calling end has chosen the path on which this word comes."""
 
 PING = b"p"
 """A question for the time there and back."""
@@ -158,12 +158,12 @@ def servers_of(settings: CallSettings) -> tuple[list[Server], Server | None]:
     ], turn
 
 
-class Finder:
-    """One search for a way, and the way that it found. ``controls`` is true for the end
-    that called.
+class IceAgent:
+    """One search for a path, and the path that it found. ``controls`` is true for the
+    end that called.
 
     ``deliver`` is called with each datagram of the session. ``lost`` is set when the
-    other end has not consented to the way for half a minute.
+    other end has not consented to the path for half a minute.
     """
 
     def __init__(
@@ -236,11 +236,11 @@ class Finder:
         )
 
     async def connect(self, offer: Offer, nat: Nat) -> bool:
-        """Find the way to the end that made the offer; return whether a relay of either
-        end passes it on.
+        """Find the path to the end that made the offer; return whether a relay of
+        either end passes it on.
 
         ``nat`` is what lies before this end. Raises `ConnectionError` or `TimeoutError`
-        if no way is found.
+        if no path is found.
         """
         own = self._relayed or self._direct
         assert own, "gather comes first"
@@ -291,7 +291,7 @@ class Finder:
         return is_relayed
 
     async def send(self, datagram: bytes) -> None:
-        """Send over the way that was found."""
+        """Send over the path that was found."""
         try:
             await self._chosen.result().send(datagram)
         except ConnectionError:
@@ -323,7 +323,7 @@ class Finder:
             async with asyncio.timeout(GATHER_TIMEOUT):
                 await connection.gather_candidates()
         except TimeoutError:
-            # A relay that is gone leaves the direct way to be tried.
+            # A relay that is gone leaves the direct path to be tried.
             self._relayed = None
             self._do_beside(_close(connection))
 
@@ -334,7 +334,7 @@ class Finder:
         addresses: list[Address],
         delay: float,
     ) -> None:
-        """Find a way within one connection, and listen to it from then on."""
+        """Find a path within one connection, and listen to it from then on."""
         await asyncio.sleep(delay)
         connection.remote_username = offer.user
         connection.remote_password = offer.password
@@ -451,7 +451,7 @@ class Finder:
                 del self._asked[number]
 
     def _word(self, kind: bytes, number: bytes) -> bytes:
-        """Return a word to the other end's `Finder`, which nobody without the key can
+        """Return a word to the other end's `IceAgent`, which nobody without the key can
         say."""
         mac = hmac.digest(self._key, kind + number, hashlib.sha256)[:_MAC_SIZE]
         return CALL_WORD + kind + number + mac

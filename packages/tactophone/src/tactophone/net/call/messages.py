@@ -57,10 +57,10 @@ class Address(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Offer(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
-    """Where this end may be reached, and how checks of the way are authenticated.
+    """Where this end may be reached, and how checks of the path are authenticated.
 
-    - ``addresses``: for a direct way.
-    - ``relayed``: for a way over a relay of either end.
+    - ``addresses``: for a direct path.
+    - ``relayed``: for a path over a relay of either end.
     - ``relay``: whether this end has a relay.
     """
 
@@ -78,7 +78,7 @@ sends or renders."""
 
 
 class State(msgspec.Struct, tag=True, frozen=True, forbid_unknown_fields=True):
-    """How far this end is, told once there is a way; older ends read nothing from then
+    """How far this end is, told once there is a path; older ends read nothing from then
     on."""
 
     progress: Progress

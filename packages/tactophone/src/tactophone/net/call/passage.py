@@ -1,4 +1,4 @@
-"""Passes the datagrams of a call on, between the live side and the way in force."""
+"""Passes the datagrams of a call on, between the live side and the path in force."""
 
 import asyncio
 import contextlib
@@ -8,20 +8,20 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from tactophone.core.types import ignore
-from tactophone.net.link.way import (
+from tactophone.net.link.call_socket import (
     DATAGRAM,
     LARGEST_DATAGRAM,
     WORDS,
-    Way,
-    write_way,
+    CallPeer,
+    write_peer,
 )
 
 if TYPE_CHECKING:
-    from tactophone.net.call.ice import Finder
+    from tactophone.net.call.ice import IceAgent
 
-WAY_SILENCE = 1.0
+PATH_SILENCE = 1.0
 """Seconds without a datagram from the other end, which sends several a second, after
-which a new way is asked for. The question is repeated after as long again."""
+which a new path is asked for. The question is repeated after as long again."""
 
 SILENCE_TICK = 0.1
 """Seconds from one look for datagrams to the next. Silence is counted in looks and not
@@ -33,11 +33,11 @@ QUEUE = 1 << 20
 
 
 class Passage:
-    """Between the live side's socket and the way in force, whichever that is.
+    """Between the live side's socket and the path in force, whichever that is.
 
-    ``silent`` is set when nothing comes over the way. ``follow`` is told the SSRCs that
-    the live side wants to hear, none of them for all. ``prepare`` is called once there
-    is a way, before the first datagram is passed on.
+    ``silent`` is set when nothing comes over the path. ``follow`` is told the SSRCs
+    that the live side wants to hear, none of them for all. ``prepare`` is called once
+    there is a path, before the first datagram is passed on.
     """
 
     def __init__(
@@ -50,26 +50,26 @@ class Passage:
         self._live = live
         self._follow = follow
         self._prepare = prepare
-        self._finder: Finder | None = None
-        self._way = b""
+        self._agent: IceAgent | None = None
+        self._peer = b""
         self._heard = False
         self._silence = 0.0
         live.setblocking(False)
         live.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, QUEUE)
 
-    def use(self, finder: "Finder", way: Way) -> None:
-        """Send over this way from now on."""
-        first = self._finder is None
-        self._finder = finder
+    def use(self, agent: "IceAgent", peer: CallPeer) -> None:
+        """Send over this path from now on."""
+        first = self._agent is None
+        self._agent = agent
         self._heard = not first
-        # The other end runs already if this is not the first way, but may change to it
+        # The other end runs already if this is not the first path, but may change to it
         # a little later.
-        self._silence = 0.0 if first else -WAY_SILENCE
-        finder.deliver = self._deliver
-        self._way = write_way(way)
+        self._silence = 0.0 if first else -PATH_SILENCE
+        agent.deliver = self._deliver
+        self._peer = write_peer(peer)
         if first:
             self._prepare()
-            self._to_live(self._way)
+            self._to_live(self._peer)
 
     async def run(self) -> None:
         """Pass on what the live side sends, until it and its parent have closed their
@@ -80,8 +80,8 @@ class Passage:
             with contextlib.suppress(OSError):
                 while message := await loop.sock_recv(self._live, LARGEST_DATAGRAM + 1):
                     if message[:1] == DATAGRAM:
-                        if self._finder:
-                            await self._finder.send(message[1:])
+                        if self._agent:
+                            await self._agent.send(message[1:])
                     elif message[:1] == WORDS:
                         self._heed(json.loads(message[1:]))
         finally:
@@ -92,9 +92,9 @@ class Passage:
             self._follow(words["streams"])
         # A live side that starts again has not seen the words for the one before it. It
         # has no session yet, so everybody may begin one.
-        if "wanted" in words and self._way:
+        if "wanted" in words and self._peer:
             self._follow([])
-            self._to_live(self._way)
+            self._to_live(self._peer)
 
     def _deliver(self, datagram: bytes) -> None:
         self._heard = True
@@ -114,6 +114,6 @@ class Passage:
             if not self._heard:
                 continue
             self._silence += SILENCE_TICK
-            if self._silence > WAY_SILENCE:
-                self._silence -= WAY_SILENCE
+            if self._silence > PATH_SILENCE:
+                self._silence -= PATH_SILENCE
                 self.silent.set()

@@ -1,5 +1,5 @@
-"""The process of a call: finds the other end and the way to it, and keeps the way open;
-and the handle of its parent.
+"""The process of a call: finds the other end and the path to it, and keeps the path
+open; and the handle of its parent.
 
 A pair of sockets between the two carries the process's steps and the parent's answers,
 as JSON. Another pair leads from the process to the live side, whose datagrams it passes
@@ -32,15 +32,15 @@ from tactophone.net.call.messages import (
     State,
 )
 from tactophone.net.call.passage import Passage
-from tactophone.net.link.way import Way
+from tactophone.net.link.call_socket import CallPeer
 
 if TYPE_CHECKING:  # their libraries are loaded in the process alone
     from tactophone.net.call.exchange import Exchange
-    from tactophone.net.call.ice import Finder
+    from tactophone.net.call.ice import IceAgent
 
 Step: TypeAlias = Literal["code", "asked", "found", "state", "checked"]
-"""What the process reports: its code, who calls and wants to be accepted, each way, how
-far the other end is, and the words of a check."""
+"""What the process reports: its code, who calls and wants to be accepted, each path,
+how far the other end is, and the words of a check."""
 
 ANSWER_TIMEOUT = 30.0
 """Seconds that an end waits for the other one's next message, once both have the
@@ -88,11 +88,11 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The other end, what kind of way leads to it, and the secrets for the next call:
+    """The other end, what kind of path leads to it, and the secrets for the next call:
     the other end's and the one of this call.
 
-    ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again``
-    whether it replaces another way.
+    ``after`` is how long the search took, ``round_trip`` the path's, in s; ``again``
+    whether it replaces another path.
     """
 
     name: str
@@ -107,9 +107,9 @@ class Found:
 
 
 class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
-    """The handle of a call's process; a context manager, whose end closes the way.
+    """The handle of a call's process; a context manager, whose end closes the path.
 
-    ``keeper`` is for the live side. ``prepare`` is called in the process before it
+    ``agent`` is for the live side. ``prepare`` is called in the process before it
     passes on the first datagram, to give it a priority.
     """
 
@@ -117,7 +117,7 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         self, plan: Plan | CallSettings, *, prepare: Callable[[], object] = ignore
     ) -> None:
         self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.agent, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._child = Child(
             _run if isinstance(plan, Plan) else _run_check,
             plan,
@@ -134,7 +134,7 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
         self._ending = True
         self._child.ask_to_end()
         self._child.end(3.0)
-        self.keeper.close()
+        self.agent.close()
 
     def steps(self) -> Iterator[tuple[Step, Any]]:
         """Yield the steps of the process as they come; the content of ``found`` is a
@@ -238,7 +238,7 @@ def _tell(pair: socket.socket, step: Step, content: Any) -> None:
 
 
 class _Call:
-    """One call, from the code to the end of the last way."""
+    """One call, from the code to the end of the last path."""
 
     def __init__(
         self,
@@ -254,7 +254,7 @@ class _Call:
         self._pair = pair
         self._passage = Passage(live, loop.follow, prepare)
         self._servers, self._turn = servers_of(plan.settings)
-        self._finder: Finder | None = None
+        self._agent: IceAgent | None = None
         self._closing: set[asyncio.Task[None]] = set()
         self._accepted: asyncio.Future[bool] = (
             asyncio.get_running_loop().create_future()
@@ -281,28 +281,28 @@ class _Call:
                 "again": False,
             }
             content["secrets"] = [each.hex() for each in secrets]
-            while finder := self._finder:
+            while agent := self._agent:
                 content |= {
-                    "host": finder.host,
+                    "host": agent.host,
                     "relayed": relayed,
                     "after": time.monotonic() - began,
                 }
                 _tell(
                     self._pair,
                     "found",
-                    content | {"round_trip": await finder.round_trip()},
+                    content | {"round_trip": await agent.round_trip()},
                 )
                 if not content["again"]:
                     beside.append(
                         asyncio.ensure_future(self._states(exchange, open_exchanges))
                     )
-                began, relayed = await self._replace(finder, hello, secrets[0])
+                began, relayed = await self._replace(agent, hello, secrets[0])
                 content["again"] = True
         finally:
             for each in beside:
                 each.cancel()
-            if self._finder:
-                await self._finder.close()
+            if self._agent:
+                await self._agent.close()
             await asyncio.gather(*self._closing, *beside, return_exceptions=True)
 
     async def _meet(
@@ -395,42 +395,42 @@ class _Call:
     async def _search(
         self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello
     ) -> bool:
-        """Find a way and pass the live side's datagrams over it; return whether it is
+        """Find a path and pass the live side's datagrams over it; return whether it is
         relayed."""
         from tactophone.net.call import check
-        from tactophone.net.call.ice import Finder
+        from tactophone.net.call.ice import IceAgent
 
         nat, _, answered = await asked
-        finder = Finder(
+        agent = IceAgent(
             controls=not self._plan.answers,
             stun=answered[0] if answered else None,
             turn=self._turn,
             relay_only=self._plan.settings.relay_only,
         )
         try:
-            offer = await finder.gather(nat)
+            offer = await agent.gather(nat)
             exchange.send(offer)
             theirs = await self._next(exchange, Offer)
             try:
-                relayed = await finder.connect(theirs, nat)
+                relayed = await agent.connect(theirs, nat)
             except (ConnectionError, TimeoutError):
-                reason = check.why_no_way(
+                reason = check.why_no_path(
                     nat, theirs.nat, relay=offer.relay or theirs.relay
                 )
                 raise DeviceError(reason) from None
         except BaseException:
-            await finder.close()
+            await agent.close()
             raise
-        self._finder = finder
-        self._passage.use(finder, Way(hello.name, hello.fingerprint))
+        self._agent = agent
+        self._passage.use(agent, CallPeer(hello.name, hello.fingerprint))
         return relayed
 
     async def _replace(
-        self, finder: "Finder", hello: Hello, secret: bytes
+        self, agent: "IceAgent", hello: Hello, secret: bytes
     ) -> tuple[float, bool]:
-        """Keep the way until another one replaces it; return when the search for that
+        """Keep the path until another one replaces it; return when the search for that
         began, and if it is relayed."""
-        keeping = asyncio.ensure_future(finder.lost.wait())
+        keeping = asyncio.ensure_future(agent.lost.wait())
         searching = asyncio.ensure_future(self._search_again(hello, secret))
         try:
             await asyncio.wait(
@@ -438,17 +438,17 @@ class _Call:
             )
             if not searching.done():
                 raise DeviceError(
-                    "the way to the other end is lost, and no other one was found: "
+                    "the route to the other end is lost, and no other one was found: "
                     "call again"
                 )
-            self._close_later(finder.close())
+            self._close_later(agent.close())
             return searching.result()
         finally:
             keeping.cancel()
             searching.cancel()
 
     async def _search_again(self, hello: Hello, secret: bytes) -> tuple[float, bool]:
-        """Search whenever nothing comes over the way, as the other end does, to which
+        """Search whenever nothing comes over the path, as the other end does, to which
         nothing comes either."""
         from tactophone.net.call.exchange import Exchange, code_of
 

@@ -1,4 +1,4 @@
-"""Ways that die during a call, and strangers and relays that do harm
+"""Paths that die during a call, and strangers and relays that do harm
 (`tests.net.call.networks`)."""
 
 import json
@@ -34,7 +34,7 @@ SOON = (
 """Consent is lost after about 2 s, not after half a minute."""
 
 LONGEST_GAP = 10.0
-"""Seconds within which a new way is found, on a machine that other tests keep busy; 5
+"""Seconds within which a new path is found, on a machine that other tests keep busy; 5
 are wanted of an idle one."""
 
 
@@ -46,8 +46,8 @@ def homes() -> Iterator[Networks]:
 
 def found(ends: tuple[End, End], *, relayed: bool, again: bool = False) -> None:
     for end in ends:
-        way = end.next("found")
-        assert (way["relayed"], way["again"]) == (relayed, again)
+        path = end.next("found")
+        assert (path["relayed"], path["again"]) == (relayed, again)
 
 
 def ended_well(ends: tuple[End, End]) -> None:
@@ -59,7 +59,7 @@ def ended_well(ends: tuple[End, End]) -> None:
 def test_a_router_that_restarts_with_another_address_and_a_moved_caller_get_new_ways(
     homes: Networks,
 ) -> None:
-    ends = begin(homes, "--ways", "3")
+    ends = begin(homes, "--paths", "3")
     found(ends, relayed=False)
     time.sleep(0.5)
     homes.ip("natrob", "addr del 10.9.0.1/24 dev wan", "addr add 10.9.0.21/24 dev wan")
@@ -78,7 +78,7 @@ def test_a_router_that_restarts_with_another_address_and_a_moved_caller_get_new_
 def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(
     homes: Networks,
 ) -> None:
-    ends = begin(homes, "--ways", "2")
+    ends = begin(homes, "--paths", "2")
     found(ends, relayed=False)
     time.sleep(0.5)
     between = "ip saddr 10.9.0.2 drop; ip daddr 10.9.0.2 drop;"
@@ -116,7 +116,7 @@ def test_a_relays_permission_is_renewed_in_time_and_a_dead_relay_ends_the_call()
         relay.kill()
         for end in ends:
             assert (
-                "the way to the other end is lost, and no other one was found"
+                "the route to the other end is lost, and no other one was found"
                 in end.next("error")
             )
 
@@ -309,6 +309,6 @@ def test_the_two_commands_stop_and_go_on_with_the_relay_and_hang_up_with_a_word(
         said, heard = robot.communicate(timeout=20), operator.communicate(timeout=20)
         assert (operator.returncode, robot.returncode) == (0, 0)
         for each in (said[1], heard[1]):
-            assert "the way was lost; connected over the relay" in each
+            assert "the route was lost; connected over the relay" in each
         assert "hung up" in said[1].splitlines()[-1]
         assert json.loads(heard[0])["counters"]["packets_received"] > 50

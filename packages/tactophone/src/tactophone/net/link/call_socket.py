@@ -1,11 +1,11 @@
 """The live side's end of a call: a socket of datagrams to the process that keeps the
-way to the other end open.
+path to the other end open.
 
-The process of the call (`net.call`) finds the way through two routers, perhaps over a
-TURN relay, and passes the session's datagrams on in both directions. Which way that is,
-and that it was replaced by another one, the session does not notice.
+The process of the call (`net.call`) finds the path through two routers, perhaps over a
+TURN relay, and passes the session's datagrams on in both directions. Which path that
+is, and that it was replaced by another one, the session does not notice.
 
-The live side is started while the way is still searched for, and waits for it.
+The live side is started while the path is still searched for, and waits for it.
 """
 
 import contextlib
@@ -20,13 +20,13 @@ from typing import Any, TypeAlias
 from tactophone.core.errors import DeviceError
 from tactophone.net.link.packet import Address
 
-Keeper: TypeAlias = socket
-"""The live side's end of a pair of sockets, to the process that finds the way and keeps
-it open."""
+AgentSocket: TypeAlias = socket
+"""The live side's end of a pair of sockets, to the process that finds the path and
+keeps it open."""
 
 PEER: Address = "100::1", 9
-"""The other end's address for the session, whichever way leads there; nobody sends from
-it (RFC 6666)."""
+"""The other end's address for the session, whichever path leads there; nobody sends
+from it (RFC 6666)."""
 
 DATAGRAM = b"d"
 """First byte of a message between the two processes that holds a datagram."""
@@ -43,42 +43,42 @@ _MOST_AT_ONCE = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """What the live side learns of a way that was found: the name of the other end, and
-    the fingerprint of its key."""
+class CallPeer:
+    """What the live side learns of a path that was found: the name of the other end,
+    and the fingerprint of its key."""
 
     name: str
     fingerprint: str
 
 
-class WaySocket(contextlib.AbstractContextManager["WaySocket", None]):
-    """As `UdpSocket`, over the way that the keeper has found; closing it leaves the way
-    open for a successor.
+class CallSocket(contextlib.AbstractContextManager["CallSocket", None]):
+    """As `UdpSocket`, over the path that the agent has found; closing it leaves the
+    path open for a successor.
 
-    The first way is waited for. ``ask`` for it where a process before this one has
+    The first path is waited for. ``ask`` for it where a process before this one has
     taken it already.
     """
 
-    def __init__(self, keeper: Keeper, *, ask: bool = False) -> None:
-        self._keeper = keeper
+    def __init__(self, agent: AgentSocket, *, ask: bool = False) -> None:
+        self._agent = agent
         self._ended = False
         self._followed: tuple[Address, frozenset[int]] | None = None
         if ask:
             self._say({"wanted": True})
-        keeper.setblocking(True)
-        self.way = self._await_way()
-        keeper.setblocking(False)
+        agent.setblocking(True)
+        self.peer = self._await_peer()
+        agent.setblocking(False)
         self._poll = select.poll()
-        self._poll.register(keeper, select.POLLIN)
+        self._poll.register(agent, select.POLLIN)
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def fileno(self) -> int:
-        return self._keeper.fileno()
+        return self._agent.fileno()
 
     def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
-        """Let the keeper pass on the sound of these SSRCs alone; of everybody with
+        """Let the agent pass on the sound of these SSRCs alone; of everybody with
         ``None``, when there is no session."""
         if remote == self._followed:
             return
@@ -98,7 +98,7 @@ class WaySocket(contextlib.AbstractContextManager["WaySocket", None]):
         datagrams: list[tuple[bytes, Address]] = []
         for _ in range(_MOST_AT_ONCE):
             try:
-                message = self._keeper.recv(LARGEST_DATAGRAM + 1)
+                message = self._agent.recv(LARGEST_DATAGRAM + 1)
             except BlockingIOError:
                 break
             except OSError:
@@ -111,12 +111,12 @@ class WaySocket(contextlib.AbstractContextManager["WaySocket", None]):
         return datagrams
 
     def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
-        """Send each to the other end without waiting; return how many the keeper did
+        """Send each to the other end without waiting; return how many the agent did
         not take."""
         refused = 0
         for datagram, _ in datagrams:
             try:
-                self._keeper.send(DATAGRAM + datagram)
+                self._agent.send(DATAGRAM + datagram)
             except OSError:  # it is late, or gone: neither must hold up the sound
                 refused += 1
         return refused
@@ -124,22 +124,22 @@ class WaySocket(contextlib.AbstractContextManager["WaySocket", None]):
     def close(self) -> None:
         """Do nothing: the socket is the parent's, for a successor."""
 
-    def _await_way(self) -> Way:
+    def _await_peer(self) -> CallPeer:
         # Datagrams for a process before this one may still be in the queue.
-        while message := self._keeper.recv(1 << 16):
+        while message := self._agent.recv(1 << 16):
             if message[:1] == WORDS:
-                return Way(**json.loads(message[1:]))
+                return CallPeer(**json.loads(message[1:]))
         raise DeviceError("the call has ended")
 
     def _say(self, words: dict[str, Any]) -> None:
         with contextlib.suppress(OSError):
-            self._keeper.send(write_words(words))
+            self._agent.send(write_words(words))
 
 
 def write_words(words: dict[str, Any]) -> bytes:
     return WORDS + json.dumps(words).encode()
 
 
-def write_way(way: Way) -> bytes:
-    """Encode what the live side learns of a way; `WaySocket` decodes it."""
-    return write_words(asdict(way))
+def write_peer(peer: CallPeer) -> bytes:
+    """Encode what the live side learns of a path; `CallSocket` decodes it."""
+    return write_words(asdict(peer))

@@ -9,18 +9,18 @@ import pytest
 
 from tactophone.core.errors import DeviceError
 from tactophone.net.call.passage import Passage
-from tactophone.net.link.way import (
+from tactophone.net.link.call_socket import (
     DATAGRAM,
     PEER,
-    Way,
-    WaySocket,
-    write_way,
+    CallPeer,
+    CallSocket,
+    write_peer,
     write_words,
 )
 
 STREAM = 0x01020304
 SRTP = b"\x80\x60" + bytes(6) + STREAM.to_bytes(4) + b"sound"
-OTHER = Way("other", "0A")
+OTHER = CallPeer("other", "0A")
 
 
 @pytest.fixture
@@ -35,11 +35,11 @@ def test_the_session_sends_to_and_hears_one_peer_whichever_way_leads_there(
     pair: tuple[socket.socket, socket.socket],
 ) -> None:
     here, there = pair
-    there.send(write_way(OTHER))
-    with WaySocket(here) as own:
-        assert own.way == OTHER
+    there.send(write_peer(OTHER))
+    with CallSocket(here) as own:
+        assert own.peer == OTHER
         there.send(DATAGRAM + SRTP)
-        there.send(write_way(OTHER))
+        there.send(write_peer(OTHER))
         there.send(DATAGRAM + b"\x16")
         assert own.receive(1.0) == [(SRTP, PEER), (b"\x16", PEER)]
         assert own.send([(SRTP, PEER)]) == 0
@@ -51,12 +51,12 @@ def test_the_session_sends_to_and_hears_one_peer_whichever_way_leads_there(
         assert there.recv(100) == write_words({"streams": []})
 
 
-def test_a_keeper_that_is_late_or_gone_holds_up_nothing(
+def test_a_process_of_a_call_that_is_late_or_gone_holds_up_nothing(
     pair: tuple[socket.socket, socket.socket],
 ) -> None:
     here, there = pair
-    there.send(write_way(OTHER))
-    with WaySocket(here) as own:
+    there.send(write_peer(OTHER))
+    with CallSocket(here) as own:
         refused = own.send([(bytes(1_200), PEER)] * 10_000)
         assert refused > 0
         there.close()
@@ -70,11 +70,11 @@ def test_a_successor_asks_for_the_way_and_hears_nothing_meant_for_its_predecesso
 ) -> None:
     here, there = pair
     there.send(DATAGRAM + b"old")
-    there.send(write_way(OTHER))
+    there.send(write_peer(OTHER))
     there.send(DATAGRAM + SRTP)
-    with WaySocket(here, ask=True) as own:
+    with CallSocket(here, ask=True) as own:
         assert there.recv(100) == write_words({"wanted": True})
-        assert own.way == OTHER
+        assert own.peer == OTHER
         assert own.receive(1.0) == [(SRTP, PEER)]
 
 
@@ -84,11 +84,11 @@ def test_a_live_side_whose_call_has_ended_before_there_was_a_way_says_so(
     here, there = pair
     there.close()
     with pytest.raises(DeviceError, match="the call has ended"):
-        WaySocket(here)
+        CallSocket(here)
 
 
 class Line:
-    """A way in memory, in place of a `Finder`."""
+    """A path in memory, in place of an `IceAgent`."""
 
     def __init__(self) -> None:
         self.sent: list[bytes] = []
@@ -112,7 +112,7 @@ def test_the_process_passes_datagrams_both_ways_and_over_a_new_way_once_there_is
         second: Any = Line()
         assert prepared == []
         passage.use(first, OTHER)
-        with WaySocket(here) as own:
+        with CallSocket(here) as own:
             own.follow((PEER, frozenset({STREAM})))
             own.send([(b"first", PEER)])
             while not first.sent:
@@ -141,7 +141,7 @@ def test_a_way_that_falls_silent_is_told_each_second_but_not_before_the_first_da
     pair: tuple[socket.socket, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tactophone.net.call.passage.SILENCE_TICK", 0.001)
-    monkeypatch.setattr("tactophone.net.call.passage.WAY_SILENCE", 0.01)
+    monkeypatch.setattr("tactophone.net.call.passage.PATH_SILENCE", 0.01)
 
     async def run() -> None:
         passage = Passage(pair[1], lambda streams: None)
