@@ -16,29 +16,39 @@ _NAMED = re.compile(r"`(?:(?P<file>[\w./-]*test_\w+\.py)(?:::)?)?(?P<test>test_\
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """What the pages name: whole files by their last name, and single tests."""
+    """What the pages name: whole files by their last name, and single tests.
+
+    ``homes`` are the files of the single tests.
+    """
 
     files: frozenset[str]
     tests: frozenset[str]
+    homes: frozenset[str] = frozenset()
 
     @classmethod
     def read(cls, docs: Path) -> "Named":
         files: set[str] = set()
         tests: set[str] = set()
+        homes: set[str] = set()
         for page in PAGES:
             text = (docs / "reference" / f"{page}.md").read_text(encoding="utf-8")
             for match in _NAMED.finditer(text):
+                file = (match["file"] or "").rpartition("/")[2]
                 if match["test"]:
                     tests.add(match["test"])
-                elif match["file"]:
-                    files.add(match["file"].rpartition("/")[2])
-        return cls(frozenset(files), frozenset(tests))
+                    homes.add(file)
+                elif file:
+                    files.add(file)
+        return cls(frozenset(files), frozenset(tests), frozenset(homes - {""}))
 
     def hold(self, nodeid: str) -> bool:
-        """Whether a test, or a file that was skipped as a whole, is named."""
+        """Whether a test, or a file that was skipped as a whole, is named, or the file
+        holds a test that is."""
         path, _, test = nodeid.partition("::")
         file = path.rpartition("/")[2]
-        return file in self.files or test.partition("[")[0] in self.tests
+        if file in self.files:
+            return True
+        return test.partition("[")[0] in self.tests if test else file in self.homes
 
 
 @dataclass(slots=True)

@@ -106,3 +106,33 @@ def test_a_step_that_fails_shows_what_it_said(tmp_path: Path) -> None:
     assert said == "no route to the index"
     assert failed.startswith("failed: pip install --require-hashes")
     assert not (tmp_path / "venv" / ".demo").exists()
+
+
+@pytest.mark.parametrize(
+    ("unknown", "code", "said"),
+    [
+        ("tshark", 0, "no tshark or GStreamer in this system's packages"),
+        ("coturn", 1, "apt does not know coturn"),
+    ],
+)
+def test_a_system_without_other_peoples_tools_only_skips_their_tests(
+    tmp_path: Path, unknown: str, code: int, said: str
+) -> None:
+    for name, text in {
+        "dpkg-query": f'case "$*" in *{unknown}*) exit 1 ;; esac\necho install ok installed',
+        "apt-cache": "exit 0",
+        "apt-get": "exit 0",
+        "sudo": '"$@"',
+    }.items():
+        path = tmp_path / name
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+    done = subprocess.run(
+        [ROOT / "scripts" / "system-packages", "test"],
+        env={**os.environ, "PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code
+    assert said in done.stdout + done.stderr

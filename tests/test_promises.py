@@ -14,11 +14,32 @@ DOCS = Path(__file__).parent.parent / "docs"
 
 def test_the_pages_name_files_and_tests() -> None:
     named = Named.read(DOCS)
-    assert named.hold("packages/tactophone/tests/live/audio/test_gamepad.py")
+    assert named.hold("packages/tactophone/tests/live/runtime/test_safety.py")
+    assert named.hold(
+        "packages/tactophone/tests/live/audio/test_gamepad.py::test_silence_and_a_failing_render_rest_both_motors"
+    )
     assert named.hold(
         "packages/x/test_send.py::test_what_one_operator_says_leaves_the_sound_of_the_other_equal_to_the_bit[Goodbye]"
     )
     assert not named.hold("tests/test_promises.py::test_something_else")
+
+
+def test_a_file_skipped_as_a_whole_is_noted_for_the_one_test_that_is_named() -> None:
+    named = Named.read(DOCS)
+    assert named.hold("packages/tactophone/tests/live/audio/test_gamepad.py")
+    assert not named.hold("packages/tactophone/tests/live/audio/test_stream.py")
+
+
+def test_ci_lets_no_promise_go_unchecked() -> None:
+    """What needs root is skipped for everybody else."""
+    workflow = pytest.importorskip("yaml").safe_load(
+        (DOCS.parent / ".github" / "workflows" / "test.yml").read_text()
+    )
+    commands = [step.get("run", "") for step in workflow["jobs"]["root"]["steps"]]
+    assert any(
+        "sudo" in command and f"{STRICT}=1" in command and ".ci/run" in command
+        for command in commands
+    )
 
 
 def test_skips_are_listed_by_their_reason() -> None:

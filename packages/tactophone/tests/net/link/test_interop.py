@@ -112,16 +112,18 @@ def test_wireshark_reads_header_and_redundancy(tmp_path: Path) -> None:
 
 @needs_wireshark
 def test_wireshark_reads_a_whole_session(tmp_path: Path) -> None:
-    link, seen = VirtualLink(*paired_sessions(Codec("opus"))), []
-    for end in (link.robot, link.operator):
-        opened = end.session.outgoing
+    robot, operator = paired_sessions(Codec("opus"))
+    link = VirtualLink(robot, operator)
+    seen: list[bytes] = []
+    for session in (robot.members[0].session, operator.session):
+        opened = session.outgoing
 
         def outgoing(opened=opened) -> list:  # type: ignore[no-untyped-def,type-arg]
             fresh = opened()
             seen.extend(datagram for datagram, _ in fresh)
             return fresh
 
-        end.session.outgoing = outgoing  # type: ignore[method-assign]
+        session.outgoing = outgoing  # type: ignore[method-assign]
     now = link.connect(0.0)
     handshake_size = len(seen)
     link.robot.push(AudioBlock(tone(2)[:2_400], RATE))
