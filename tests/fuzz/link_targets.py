@@ -5,6 +5,7 @@ import contextlib
 import random
 import socket
 from collections.abc import Sequence
+from typing import Any, cast
 
 from pylibsrtp import Error
 
@@ -30,6 +31,7 @@ from tactophone.net.link.codec import Codec, open_decoder
 from tactophone.net.link.events import (
     Connected,
     Disconnected,
+    Event,
     PacketReceived,
     Renewed,
     read_event,
@@ -56,6 +58,7 @@ from tactophone.net.link.rtcp import (
 )
 from tactophone.net.link.send import SendGroup
 from tactophone.net.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
+from tactophone.net.link.stats import Reception
 
 from .target import Run, Target
 
@@ -137,6 +140,19 @@ class Pair:
         )
         self.operator = Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
         self.now = 0.0
+        self.connected: dict[Session, Connected] = {}
+
+    def receive(self, to: Session, datagram: bytes, source: str) -> list[Event]:
+        """Let one end take a datagram; its newest connection is kept by end."""
+        events = to.receive(datagram, source=source, now=self.now)
+        for event in events:
+            if isinstance(event, Connected):
+                self.connected[to] = event
+        return events
+
+    def ssrc(self, session: Session) -> int:
+        """Return the SSRC under which one end sends; 0 without a connection."""
+        return self.connected[session].local_ssrc if session.peer else 0
 
     def carry(self) -> list[tuple[Session, bytes, str]]:
         """Return the datagrams on the way: to whom, what and whence."""
@@ -152,12 +168,35 @@ class Pair:
             for datagram, _ in of.outgoing()
         ]
 
+    def deliver(self) -> None:
+        """Carry everything to where it belongs."""
+        for to, datagram, source in self.carry():
+            self.receive(to, datagram, source)
+
     def connect(self) -> None:
         for _ in range(20):
             self.now += 0.05
-            for to, datagram, source in self.carry():
-                to.receive(datagram, source=source, now=self.now)
+            self.deliver()
         assert self.robot.peer == "operator"
+
+
+class Joined:
+    """A session that is connected already, for a new owner: with the first datagram the
+    owner hears of the connection."""
+
+    def __init__(self, pair: Pair, session: Session) -> None:
+        self._pair = pair
+        self._session = session
+        self._told = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+    def receive(self, datagram: bytes, *, source: str, now: float) -> list[Event]:
+        if self._told:
+            return self._pair.receive(self._session, datagram, source)
+        self._told = True
+        return [self._pair.connected[self._session]]
 
 
 def strangers() -> tuple[Sequence[bytes], Run]:
@@ -231,9 +270,23 @@ def faulty_robots() -> tuple[Sequence[bytes], Run]:
     pair.connect()
 
     def run(data: bytes) -> None:
-        end = ReceiveSession(pair.operator)
-        end._handle([_connected(pair.operator)], pair.now)
-        for delay, packet in _packets_in(data, _ssrc(pair.robot)):
+        reception = Reception()
+
+        def report_on(now: float, events: list[Event], _: bool) -> None:
+            # Whatever was received, a report on it can be written.
+            for event in events:
+                if isinstance(event, PacketReceived) and not event.report:
+                    with contextlib.suppress(PacketError):
+                        found = parse_packet(event.packet)
+                        reception.count(
+                            found.sequence, found.payload.timestamp, now=now
+                        )
+                    bytes(reception.report(ssrc=1, of=2, now=now))
+
+        end = ReceiveSession(cast(Session, Joined(pair, pair.operator)))
+        end.tap = report_on
+        end.receive([(b"", AT_ROBOT)], now=pair.now)
+        for delay, packet in _packets_in(data, pair.ssrc(pair.robot)):
             pair.now += delay
             _send(pair.robot, packet)
             for to, datagram, source in pair.carry():
@@ -241,7 +294,6 @@ def faulty_robots() -> tuple[Sequence[bytes], Run]:
                     end.receive([(datagram, source)], now=pair.now)
             end.poll(pair.now)
             end.pull(128, now=pair.now)
-            bytes(end._depacketizer.reception.report(ssrc=1, of=2, now=pair.now))
         _keep(pair)
 
     jumps = b"".join(
@@ -259,11 +311,12 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
     """Reports that a paired operator encrypts."""
     pair = Pair()
     pair.connect()
-    end = SendGroup([pair.robot], Codec("pcm16"), follow=True)
-    end._handle(end.members[0], [_connected(pair.robot)], 0.0)
 
     def run(data: bytes) -> None:
-        for delay, packet in _packets_in(data, _ssrc(pair.operator)):
+        robot = cast(Session, Joined(pair, pair.robot))
+        end = SendGroup([robot], Codec("pcm16"), follow=True)
+        end.receive([(b"", AT_OPERATOR)], now=pair.now)
+        for delay, packet in _packets_in(data, pair.ssrc(pair.operator)):
             pair.now += delay
             _send(pair.operator, packet)
             for to, datagram, source in pair.carry():
@@ -273,20 +326,6 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
         _keep(pair)
 
     return [_script(report) for report in _REPORTS], run
-
-
-def _connected(session: Session) -> Connected:
-    assert session._keys.current is not None
-    secrets = session._keys.current.agreement.secrets
-    return Connected("peer", secrets.local_ssrc, secrets.remote_ssrc)
-
-
-def _ssrc(session: Session) -> int:
-    return (
-        session._keys.current.agreement.secrets.local_ssrc
-        if session._keys.current
-        else 0
-    )
 
 
 def _small(sequence: int, timestamp: int) -> bytes:
@@ -336,9 +375,11 @@ def _keep(pair: Pair) -> None:
             pair.now += SESSION_TIMEOUT + BUSY_PAUSE
             pair.carry()
         pair.connect()
+    # Each end hears from the other one; a handshake that has begun is finished.
     for session in (pair.robot, pair.operator):
-        if session._keys.current:
-            session._keys.current.last_received = pair.now
+        session.send(bytes(SenderReport(pair.ssrc(session), pair.now, 0, 0, 0)))
+    for _ in range(4):
+        pair.deliver()
 
 
 def call_messages() -> tuple[Sequence[bytes], Run]:
