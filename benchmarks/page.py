@@ -76,7 +76,8 @@ PHONE = """
 window.noted = [];
 Object.defineProperty(navigator, "userAgentData", { get: () => ({ mobile: true }) });
 navigator.vibrate = (train) => {
-  window.noted.push([train ? "play" : "reset", performance.timeOrigin + performance.now()]);
+  const now = performance.timeOrigin + performance.now();
+  window.noted.push([train ? "play" : "reset", now]);
   return true;
 };
 """
@@ -308,7 +309,8 @@ WebSocket.prototype.send = function (data) {
     if (at < 0) quiet += samples.length;
     else {
       // The message is sent when its last sample has arrived.
-      const now = performance.timeOrigin + performance.now() - (samples.length - at) / 48;
+      const arrived = performance.timeOrigin + performance.now();
+      const now = arrived - (samples.length - at) / 48;
       if (quiet > 12000) window.loud.push(now);
       quiet = 0;
     }

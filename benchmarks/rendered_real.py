@@ -235,9 +235,8 @@ def print_calibration(plain: Sequence[TakePredictions]) -> None:
             )
         )
         print(
-            "calibration error {:.3f}; were the probabilities right {:.3f}, 90 %: {:.3f} to {:.3f}".format(
-                *errors
-            )
+            "calibration error {:.3f}; were the probabilities right {:.3f}, "
+            "90 %: {:.3f} to {:.3f}".format(*errors)
         )
 
 

@@ -614,9 +614,8 @@ class Night:
         )
         self._checked_at = now
         self.felt += peak > 0.01
-        if (
-            self.felt == self._freeze_at
-        ):  # once a night in the middle of a vibration, which only the watchdog ends then
+        # Once a night in the middle of a vibration, which only the watchdog can end.
+        if self.felt == self._freeze_at:
             self._freeze_at, machine.frozen_until = -1, now + 0.15
             self._tell("freeze while it vibrates")
 

@@ -11,9 +11,9 @@ ROOM = ROOT / "packages" / "tactophone" / "src" / "tactophone" / "signal" / "per
 PAGE = ROOT / "docs" / "reference" / "tuning.md"
 HEAD = """# What may be tuned in perception
 
-Every constant of `signal/perception` with a value of its own, from its docstring (`python scripts/tuning.py` writes
-this page). None has a switch: those are settings (`tactophone settings`). Change one in its file, then run
-`make room ROOM=perception`.
+Every constant of `signal/perception` with a value of its own, from its docstring
+(`python scripts/tuning.py` writes this page). None has a switch: those are settings
+(`tactophone settings`). Change one in its file, then run `make room ROOM=perception`.
 """
 UNITS = (
     ("dBFS", r"_DBFS\b"),

@@ -85,9 +85,7 @@ def test_only_boxes_resonate() -> None:
     assert len(cavity_sections(Mounting.HELD, rng, RATE)) == 0
 
 
-def test_gears_are_heard_while_motors_run_and_jerks_at_starts_and_stops_but_not_where_they_turn() -> (
-    None
-):
+def test_gears_are_heard_while_motors_run_and_jerks_only_at_starts_and_stops() -> None:
     still, time = np.zeros(RATE), np.arange(RATE) / RATE
     # Runs from 0.2 to 0.7 s, and turns at 0.45 s within 20 ms.
     runs = ((time >= 0.2) & (time < 0.7) & (np.abs(time - 0.45) > 0.01)).astype(float)

@@ -161,18 +161,15 @@ def free_name() -> Iterator[str]:
 
 
 def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Settings:
-    """Name a recording for every finger; where there is none, the demonstration is
+    """Name a recording for every finger. Without a recording, the demonstration is
     rendered first."""
     from tactophone_lab.simulation.demonstration import write_demonstration
 
     tip, seed = settings.capture.tip, settings.simulation.seed
     if not settings.is_hand:
-        return change(
-            settings,
-            [
-                f"capture.device={recording or write_demonstration(folder, seed=seed, tip=tip)[0]}"
-            ],
-        )
+        if recording is None:
+            recording = write_demonstration(folder, seed=seed, tip=tip)[0]
+        return change(settings, [f"capture.device={recording}"])
     if recording:
         raise ConfigError(
             "--recording applies to a single finger; with --fingers, set device = "

@@ -168,14 +168,13 @@ def run_folds(
     """
     todo = {fold_key(*fold): fold for fold in folds}
     todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}
-    here = ((key, predict_fold(*fold)) for key, fold in todo.items())
-    results = (
-        _on_ray(todo, workers)
-        if ray
-        else _in_processes(todo, workers)
-        if workers > 1
-        else here
-    )
+    results: Iterator[tuple[str, list[TakePredictions]]]
+    if ray:
+        results = _on_ray(todo, workers)
+    elif workers > 1:
+        results = _in_processes(todo, workers)
+    else:
+        results = ((key, predict_fold(*fold)) for key, fold in todo.items())
     for done, (key, predictions) in enumerate(results, 1):
         cache.put(key, predictions)
         method, fold = todo[key]
@@ -186,7 +185,8 @@ def run_folds(
 def _in_processes(
     todo: dict[str, MethodFold], workers: int
 ) -> Iterator[tuple[str, list[TakePredictions]]]:
-    left, deaths = dict(todo), 0
+    left = dict(todo)
+    deaths = 0
     while left:
         try:
             with open_pool(workers, prepare=_use_single_thread) as pool:

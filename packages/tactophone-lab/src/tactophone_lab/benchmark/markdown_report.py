@@ -162,8 +162,10 @@ def format_delay(delay: tuple[float, float, float]) -> str:
 
     >>> format_delay((95.0, float("inf"), 0.2))
     '95 / never (20 %)'
-    >>> format_delay((82.4, 179.6, 0.04)), format_delay((float("nan"), float("nan"), float("nan")))
-    ('82 / 180 (4 %)', '-')
+    >>> format_delay((82.4, 179.6, 0.04))
+    '82 / 180 (4 %)'
+    >>> format_delay((math.nan, math.nan, math.nan))
+    '-'
     """
     p50, p95, missed = delay
     if math.isnan(p50):

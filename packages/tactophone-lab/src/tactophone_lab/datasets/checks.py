@@ -414,9 +414,13 @@ def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
         return
     message = f"the same sound as {first.path.name}"
     if first.label is not recording.label:
-        message += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
+        here = recording.known("label") or "-"
+        there = first.known("label") or "-"
+        message += f", but labelled {here} here and {there} there"
     elif first.known("split") != recording.known("split"):
-        message += f", which is in {first.known('split') or '-'} and this in {recording.known('split') or '-'}"
+        here = recording.known("split") or "-"
+        there = first.known("split") or "-"
+        message += f", which is in {there} and this in {here}"
     yield Problem(
         recording.path, "duplicate", f"{message}; drop either file", fatal=False
     )

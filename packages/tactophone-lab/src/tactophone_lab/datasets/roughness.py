@@ -26,11 +26,17 @@ from numpy.typing import NDArray
 from tactophone.core.errors import DatasetError
 from tactophone.core.extras import require_modules
 
-CUTOFF, COARSE_CUTOFF = 0.8e-3, 2.5e-3
-"""Metres; ISO 21920-3's defaults for Ra of 0.1 to 2 um, which is the scale of a finger
-pad, and of 2 to 10 um."""
+CUTOFF = 0.8e-3
+"""Cut-off of the roughness filter in m: ISO 21920-3's default for an Ra of 0.1 to 2 um,
+which is also the scale of a finger pad."""
+
+COARSE_CUTOFF = 2.5e-3
+"""Cut-off in m for coarser surfaces: ISO 21920-3's default for an Ra of 2 to 10 um."""
 
 ALPHA = math.sqrt(math.log(2) / math.pi)
+"""Width of the Gaussian weight in cut-offs, so that half of a wave of the cut-off
+length passes (ISO 16610-21)."""
+
 LEAST_ELEMENT = 0.1
 """Of Rz: the height discrimination of profile elements (ISO 4287, 3.1.6)."""
 
@@ -47,6 +53,8 @@ SLOPE_WEIGHTS = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0])
 """Weights of seven neighbours, newest first, in sixtieths of a step."""
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+"""Metres in one of each unit that a file's heights may be written in."""
+
 SHORT_CUTOFFS = {
     0.08e-3: 2.5e-6,
     0.25e-3: 2.5e-6,
@@ -95,31 +103,27 @@ def measure_profile(
 
     >>> place = np.arange(0, 10e-3, 1e-6)
     >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
-    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3), round(sine.rdq, 3)
-    (3.18, 3.18, 0.1, 0.222)
+    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2)
+    (3.18, 3.18)
+    >>> round(sine.rsm * 1e3, 3), round(sine.rdq, 3)
+    (0.1, 0.222)
     """
     rough = roughness_profile(heights, step=step, cutoff=cutoff, periodic=periodic)
     rough = rough - rough.mean()
     size = max(1, round(cutoff / step))
     count = max(1, min(5, len(rough) // size))
-    rz = float(
-        np.mean(
-            [
-                part.max() - part.min()
-                for part in np.array_split(rough[: count * size], count)
-            ]
-        )
-    )
+    lengths = np.array_split(rough[: count * size], count)
+    rz = float(np.mean([part.max() - part.min() for part in lengths]))
     rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
-    # The slope is that of seven heights, as ISO 21920-2 and ISO 4287 name it.
+    # Each slope is taken over seven heights, as ISO 21920-2 and ISO 4287 define it.
     padded = np.pad(rough, 3, mode="wrap") if periodic else rough
-    slopes = (
-        np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
-        if len(padded) >= 7
-        else np.array([np.nan])
-    )
-    rq, rdq = (float(np.sqrt(np.square(values).mean())) for values in (rough, slopes))
-    return Roughness(float(np.abs(rough).mean()), rq, rz, rsm, rdq)
+    slopes = np.array([np.nan])
+    if len(padded) >= len(SLOPE_WEIGHTS):
+        slopes = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
+    ra = float(np.abs(rough).mean())
+    rq = float(np.sqrt(np.square(rough).mean()))
+    rdq = float(np.sqrt(np.square(slopes).mean()))
+    return Roughness(ra, rq, rz, rsm, rdq)
 
 
 def roughness_profile(
@@ -182,15 +186,16 @@ def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
     # own Ra is the standard's.
     for cutoff in fitting:
         ra = measure_profile(heights, step=step, cutoff=cutoff).ra
-        if (
-            next(
-                (named for most, named in STANDARD_CUTOFFS if ra <= most),
-                STANDARD_CUTOFFS[-1][1],
-            )
-            <= cutoff
-        ):
+        if _standard_cutoff(ra) <= cutoff:
             return cutoff, True
     return fitting[-1], False
+
+
+def _standard_cutoff(ra: float) -> float:
+    for most, named in STANDARD_CUTOFFS:
+        if ra <= most:
+            return named
+    return STANDARD_CUTOFFS[-1][1]
 
 
 def _rsm(rough: Heights, least: float) -> float:
@@ -237,24 +242,19 @@ def measure_heights(
     if there are too few heights for the cut-off.
     """
     rows = np.atleast_2d(levelled(heights))
-    cutoff, long_enough = (
-        (cutoff, True) if cutoff else choose_cutoff(rows[len(rows) // 2], step=step)
-    )
-    drawn = rows[
-        np.unique(
-            np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int)
-        )
-    ]
+    long_enough = True
+    if not cutoff:
+        cutoff, long_enough = choose_cutoff(rows[len(rows) // 2], step=step)
+    places = np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int)
+    drawn = rows[np.unique(places)]
     short = SHORT_CUTOFFS.get(cutoff, cutoff / 300)
-    if fine_enough := 2 * step <= short:
+    fine_enough = 2 * step <= short
+    if fine_enough:
         means = drawn.mean(axis=1, keepdims=True)
         drawn = gaussian_line(drawn - means, step=step, cutoff=short) + means
-    columns = np.array(
-        [
-            list(asdict(measure_profile(row, step=step, cutoff=cutoff)).values())
-            for row in drawn
-        ]
-    ).T
+    measured = [measure_profile(row, step=step, cutoff=cutoff) for row in drawn]
+    columns = np.array([list(asdict(each).values()) for each in measured]).T
+    # A row without profile elements has no RSm: the mean is over rows that have one.
     known = [column[np.isfinite(column)] for column in columns]
     profile = Roughness(
         *(float(values.mean()) if len(values) else math.nan for values in known)
@@ -326,9 +326,8 @@ def _read(path: Path) -> tuple[object, float | None]:
         with ZipFile(path) as archive:
             _check_size(sum(part.file_size for part in archive.infolist()))
         with np.load(path, allow_pickle=False) as arrays:
-            return arrays["heights"], float(
-                arrays["step"]
-            ) if "step" in arrays else None
+            step = float(arrays["step"]) if "step" in arrays else None
+            return arrays["heights"], step
     if kind != ".png":
         raise ValueError(
             "only .npy, .npz and .png are read; save other heights with numpy.save"
@@ -369,11 +368,13 @@ def _doubts(
             "may be noise"
         )
     levels = np.unique(rows[len(rows) // 2])
-    if 1 < len(levels) < 256 and profile.ra < 2 * (quantum := np.diff(levels).min()):
-        doubts.append(
-            f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse for "
-            "this Ra"
-        )
+    if 1 < len(levels) < 256:
+        quantum = np.diff(levels).min()
+        if profile.ra < 2 * quantum:
+            doubts.append(
+                f"the file's heights are steps of {1e6 * quantum:.3g} um, too coarse "
+                "for this Ra"
+            )
     if profile.rsm < 5 * step:
         words = (
             f"the surface's elements (RSm {1e3 * profile.rsm:.3g} mm) are under "

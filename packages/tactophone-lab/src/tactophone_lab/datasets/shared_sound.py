@@ -38,8 +38,8 @@ LEAST_SHARED = 2
 """Passages that two recordings share from which they hold the same sound."""
 
 LEAST_SHARE = 0.1
-"""Share of the shorter recording's passages that have to be the same. A simulated finger
-has the same noise in each recording of one seed, until it touches."""
+"""Share of the shorter recording's passages that have to be the same. A simulated
+finger has the same noise in each recording of one seed, until it touches."""
 
 LEAST_DENSE = 0.5
 """Share of the passages from the first to the last shared one that have to be the same,

@@ -167,8 +167,10 @@ def kin_of(recording: Recording) -> str:
     """Return the kin of a recording's surface: its property ``kin``, or the surface's
     name without its version.
 
-    >>> kin_of(Recording(Path("a.wav"), "StoneTileVersion2")), kin_of(Recording(Path("b.wav"), "stone 3"))
-    ('StoneTile', 'stone 3')
+    >>> kin_of(Recording(Path("a.wav"), "StoneTileVersion2"))
+    'StoneTile'
+    >>> kin_of(Recording(Path("b.wav"), "stone 3"))
+    'stone 3'
     """
     return (
         recording.properties.get("kin")

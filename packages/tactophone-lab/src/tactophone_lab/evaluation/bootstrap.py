@@ -232,8 +232,11 @@ def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Diffe
     Source: Holm, "A simple sequentially rejective multiple test procedure", Scand. J.
     Statist. 6, 65 (1979).
 
-    >>> found = {name: Difference(Estimate(0, 0, 0), p) for name, p in {"a": 0.01, "b": 0.04, "c": 0.03}.items()}
-    >>> {name: round(each.corrected, 3) for name, each in correct_for_number(found).items()}
+    >>> value = Estimate(0, 0, 0)
+    >>> p_values = {"a": 0.01, "b": 0.04, "c": 0.03}
+    >>> found = {name: Difference(value, p) for name, p in p_values.items()}
+    >>> corrected = correct_for_number(found)
+    >>> {name: round(each.corrected, 3) for name, each in corrected.items()}
     {'a': 0.03, 'b': 0.06, 'c': 0.06}
     """
     known = sorted(

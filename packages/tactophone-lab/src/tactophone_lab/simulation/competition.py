@@ -81,8 +81,8 @@ TASKS = {
         hum_db=3.0,
     ),
 }
-"""By the word of ``tactophone simulate competition --task``. What sets `finals` apart is
-derived in docs/research/recording-levels.md, written before it was scored."""
+"""By the word of ``tactophone simulate competition --task``. What sets `finals` apart
+is derived in docs/research/recording-levels.md, written before it was scored."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,15 @@ from tactophone.core.errors import ConfigError
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, ChangedSource, Source
 
-HUM_DBFS, MAINS = -15.0, 50.0
+HUM_DBFS = -15.0
+"""Level of the simulated mains hum in dBFS."""
+
+MAINS = 50.0
+"""Frequency of the simulated mains in Hz."""
+
 SIMULATED_OFFSET = 0.2
+"""Constant offset of a faulty input, as a share of full scale."""
+
 OVERDRIVE_DB = (35.0, 65.0)
 """Excess gain of contact and air: even noise reaches full scale."""
 
@@ -27,6 +34,8 @@ CASE_CORNER = 300.0
 """Hz over which a closed plastic case attenuates by 12 dB an octave."""
 
 CASE_LOSS_DB = 12.0
+"""Broadband loss of the same case in dB."""
+
 SELF_NOISE_DBFS = -72.0
 """Self-noise of a MEMS microphone at the simulated finger's gain."""
 

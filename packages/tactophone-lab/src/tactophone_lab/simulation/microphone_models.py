@@ -75,7 +75,8 @@ class Electrics(NamedTuple):
     cavity: Filter
     hum: Array
     whine: Array
-    motor: Array  # phase of the whine, seconds of standing, jerk, and the newest sample of the gears
+    # Phase of the whine, seconds of standing, jerk, newest sample of the gears.
+    motor: Array
     whine_frequency: float
     gains: Array
 

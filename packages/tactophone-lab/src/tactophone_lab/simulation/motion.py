@@ -292,7 +292,8 @@ def five_stones(order: Sequence[Touch]) -> Scene:
     """Place the competition's stones on an anti-slip mat in a box, smooth or rough in
     this order.
 
-    >>> scene = five_stones([Touch.ROUGH, Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH, Touch.SMOOTH])
+    >>> rough, smooth = Touch.ROUGH, Touch.SMOOTH
+    >>> scene = five_stones([rough, smooth, smooth, rough, smooth])
     >>> [placed.object.label.name for placed in scene.placed][:2], scene.ground.name
     (['ROUGH', 'SMOOTH'], 'mat')
     """

@@ -95,7 +95,8 @@ ROUGH_FINE_HEIGHT = Span(1.6, 5)
 """rms height in um; the catalogue's span."""
 
 GRAIN_SPACING = Span(0.3, 2.6)
-"""mm: medium and coarse sand has 0.2 to 2 mm, fine gravel begins there (ISO 14688-1)."""
+"""Spacing of grains in mm: medium and coarse sand has 0.2 to 2 mm, and fine gravel
+begins there (ISO 14688-1)."""
 
 GRAIN_HEIGHT = Span(60, 260)
 """um: abrasive grains of P220 to P60 have 68 to 269 um (ISO 6344-2)."""

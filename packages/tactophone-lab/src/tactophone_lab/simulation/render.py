@@ -199,7 +199,8 @@ class RenderJob:
         """Path of the file, relative to the data set's folder."""
         if self.options.authors_layout:
             return f"opus/stereo/{self.object.number:02}_{self.take.name}.wav"
-        folder = f"{self.object.number:02}-{self.object.name.replace(', ', '-').replace(' ', '-').lower()}"
+        words = self.object.name.replace(", ", "-").replace(" ", "-").lower()
+        folder = f"{self.object.number:02}-{words}"
         return f"{folder}/{self.mounting}/{self.take.name}.flac"
 
     @property

@@ -219,9 +219,12 @@ def _raise_caps(out: Profile, place: Profile, height: Profile, radius: Profile) 
                 out[k % out.size] = max(out[k % out.size], cap)
 
 
-LIGHT, HEAVY = 0.25, 4.0
-"""Newtons for which the patch is computed; loads between them are interpolated."""
+LIGHT = 0.25
+"""Lighter of the two loads in N for which the contact patch is computed; loads between
+them are interpolated."""
 
+HEAVY = 4.0
+"""Heavier of the two loads in N for which the contact patch is computed."""
 
 PATCH = 1.5e-3
 """Metres; wavelength of the largest patches of uneven friction."""

@@ -79,14 +79,28 @@ the limit."""
 KNOWN = -20.0
 """Logit of *unknown* for classifiers that never abstain."""
 
-_BYTES, _SCALE, _SCALES = ":uint8", ":scale", ":scales"
+_BYTES = ":uint8"
+"""Suffix of the name of a weight stored in bytes."""
+
+_SCALE = ":scale"
+"""Suffix of the name of a weight's scales in the file, one for each output."""
+
+_SCALES = ":scales"
+"""Suffix of the name of the same scales as the operator takes them, one for each
+block."""
+
 _MICROSOFT = "com.microsoft"
 _ZERO_POINT = 128
 _INT8_ACTIVATIONS = 4
 """``accuracy_level`` of 8-bit inputs; at level 1, float32 inputs, a run takes ten times
 as long."""
 
-_SPECTRUM_BLOCK, _BLOCK = 32, 128
+_SPECTRUM_BLOCK = 32
+"""Weights that share a scale in the layer that reads the spectrum."""
+
+_BLOCK = 128
+"""Weights that share a scale in all other layers."""
+
 _LAST = "linear"
 """The last layer, 3 x 64 weights, stays in float32."""
 

@@ -219,25 +219,21 @@ def network_settings(
     With ``reference_code`` they follow the authors' code where it differs from the
     paper's text.
 
-    >>> network_settings("general").epochs, network_settings("general", reference_code=True).class_weights
-    (5, (1.0, 0.05, 0.05))
+    >>> network_settings("general").epochs
+    5
+    >>> network_settings("general", reference_code=True).class_weights
+    (1.0, 0.05, 0.05)
     """
     channels = 1 if variant == "one-channel" else 2
     if reference_code:
         labelling = Labelling("mean_absolute", 1.0, relative=True, quiet_rough=False)
         return NetworkSettings(variant, True, channels, labelling, (1.0, 0.05, 0.05))
-    fixed, relative = (
-        Labelling("rms", 10 ** (LABEL_LEVEL_DBFS / 20)),
-        Labelling("rms", 0.5, relative=True),
-    )
+    if variant == "fine-tuned":
+        labelling = Labelling("rms", 0.5, relative=True)
+    else:
+        labelling = Labelling("rms", 10 ** (LABEL_LEVEL_DBFS / 20))
     # The paper names no class weights.
-    return NetworkSettings(
-        variant,
-        False,
-        channels,
-        relative if variant == "fine-tuned" else fixed,
-        (1.0, 1.0, 1.0),
-    )
+    return NetworkSettings(variant, False, channels, labelling, (1.0, 1.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -445,23 +445,19 @@ def network_recipe(
         **{**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **changes},
     )
     threshold = options.contact_threshold
-    gate = (
-        None
-        if threshold is None
-        else OPEN_GATE
-        if threshold == "off"
-        else Gate(threshold)
-    )
+    gate: Gate | None = None
+    if threshold == "off":
+        gate = OPEN_GATE
+    elif threshold is not None:
+        gate = Gate(threshold)
     if gate == OPEN_GATE:
         settings = replace(
             settings,
             labelling=replace(settings.labelling, threshold=0.0, relative=False),
         )
     if calibration:
-        settings, gate = (
-            settings.with_threshold(calibration.window_dbfs),
-            Gate(calibration.threshold_dbfs),
-        )
+        settings = settings.with_threshold(calibration.window_dbfs)
+        gate = Gate(calibration.threshold_dbfs)
     return NetworkRecipe(
         settings, options.seed, options.codec(settings.channels), start, gate
     )
