@@ -118,8 +118,9 @@ def test_a_step_that_fails_shows_what_it_said(tmp_path: Path) -> None:
 def test_a_system_without_other_peoples_tools_only_skips_their_tests(
     tmp_path: Path, unknown: str, code: int, said: str
 ) -> None:
+    query = f'case "$*" in *{unknown}*) exit 1 ;; esac\necho install ok installed'
     for name, text in {
-        "dpkg-query": f'case "$*" in *{unknown}*) exit 1 ;; esac\necho install ok installed',
+        "dpkg-query": query,
         "apt-cache": "exit 0",
         "apt-get": "exit 0",
         "sudo": '"$@"',

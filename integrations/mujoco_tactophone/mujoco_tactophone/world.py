@@ -17,16 +17,17 @@ _ACTUATED = """
   <custom>{texts}</custom>
   <worldbody>
     <light pos="0.25 -0.4 0.6" dir="-0.1 0.5 -0.8"/>
-    <geom name="mat" type="plane" pos="0.2 0 -0.03" size="0.5 0.2 0.01" rgba="0.25 0.3 0.25 1"/>
+    <geom name="mat" type="plane" pos="0.2 0 -0.03" size="0.5 0.2 0.01"
+      rgba="0.25 0.3 0.25 1"/>
     {stones}
     <body name="finger" pos="0 0 0.012" gravcomp="1">
       <joint name="x" type="slide" axis="1 0 0" damping="1"/>
       <joint name="y" type="slide" axis="0 1 0" damping="1"/>
       <joint name="z" type="slide" axis="0 0 1" damping="12"/>
-      <geom name="link" type="capsule" fromto="0 0 0.008 0 0 0.06" size="0.007" mass="0.03" contype="0"
-        conaffinity="0" rgba="0.8 0.8 0.85 1"/>
-      <geom name="tip" type="sphere" size="0.008" mass="0.006" solref="0.02 1" friction="0.4 0.005 0.0001"
-        rgba="0.9 0.5 0.2 1"/>
+      <geom name="link" type="capsule" fromto="0 0 0.008 0 0 0.06" size="0.007"
+        mass="0.03" contype="0" conaffinity="0" rgba="0.8 0.8 0.85 1"/>
+      <geom name="tip" type="sphere" size="0.008" mass="0.006" solref="0.02 1"
+        friction="0.4 0.005 0.0001" rgba="0.9 0.5 0.2 1"/>
     </body>
   </worldbody>
   <actuator>
