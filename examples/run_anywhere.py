@@ -41,9 +41,8 @@ def resample(sound: np.ndarray, rate: int, wanted: int) -> np.ndarray:
     padded = np.pad(np.ascontiguousarray(sound), ((0, 0), (reach, reach)))
     windows = sliding_window_view(padded, 2 * reach + 1, axis=1)
     result = np.zeros((len(sound), -(-sound.shape[1] * up // down)), np.float32)
-    for first in range(
-        min(up, result.shape[1])
-    ):  # output samples first, first + up, ... share a kernel
+    # Output samples first, first + up, ... share a kernel.
+    for first in range(min(up, result.shape[1])):
         part = result[:, first::up]
         # In float32, as networks of 8 bits amplify the last bit.
         part[:] = np.vecdot(
@@ -56,9 +55,9 @@ def resample(sound: np.ndarray, rate: int, wanted: int) -> np.ndarray:
 def level_dbfs(samples: np.ndarray, rule: str) -> float:
     """Return the level of a window's first channel by the rule of the model's gate."""
     samples, size = samples.astype(np.float64), len(samples)
-    if (
-        rule == "banded"
-    ):  # between 1/32 and 1/2 of the Nyquist frequency, with a periodic Hann taper
+    # The band lies between 1/32 and 1/2 of the Nyquist frequency; the taper is a
+    # periodic Hann window.
+    if rule == "banded":
         powers = np.abs(np.fft.rfft(samples * np.hanning(size + 1)[:-1])) ** 2
         amplitude = math.sqrt(
             2 * powers[size // 64 : size // 4].sum() / (3 / 8 * size**2)

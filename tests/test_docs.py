@@ -26,9 +26,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, built as `make docs` builds it."""
     pytest.importorskip("mkdocs")
     folder = tmp_path_factory.mktemp("site")
-    strict = (
-        [] if needs_node.args[0] else ["--strict"]
-    )  # without npm's packages the page that listens is missing
+    # Without npm's packages the page that listens is missing.
+    strict = [] if needs_node.args[0] else ["--strict"]
     command = [
         sys.executable,
         "-m",

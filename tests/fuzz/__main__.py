@@ -50,9 +50,8 @@ def main() -> int:
         action="store_true",
         help="mutate at random even where atheris is installed",
     )
-    parser.add_argument(
-        "--guided", action="store_true", help=argparse.SUPPRESS
-    )  # one target, in this process
+    # Fuzzes one target in this process.
+    parser.add_argument("--guided", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     names = args.targets or list(TARGETS)
     share = args.seconds / len(names)

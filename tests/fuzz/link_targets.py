@@ -360,9 +360,8 @@ def _packets_in(data: bytes, ssrc: int) -> list[tuple[float, bytes]]:
 
 
 def _send(session: Session, packet: bytes) -> None:
-    with contextlib.suppress(
-        Error
-    ):  # libsrtp does not even send a repeated sequence number
+    # Libsrtp does not even send a repeated sequence number.
+    with contextlib.suppress(Error):
         session.send(packet)
 
 

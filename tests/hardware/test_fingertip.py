@@ -222,9 +222,8 @@ def test_the_board_lies_on_its_facet_and_touches_neither_ring_nor_pad() -> None:
     below = manifold3d.Manifold.hull_points(
         corners[:8] - 0.2 * BOARD.out
     ) ^ in_the_finger("phalanx")
-    assert (
-        below.volume() > 0.2 * BOARD.width * 9
-    )  # it rests on 9 mm of its length at least
+    # It rests on at least 9 mm of its length.
+    assert below.volume() > 0.2 * BOARD.width * 9
 
 
 def test_the_disc_lies_flat_on_the_pad_inside_the_ring() -> None:
@@ -232,9 +231,8 @@ def test_the_disc_lies_flat_on_the_pad_inside_the_ring() -> None:
     ring = solid("ring").translate((0, 0, -FINGER.ring)).rotate((180, 0, 0))
     assert (disc ^ ring).volume() == pytest.approx(0, abs=1e-3)
     back = faces("pad")[np.abs(faces("pad")[:, :, 2]).max(axis=1) < 1e-6]
-    assert np.abs(back[:, :, :2]).max() == pytest.approx(
-        FINGER.width / 2, abs=0.01
-    )  # flat, and the bed's own
+    # It is flat, and the bed's own face.
+    assert np.abs(back[:, :, :2]).max() == pytest.approx(FINGER.width / 2, abs=0.01)
     with pytest.raises(ValueError, match="widen it"):
         dimensions.FingerDimensions(disc=15.0)
 

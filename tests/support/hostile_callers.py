@@ -80,9 +80,8 @@ def overlong_hello(answer: Answer, high: int) -> bytes:
     caller.poll(0.0)
     ((hello, _),) = caller.outgoing()
     (verify,) = answer(hello)
-    cookie = verify[27:][
-        : verify[27] + 1
-    ]  # after the headers of record and message, and the version; with its length
+    # It lies after the headers of record and message and the version, with its length.
+    cookie = verify[27:][: verify[27] + 1]
     body = hello[25:]
     place = 35 + body[34]  # after version, random and session identifier
     body = body[:place] + cookie + body[place + 1 + body[place] :]

@@ -28,9 +28,8 @@ class Stream:
 
     def play(self, vibration: NDArray[np.float32]) -> None:
         """Play samples at 48 kHz, -1 to 1."""
-        third = (
-            vibration[: len(vibration) // 3 * 3].reshape(-1, 3).mean(1)
-        )  # of 48 kHz; nothing vibrates over 1 kHz
+        # A third of 48 kHz is enough, as nothing vibrates over 1 kHz.
+        third = vibration[: len(vibration) // 3 * 3].reshape(-1, 3).mean(1)
         data = (32767 * np.clip(third, -1, 1)).astype("<i2").tobytes()
         self._send(DATA, struct.pack("<I", self._offset) + data)
         self._offset += len(data)

@@ -108,9 +108,8 @@ class TactophoneDevice(IHapticDevice):
 def main() -> None:
     """Apply a pulse by hand, where an Isaac graph would, and write the vibration."""
     oscillator = Oscillator(Limits(ceiling=0.3))
-    sink = HapticSink(
-        "fingertip", TactophoneDevice(oscillator.submit)
-    )  # connect this in an Isaac graph
+    # Connect this in an Isaac graph.
+    sink = HapticSink("fingertip", TactophoneDevice(oscillator.submit))
     vibration = np.zeros((20, 480), np.float32)
     for step, wave in enumerate(vibration):
         if step < 10:  # a controller's pulse: amplitude, frequency in Hz, duration in s

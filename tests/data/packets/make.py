@@ -7,13 +7,11 @@ added: ``python tests/data/packets/make.py``.
 
 from pathlib import Path
 
-HEAD = bytes.fromhex(
-    "80 62 0007 000003c0 0000002a"
-)  # Opus, packet 7, at 960 samples, stream 42
+# Opus, packet 7, at 960 samples, stream 42.
+HEAD = bytes.fromhex("80 62 0007 000003c0 0000002a")
 RED = bytes.fromhex("80 65 0007 000003c0 0000002a")
-EARLIER = bytes.fromhex(
-    "e203c002"
-)  # more follow, type 98, 240 samples earlier, 2 bytes
+# More follow; type 98, 240 samples earlier, 2 bytes.
+EARLIER = bytes.fromhex("e203c002")
 
 PACKETS = {
     "plain": HEAD + b"sound",

@@ -219,9 +219,8 @@ def test_a_folder_without_sound_is_no_recording(
 def test_results_that_cannot_be_written_are_reported_in_one_line(
     model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "out" / "a.haptic.wav").mkdir(
-        parents=True
-    )  # as a file of somebody else's
+    # A folder stands where the file would go.
+    (tmp_path / "out" / "a.haptic.wav").mkdir(parents=True)
     assert (
         main(
             [

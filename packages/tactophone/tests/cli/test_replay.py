@@ -77,9 +77,8 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(
 
         store = open_type_store()
         for connection, time, data in messages:
-            if connection.topic.endswith(
-                "/touch"
-            ):  # so that nodes with use_sim_time follow the bag's clock
+            # Nodes with use_sim_time then follow the bag's clock.
+            if connection.topic.endswith("/touch"):
                 stamp = store.deserialize_cdr(data, connection.msgtype).header.stamp
                 assert abs(stamp.sec * 10**9 + stamp.nanosec - time) < 1000
     base = "/tactophone/index"

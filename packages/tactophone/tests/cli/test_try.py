@@ -161,14 +161,12 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     listener.get(address)
     watch(f"{NAME}-robot")
     operator = watch(NAME)
-    wait(
-        listener, lambda: text(listener, "life") == "waiting", 20
-    )  # for the microphone
+    # The page waits for the microphone.
+    wait(listener, lambda: text(listener, "life") == "waiting", 20)
     time.sleep(1)
     assert "Use this microphone" in text(listener, "cause")
-    assert (
-        text(listener, "faults") == ""
-    )  # before the button is pressed, nothing is wrong
+    # Before the button is pressed, nothing is wrong.
+    assert text(listener, "faults") == ""
     listener.find_element(By.ID, "listen").click()
     seen, rows, count = [operator.snapshot()], [], operator.predictions()[1]
     until = time.monotonic() + len(spoken[1]) / RATE + 3

@@ -194,9 +194,8 @@ def sounds_of(
         if not is_mcap(path):
             yield path
             continue
-        from tactophone.app.logged_run import (
-            write_sound,
-        )  # for logs alone: it needs the extras link and record
+        # Needed for logs alone, with the extras link and record.
+        from tactophone.app.logged_run import write_sound
 
         try:
             yield from [

@@ -346,9 +346,8 @@ class RunRecorder(RunFollower):
         )
 
     def read(self) -> None:
-        with contextlib.suppress(
-            OSError
-        ):  # the run has ended and removed its shared memory
+        # A run that has ended has removed its shared memory.
+        with contextlib.suppress(OSError):
             self._last = self.watcher.snapshot(self._last, finger=self._finger)
             self._steps.append(self._last.steps)
             self._vibration.append(self._last.vibration)

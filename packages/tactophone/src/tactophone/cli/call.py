@@ -105,9 +105,8 @@ def run(args: argparse.Namespace) -> int:
         )
     identity = _identity(folder)
     spoken = args.code[:1].isdigit()
-    kept = args.remember or (
-        args.code if not spoken else ""
-    )  # a name keeps what each call makes of its secret
+    # Under a name, what each call makes of its secret is kept.
+    kept = args.remember or (args.code if not spoken else "")
     secrets = _secrets_of(folder, args.code) if args.code and not spoken else ()
     role: Role | Literal[""] = args.role or ("" if answers else "operator")
     name = re.sub(r"[^\w.+-]", "-", identity.name, flags=re.ASCII)[:64] or "unnamed"

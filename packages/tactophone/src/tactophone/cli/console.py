@@ -177,9 +177,8 @@ def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
 
 
 def _line(snapshot: Snapshot) -> Text:
-    peaks = np.abs(snapshot.sound[-4800:]).max(
-        axis=0, initial=1e-6
-    )  # of the newest 0.1 s
+    # The newest 0.1 s.
+    peaks = np.abs(snapshot.sound[-4800:]).max(axis=0, initial=1e-6)
     contact, air = 20 * np.log10(np.maximum(peaks, 1e-6))
     parts = [f"contact {contact:4.0f}  air {air:4.0f} dBFS"]
     if snapshot.steps.size and snapshot.state.role == "operator":
@@ -219,9 +218,8 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
         signal.SIGTERM: end,
         signal.SIGUSR1: stop,
     }
-    if (
-        signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-    ):  # as a shell starts a script's background jobs
+    # A shell lets a script's background jobs ignore SIGINT, which they then keep.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         handlers[signal.SIGINT] = end
     before = {
         number: signal.signal(number, handler) for number, handler in handlers.items()

@@ -158,9 +158,8 @@ def _feel(settings: Settings) -> int:
 
     def felt(level_db: int) -> bool:
         amplitude = oscillator.limits.ceiling * 10 ** (level_db / 20)
-        for _ in range(
-            round(BURST / 0.01)
-        ):  # again and again: a vibration without commands fades
+        # A vibration without commands fades, so the command is repeated.
+        for _ in range(round(BURST / 0.01)):
             oscillator.submit(HapticCommand(amplitude, now.frequency, 0.0))
             time.sleep(0.01)
         if actuator.device.fault:

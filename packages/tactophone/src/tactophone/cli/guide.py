@@ -157,9 +157,8 @@ class GuidePage:
     ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
-        from tactophone.faces.web.server import (
-            serve_guide,
-        )  # for --dashboard alone: it imports processes
+        # Needed for --dashboard alone, as it imports processes.
+        from tactophone.faces.web.server import serve_guide
 
         self._orders, page_end = Pipe()
         self._wait = wait

@@ -249,9 +249,8 @@ def add_flag(group: Container, name: str, default: Any = None) -> None:
     """Add the option of a setting, with its words, range and default; ``default`` is
     the verb's own."""
     setting = SETTINGS[name]
-    words, *unset = re.split(
-        "; (?:nan|empty): ", setting.words
-    )  # a file's words for "not given"
+    # What follows says what the value means that stands for "not given" in a file.
+    words, *unset = re.split("; (?:nan|empty): ", setting.words)
     words = replace(setting, words=words).help.replace("%", "%%")
     if isinstance(setting.default, bool):
         group.add_argument(

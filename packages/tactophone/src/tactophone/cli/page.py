@@ -18,9 +18,8 @@ from tactophone.cli import options, output
 from tactophone.core.errors import ConfigError
 from tactophone.core.settings import Settings
 
-if (
-    TYPE_CHECKING
-):  # what only --dashboard needs: a web server's libraries, and processes
+# Only --dashboard needs these, with a web server's libraries and processes.
+if TYPE_CHECKING:
     from tactophone.app.playback import PlayableRecording
     from tactophone.faces.web.server import Page
 
@@ -78,9 +77,8 @@ def play_on_page(
     from tactophone.app.playback import play
     from tactophone.live.telemetry.writer import Telemetry
 
-    signal.signal(
-        signal.SIGTERM, lambda *_: sys.exit(0)
-    )  # in order: the shared memory is removed
+    # The process ends in order, so that the shared memory is removed.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     name = settings.process.name or name
     with (
         Telemetry(name, fingers=len(takes[0].paths)) as telemetry,
@@ -109,10 +107,8 @@ def place(settings: Settings) -> dict[str, Any]:
     from tactophone.faces.web.server import network_address
 
     name = socket.gethostname().lower()
-    names = (
-        name,
-        name if name.endswith(".local") else f"{name}.local",
-    )  # the second by multicast DNS
+    # The second name is found by multicast DNS.
+    names = (name, name if name.endswith(".local") else f"{name}.local")
     return {
         "address": f"{network_address()}:0",
         "certificate": _certificate(settings),

@@ -95,9 +95,8 @@ def test_a_client_of_either_protocol_sees_predictions_and_state(
     )
     assert b"CompressedAudio" in base64.b64decode(sound["schema"])
     found = {number: json.loads(data) for number, _, data in frames}
-    assert (
-        found[71]["armed"] is True
-    )  # latched: it was published before the client came
+    # The topic is latched: it was published before the client came.
+    assert found[71]["armed"] is True
     assert found[70]["amplitude"] == 0.5
     assert all(abs(stamp / 1e9 - time.time()) < 60 for _, stamp, _ in frames)
 

@@ -97,9 +97,8 @@ def test_what_was_vibrating_is_sent_a_0_when(
             telemetry.publish(STEP, now=time.monotonic())
             bridge.read()
             receive(listening, 7)
-            monkeypatch.setattr(
-                time, "time", lambda: 0.0
-            )  # the clock on the wall may be set at any time
+            # The clock on the wall may be set at any time.
+            monkeypatch.setattr(time, "time", lambda: 0.0)
             if ending == "the predictions end":
                 time.sleep(1.1 * READER_SILENCE)
                 bridge.read()

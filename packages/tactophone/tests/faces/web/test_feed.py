@@ -74,9 +74,8 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
     feed = Feed(WatchedRun("test-feed"))
     assert parse(feed.message())[0]["waiting_for"] == "test-feed"
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(
-            RunState(role="first"), now=0.0
-        )  # the last heartbeat was long ago
+        # The last heartbeat was long ago.
+        telemetry.update(RunState(role="first"), now=0.0)
         for k in range(3):
             publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
         header, _ = parse(feed.message())

@@ -54,9 +54,8 @@ def test_mute_stays_until_somebody_arms(
     assert not run.state.armed
     browser.refresh()
     wait(browser, lambda: text(browser, "cause") == "Muted on the page.")
-    browser.find_element(By.TAG_NAME, "body").send_keys(
-        "m"
-    )  # the key mutes and never arms
+    # The key mutes and never arms.
+    browser.find_element(By.TAG_NAME, "body").send_keys("m")
     time.sleep(0.3)
     assert not run.state.armed
     browser.find_element(By.ID, "mute").click()
@@ -231,6 +230,5 @@ def test_it_draws_at_the_screen_s_pace(browser: webdriver.Chrome, page: Page) ->
         "requestAnimationFrame(note);"
     )
     steps = sorted(later - earlier for earlier, later in itertools.pairwise(drawn))
-    assert (
-        steps[len(steps) // 2] < 34
-    )  # ms; half a screen's pace on a busy machine, measured well in benchmarks
+    # In ms: half a screen's pace on a busy machine; benchmarks measure it well.
+    assert steps[len(steps) // 2] < 34

@@ -98,9 +98,8 @@ def test_a_viewer_who_does_not_answer_gets_no_more_and_then_misses_nothing(
             view = await session.ws_connect(
                 page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)]
             )
-            assert "command" in await view.receive_json(
-                timeout=2
-            )  # what to type next, for a viewer on this machine
+            # A viewer on this machine is told what to type next.
+            assert "command" in await view.receive_json(timeout=2)
             begin, messages = time.monotonic(), []
             while time.monotonic() - begin < 1.0:
                 try:

@@ -149,9 +149,8 @@ def test_values_grey_within_half_a_second_and_the_bar_says_how_long(
     run.silent = True
     begin = time.monotonic()
     wait(browser, lambda: browser.execute_script(stale))
-    assert (
-        time.monotonic() - begin < 0.9
-    )  # of a busy machine: 0.5 s of the page's own clock, and the way to it
+    # It takes 0.5 s of the page's own clock, and the way to it on a busy machine.
+    assert time.monotonic() - begin < 0.9
 
 
 def test_a_run_without_a_heartbeat_has_no_data_and_takes_no_arming(

@@ -213,6 +213,5 @@ def test_a_bag_holds_the_topics_of_each_finger(log: Path, tmp_path: Path) -> Non
         }
     for finger in ("thumb", "index"):
         assert topics[f"/tactophone/{finger}/prediction"] > 150
-        assert (
-            topics[f"/tactophone/{finger}/audio"] > 150
-        )  # the sound of a window in one
+        # One message holds the sound of a window.
+        assert topics[f"/tactophone/{finger}/audio"] > 150

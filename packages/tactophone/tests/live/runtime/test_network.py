@@ -179,9 +179,8 @@ def test_a_network_interface_taken_away_silences_and_given_back_is_felt_again(
 ) -> None:
     with unpluggable_link(tmp_path, f"test-{tmp_path.name[-20:]}") as link:
         found = [link.unplug(outage, 0.5) for outage in OUTAGES]
-        assert (
-            statistics.median(each.silent for each in found) < 0.3
-        )  # 0.1 s on a quiet machine
+        # It takes 0.1 s on a quiet machine.
+        assert statistics.median(each.silent for each in found) < 0.3
         assert max(each.peak for each in found) <= SILENT
         assert max(each.felt for each in found) < 10.0
         assert link.restarts() == 0

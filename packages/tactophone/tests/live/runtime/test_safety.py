@@ -118,9 +118,8 @@ def test_an_operator_that_was_only_late_is_silent_meanwhile_and_goes_on_by_itsel
         assert eventually(lambda: (client.revive(), recorder.peak > 0.01)[1])
         assert (sides.operator.restarts, sides.operator.pid) == (0, first)
         assert watcher.snapshot().state.armed
-        assert (
-            watcher.snapshot().counters["device_losses"] >= 1
-        )  # a busy machine may make it late once more
+        # A busy machine may make the device late once more.
+        assert watcher.snapshot().counters["device_losses"] >= 1
 
 
 def test_a_sound_server_that_dies_is_shown_and_its_successor_is_silent_then_vibrates(

@@ -138,9 +138,8 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(
         watcher = Watcher(name)
         with path.open("r+b") as file:
             file.write(bytes([byte]) * path.stat().st_size)
-        for _ in range(
-            3
-        ):  # whoever watches meanwhile sees nonsense, and gets no exception
+        # Whoever watches meanwhile sees nonsense, and gets no exception.
+        for _ in range(3):
             (
                 watcher.snapshot(),
                 watcher.pulse(),

@@ -186,18 +186,16 @@ def test_an_overflow_is_reported(
     ):
         telemetry.publish(step(total), now=time.monotonic())
     written = len(read_timeline(tmp_path / "a.csv")["time"])
-    assert (
-        total - written == 101
-    )  # one row more than fits: the writer may be filling it
+    # One row more is given up than must be, as the writer may be filling it.
+    assert total - written == 101
     assert "101 predictions before 10.356 s are missing" in messages[0]
 
 
 def test_a_replaced_process_is_followed_on(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        prediction_log, "CSV_READ_INTERVAL", 1e3
-    )  # only this test's thread reads
+    # Only this test's thread reads.
+    monkeypatch.setattr(prediction_log, "CSV_READ_INTERVAL", 1e3)
     code = (
         "import os, sys; sys.path.insert(0, os.getcwd()); from "
         "tests.live.telemetry.test_prediction_log import *\n"

@@ -205,9 +205,8 @@ def test_a_watcher_follows_the_process_that_replaced_its_own(drain: bool) -> Non
         before = watcher.snapshot()
         if drain:
             assert not watcher.follow()
-            assert (
-                watcher.totals()[0]["xruns"] == 2
-            )  # the last of the dead process can still be read
+            # The last values of the dead process can still be read.
+            assert watcher.totals()[0]["xruns"] == 2
         assert watcher.follow(drain=drain)
         assert (watcher.restarts, watcher.totals()[0]["xruns"]) == (1, 0)
         assert watcher.snapshot(before).restarts == 1

@@ -66,9 +66,8 @@ class End:
     """One end of a call, which prints an object for each thing that happens."""
 
     def __init__(self, pipe: int) -> None:
-        self._lines = os.fdopen(
-            pipe, "rb", buffering=0
-        )  # a line in a buffer would not wake `select`
+        # Without a buffer, as a line in it would not wake `select`.
+        self._lines = os.fdopen(pipe, "rb", buffering=0)
         self.gaps: list[float] = []
 
     def ready(self) -> bool:

@@ -134,9 +134,8 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
         # Those that answer one by one, so that none waits for another's bytes; the
         # silent ones at once.
         answering = [mode for mode, wanted in MODES.items() if wanted != NOTHING]
-        exchange.WELCOME_TIMEOUT = (
-            20 * TIMEOUT
-        )  # they answer at once, but this machine may not
+        # The mailbox answers at once, but this machine may not.
+        exchange.WELCOME_TIMEOUT = 20 * TIMEOUT
         found = {
             mode: await asyncio.wait_for(call(mode, port), 20 * TIMEOUT)
             for mode in answering

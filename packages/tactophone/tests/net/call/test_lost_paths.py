@@ -217,9 +217,8 @@ class LyingRelay:
         self._lies = True
 
     def _serve(self) -> None:
-        enter_network(
-            f"/run/netns/{self._networks.namespace('net')}"
-        )  # of this thread alone
+        # The network changes for this thread alone.
+        enter_network(f"/run/netns/{self._networks.namespace('net')}")
         while True:
             datagram, client = self._front.recvfrom(4096)
             if client not in self._backs:

@@ -134,12 +134,10 @@ def test_a_stall_of_a_second_neither_ends_a_handshake_nor_repeats_a_flight() -> 
         assert robot.agreement is not None
         assert operator is not None
         assert operator.agreement is not None
-        assert (
-            len(sent) == 5
-        )  # two hellos and three more flights; the cookie's is not counted
-        assert (
-            sum(datagram[0] == 20 for datagram in sent) == 1
-        )  # begins with the change of the cipher
+        # Two hellos and three more flights; the cookie's flight is not counted.
+        assert len(sent) == 5
+        # One datagram begins with the change of the cipher.
+        assert sum(datagram[0] == 20 for datagram in sent) == 1
 
 
 def test_a_finished_handshake_ends_even_where_each_flight_is_repeated() -> None:
@@ -160,9 +158,8 @@ def test_no_signature_with_sha1_is_offered() -> None:
     robot = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"})).call(now=0.0)
     robot.poll(0.0)
     (hello,) = robot.outgoing()
-    at = (
-        hello.index(b"\x00\x0d", 60) + 4
-    )  # the extension signature_algorithms (RFC 5246, 7.4.1.4.1), after its length
+    # The extension signature_algorithms (RFC 5246, 7.4.1.4.1), after its length.
+    at = hello.index(b"\x00\x0d", 60) + 4
     size = int.from_bytes(hello[at : at + 2])
     offered = [hello[at + 2 + place : at + 4 + place] for place in range(0, size, 2)]
     assert b"\x04\x03" in offered  # ECDSA with SHA-256

@@ -133,9 +133,8 @@ def _connect_among_strangers(round_trip: float) -> tuple[float | None, DelayedLi
     strangers = (
         (("198.51.100.1", port), calling(UNTRUSTED)) for port in itertools.count(1)
     )
-    while (
-        line.now < 0.2
-    ):  # strangers first, so that they hold all the places that they can get
+    # Strangers come first, so that they hold all the places that they can get.
+    while line.now < 0.2:
         line.callers.update([next(strangers)])
         line.step(0.001)
     begun, robot = line.now, calling()

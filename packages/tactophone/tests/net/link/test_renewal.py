@@ -136,10 +136,8 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
     pair = SessionPair()
     pair.wait(0.2)
     assert RENEW_AFTER < MAX_KEY_AGE <= 12 * 3600
-    for side in (
-        pair.robot,
-        pair.operator,
-    ):  # so that the first long step below begins right after a report
+    # So the first long step below begins right after a report.
+    for side in (pair.robot, pair.operator):
         side.send(report(side))
     pair.exchange()
     ages, keys = [], set()

@@ -235,9 +235,8 @@ def test_hellos_from_forged_addresses_get_so_many_answers_a_second(
     for number in range(2_000):
         operator.receive(hello, source=("198.51.100.1", number), now=number / 1_000)
         answers += len(operator.outgoing())
-    assert (
-        2 * rate <= answers <= 2.5 * rate + 1
-    )  # the rate of two seconds, and half a second's at once
+    # Two seconds at the rate, and half a second's worth at once.
+    assert 2 * rate <= answers <= 2.5 * rate + 1
 
 
 def test_callers_that_never_finish_are_limited_and_time_out() -> None:

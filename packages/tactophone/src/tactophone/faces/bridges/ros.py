@@ -232,9 +232,8 @@ class RosBridge:
     def __enter__(self) -> Self:
         self._transport: Transport
         if self._over == "zenoh":
-            from tactophone.faces.bridges.zenoh import (
-                ZenohTransport,
-            )  # its library is an extra of its own
+            # Its library is an extra of its own.
+            from tactophone.faces.bridges.zenoh import ZenohTransport
 
             self._transport = ZenohTransport(self._domain)
         else:
@@ -283,9 +282,8 @@ class RosBridge:
             ):
                 self._reader.watcher.ask(action)
         for joints in self._joints.take(N=10):
-            if isinstance(
-                joints, messages.JointState
-            ):  # neither a writer that leaves nor anything else
+            # A writer that leaves, or a stranger, may have sent something else.
+            if isinstance(joints, messages.JointState):
                 self._motion.push(joints)
         if (
             self._motion.moving is not self._moving

@@ -61,9 +61,8 @@ Time = message_type("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
 Header = message_type(
     "std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id"
 )
-Empty = message_type(
-    "std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member"
-)  # in DDS, not in ROS
+# Empty in ROS; a structure of DDS needs a member.
+Empty = message_type("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")
 Float32 = message_type("std_msgs/msg/Float32", "float32 data")
 Dimension = message_type(
     "std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride"
@@ -103,9 +102,10 @@ JointState = message_type(
     "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] "
     "velocity\nfloat64[] effort",
 )
+# Type 1 is rumble (`_RUMBLE`).
 JoyFeedback = message_type(
     "sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity"
-)  # type 1 is rumble
+)
 # A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg
 # explains each field.
 StampedPrediction = message_type(

@@ -191,9 +191,8 @@ async def _receive(
         if message.data == "ok":
             credit.release()
             continue
-        snapshot = run.snapshot(
-            snapshot, finger=finger
-        )  # only what is new: a flood of requests must stay cheap
+        # Only what is new is read, as a flood of requests must stay cheap.
+        snapshot = run.snapshot(snapshot, finger=finger)
         request = parse_request(
             message.data,
             snapshot.state if snapshot else RunState(),

@@ -94,9 +94,8 @@ def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
         else steps
     )
     columns = {name: chosen[name] for name in STEP_COLUMNS}
-    columns["frequency"] = np.where(
-        chosen["amplitude"] > 0, chosen["frequency"], 0
-    )  # silence has no frequency
+    # Silence has no frequency.
+    columns["frequency"] = np.where(chosen["amplitude"] > 0, chosen["frequency"], 0)
     return np.column_stack([chosen["time"] - origin, *columns.values()])
 
 

@@ -141,9 +141,8 @@ def _listen_everywhere(address: str) -> list[socket.socket]:
         and host != "0.0.0.0"
         and not host.startswith("127.")
     ):
-        with suppress(
-            TactophoneError
-        ):  # the port may be in use there: the page is then not served at 127.0.0.1
+        # If the port is in use there, the page is not served at 127.0.0.1.
+        with suppress(TactophoneError):
             sockets.append(
                 listen(f"127.0.0.1:{port}", "the page", example=PAGE_ADDRESS)
             )

@@ -319,9 +319,8 @@ class PredictionReader:
         self._last: dict[str, tuple[float, Passed]] = {}
         self._clocks = [StreamClock() for _ in self.fingers]
         for place in range(len(self.fingers)):
-            self.watcher.new_predictions(
-                finger=place
-            )  # what a run did before, perhaps long ago, is not the present
+            # What a run did before, perhaps long ago, is skipped.
+            self.watcher.new_predictions(finger=place)
         self.missed = 0
 
     def read(self) -> list[Passed]:

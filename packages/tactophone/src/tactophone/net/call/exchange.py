@@ -94,9 +94,8 @@ def bounded_client() -> Any:
         def onMessage(self, payload: bytes, isBinary: bool) -> None:  # noqa: N802
             try:
                 if (said := json.loads(payload))["type"] == "error":
-                    raise ServerError(
-                        str(said["error"])
-                    )  # else the library asks the mailbox to close, and waits
+                    # Otherwise the library would ask the mailbox to close, and wait.
+                    raise ServerError(str(said["error"]))
                 self._RC.ws_message(payload)
             except Exception as error:  # whatever a mailbox's words lead the library to
                 self._RC._B.error(error)

@@ -150,9 +150,9 @@ class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
                 step, content = json.loads(message)
                 yield step, Found(**content) if step == "found" else content
                 continue
-            alive = (
-                self._child.alive
-            )  # asked first: what it told before its end is then read
+            # Asked first, so that whatever the process told before its end is still
+            # read.
+            alive = self._child.alive
             failure = next(
                 (
                     text
@@ -457,9 +457,8 @@ class _Call:
             self._passage.silent.clear()
             nat = self._ask_nat()
             began = time.monotonic()
-            with contextlib.suppress(
-                TactophoneError, OSError
-            ):  # and again, as long as nothing is heard
+            # A search that fails is repeated, as long as nothing is heard.
+            with contextlib.suppress(TactophoneError, OSError):
                 async with contextlib.AsyncExitStack() as exchanges:
                     exchange = await exchanges.enter_async_context(
                         Exchange(self._plan.settings.mailbox)
