@@ -36,7 +36,7 @@ from tactophone_lab.training.tracks import read_signals
 from tactophone_lab.training.trainer import NetworkRecipe, TrainingRun
 
 CHANGES = ("rate", "window", "residual", "normalised")
-"""Entries of a file beside those of a recipe file."""
+"""What an ablation's file may hold beyond the entries of a recipe file."""
 
 
 class AblatedNetwork(PaperNetwork):
@@ -98,8 +98,8 @@ class Ablation:
         recipe = RecipeFile().changed(entries, where=str(path)).configured()
         if not isinstance(recipe, NetworkRecipe):
             raise ConfigError(
-                f"{path}: recipe {recipe.name}, but ablations are of the paper's "
-                "network: paper-fast"
+                f"{path}: recipe {recipe.name}, but ablations change the paper's "
+                "network: use paper-fast"
             )
         return cls(recipe, **changes)
 

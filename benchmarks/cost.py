@@ -270,7 +270,8 @@ def by_library(dump: str) -> Counter[str]:
                 [each for each, files in LIBRARIES.items() if re.search(files, name)]
                 or ["other"]
             )[-1]
-        elif line.startswith("cob="):  # of a call, whose cost is that of the callee
+        # A line of a call: its cost belongs to the object that is called.
+        elif line.startswith("cob="):
             number, _, name = line[4:].partition(" ")
             names[number] = names.get(number) or name
         elif line.startswith("calls="):
@@ -666,7 +667,7 @@ def strokes(channels: int) -> Any:
 
 
 def connected(operators: int, codec: Any) -> tuple[Any, list[Any]]:
-    """Connect a robot to so many operators in memory."""
+    """Connect a robot to this number of operators in memory."""
     from tactophone.net.link.identity import Identity, Peers
     from tactophone.net.link.receive import ReceiveSession
     from tactophone.net.link.send import SendGroup

@@ -4,8 +4,8 @@ bumps, dips, gaps; simulated sound.
 python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
 [--contact level]
 
-The strokes and the competition's noise are those of `tactophone demo`, through the
-pipeline without the network.
+The strokes and the competition's noise are as in `tactophone demo`; they go through
+the pipeline without the network.
 """
 
 import argparse

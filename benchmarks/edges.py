@@ -8,8 +8,8 @@ them, and on the sets of ``--also``, and edges are joined from the touches of th
 (`evaluation.events.join_edges`). p50 and p95 are over *all* edges on which the finger
 slides; one that is never reported counts as infinite. *Model*: contact is a window over
 the threshold of the model's card, which is the noise of all sessions. *Floor*: over the
-noise floor of the two takes that are joined, the louder one, as a live threshold and
-that of `feel` are. *Touching*: all sound is contact, as the finger does not lift.
+louder noise floor of the two takes that are joined, as live and in `feel`. *Touching*:
+all sound is contact, as the finger does not lift.
 """
 
 import argparse

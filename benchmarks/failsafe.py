@@ -236,8 +236,8 @@ def main() -> None:
             )
             waits[first].append(_waited(jack) - before[0])
     print(
-        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is of all its threads, in "
-        f"{AFTERMATH:g} s after a kill.\n"
+        f"Load {os.getloadavg()[0]:.0f}. JACK's wait is the sum over its threads in "
+        f"the {AFTERMATH:g} s after a kill.\n"
     )
     print(
         "| operator killed | time to silence: p50, worst | over 100 ms | JACK waited "

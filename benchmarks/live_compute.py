@@ -137,7 +137,7 @@ def paced(model: str, fingers: int = 1) -> dict:
         wall[n], processor[n] = time.perf_counter() - began, time.thread_time() - worked
     if "torch" in sys.modules:
         raise SystemExit(
-            "torch was loaded, so the figures would not be those of the live system"
+            "torch was loaded, so the figures would not hold for the live system"
         )
     return {
         "wall": percentiles(wall[50:]),  # the first half second has no full window

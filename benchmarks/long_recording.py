@@ -85,7 +85,7 @@ def main() -> None:
 
 
 def measured(strokes: np.ndarray, hours: float, folder: Path) -> Run:
-    """Write a recording of so many hours, and run the verb on it."""
+    """Write a recording as long as ``hours``, and run the verb on it."""
     path = folder / "long.flac"
     samples = int(hours * 3600 * RATE)
     with soundfile.SoundFile(path, "w", RATE, strokes.shape[1], "PCM_24") as file:

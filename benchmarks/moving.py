@@ -46,8 +46,7 @@ from tactophone_lab.training.tracks import extract_features
 
 OBJECTS = ("whiteboard", "brick", "lava stone", "polished marble", "glazed tile")
 ARM = Electronics(gear_dbfs=-50.0, jerk_dbfs=-34.0)
-"""A robot whose motion is as loud over its noise as that of the gripper that was
-recorded."""
+"""A robot whose motion is as loud over its noise as the recorded gripper's."""
 PACKET = 120
 STANDS_UNDER = 0.02
 """Share of the motors' greatest speed."""

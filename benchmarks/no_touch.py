@@ -9,7 +9,7 @@ dBFS. It runs through the live pipeline, whose gate follows the noise floor. Pri
 the share of the time that is rendered rough, the onsets of rough in a minute, and the
 second at which the notice comes. Speech is espeak-ng's, in three languages; where that
 is not installed, a line says so. Rain, keyboard and claps are made here, in other ways
-than those of training (`no_touch_sounds.py`); the generated voice is training's, of
+than for training (`no_touch_sounds.py`); the generated voice is training's, from
 another seed.
 
 ``--fit`` fits what tells them from touch on the training sounds, on `lmt` and on

@@ -11,9 +11,9 @@ of the competition's stones, as the paper has it. That sample is kin of the ston
 it is tested with, which its row says.
 
 There is one object a class to test with, so no draw of objects says what another pair
-of them would change. Intervals are of takes of a test object, and of pieces of a
-competition's run, drawn within each class: what other recordings of the same objects
-would change.
+of them would change. Intervals come from drawing takes of a test object and pieces of
+a competition's run within each class: they show what other recordings of the same
+objects would change.
 
 A method ``shipped:NAME`` is a shipped model as it is, by the same rule as the others;
 ``rendered:NAME`` is what `tactophone feel` renders with it, after its own contact gate
@@ -201,8 +201,7 @@ PAPER_ONE: Mapping[str, tuple[float, ...]] = {
 :data:`TABLE_SHARES`."""
 
 PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
-"""The same of its piezo-only model, of which the text states ``smooth_as_rough``
-alone."""
+"""The same for its piezo-only model; the text states only ``smooth_as_rough``."""
 
 TWO_COLUMNS = (
     "rough day 1",
@@ -240,7 +239,8 @@ VISITS = 12
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A row of a table: its name, and its scores by column; NaN where there is none."""
+    """A row of a table: its name, and its scores by column; NaN where it has no
+    score."""
 
     name: str
     values: dict[str, Estimate]
@@ -256,8 +256,8 @@ def predict_held_out(
     """Train methods on the training objects of the authors' layout; predict its test
     objects and competition runs.
 
-    Without ``names`` they are the paper's three variants and ``texture``; a name may be
-    that of a recipe file. ``report`` is called with each method's name before it
+    Without ``names`` they are the paper's three variants and ``texture``; a name may
+    name a recipe file. ``report`` is called with each method's name before it
     trains, and with its progress. Raises `DatasetError` if there are no held-out
     recordings.
     """
@@ -506,7 +506,7 @@ ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positiv
 
 
 def ablations_in(folder: Path) -> list[Ablation]:
-    """Read the recipe files of a folder; raises `ConfigError` unless all are of the
+    """Read the recipe files of a folder; raises `ConfigError` unless all train the
     paper's network."""
     if not (paths := sorted(folder.glob("*.toml"))):
         raise ConfigError(
@@ -671,7 +671,7 @@ def play_task(
 ) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
-    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any
+    ``names`` come from :func:`task_methods`, all by default, or ``FILE.onnx`` for any
     other model. Raises `ConfigError` if a name is unknown.
     """
     allowed = task_methods()

@@ -239,7 +239,7 @@ def main() -> None:
     parser.add_argument(
         "--all",
         action="store_true",
-        help="every screen in every size and theme, not only those of the docs",
+        help="every screen in every size and theme, not only those in the docs",
     )
     parser.add_argument(
         "--part",

@@ -58,8 +58,8 @@ ROWS = [
     *((name, LEAN, BRASS) for name in ("Shore 10 A", "Shore 20 A", "Shore 00-10")),
     *((None, tilt, 0.0) for tilt in (0.0, 30.0, 60.0)),
 ]
-"""Bed, tilt of the finger in degrees, tip down, and mass. Without a bed it is that of
-training, which is flat."""
+"""Bed, tilt of the finger in degrees, tip down, and mass. Without a bed, the pad lies
+on the flat one of training."""
 
 TRAINED = finger.TIPS[DEFAULT_TIP]
 

@@ -15,7 +15,7 @@ take's loudest that is rendered as its label. A line says how often *unknown*
 predictions and the others are wrong, core and all, and how well probabilities are
 calibrated, beside what perfect calibration would measure on as few surfaces. With
 ``--distorted`` the kept takes pass besides through channels of `distortions`, which
-nothing is trained on: the ten, or those of each GROUP (``ten``, ``development``,
+nothing is trained on: the ten, or all in each GROUP (``ten``, ``development``,
 ``kept``). ``--takes`` scores the first N of each surface alone; all are trained on.
 
 **The rule for a change.** ``--save`` writes the shares of each surface and channel.
@@ -244,10 +244,11 @@ def perfect_errors(takes: list[TakePredictions]) -> tuple[float, float, float]:
     """Return what the calibration error would be if the probabilities were right: mean,
     5th and 95th percentile.
 
-    All windows of a surface are of one class. So each surface's class is drawn, 500
+    All windows of a surface share one class. So each surface's class is drawn, 500
     times, by its mean P(rough).
     """
-    rng, of_surface = np.random.default_rng(0), defaultdict(list)
+    rng = np.random.default_rng(0)
+    of_surface = defaultdict(list)
     for take in takes:
         of_surface[take.recording.surface].append(
             rough_score(take.probabilities[take.contact], "two-class")

@@ -6,12 +6,12 @@
     operator of one robot costs the robot
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is
-that of both processes together, in percent of one core, the median of one-second
-stretches, with packets of 5 ms and with those of the row; latency is from an impulse at
-all microphones to the vibration of the last finger. The operator's memory is what is
-resident (RSS) without the memory of the JACK server, which maps and locks it whole in
-every client; in brackets with it, and the proportional share (PSS). `ROWS` holds
-further settings: add to it what is to be measured by fingers.
+summed over both processes, in percent of one core, as the median of one-second
+stretches, with packets of 5 ms and with the row's own packets; latency is from an
+impulse at all microphones to the vibration of the last finger. The operator's memory is
+what is resident (RSS) without the memory of the JACK server, which maps and locks it
+whole in every client; in brackets with it, and the proportional share (PSS). `ROWS`
+holds further settings: add to it what is to be measured by fingers.
 """
 
 import argparse
@@ -130,8 +130,8 @@ def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
 
 
 def packet_costs(numbers: list[int], *, packets: int = 1500) -> dict[int, float]:
-    """Return the median processor time in µs of a packet of 2.5 ms to so many
-    operators; paced, so caches are cold."""
+    """Return the median processor time (µs) of sending a packet of 2.5 ms, for each
+    number of operators; packets are paced, so caches are cold."""
     sound = np.random.default_rng(0).normal(0, 0.05, (120, 2)).astype(np.float32)
     costs: dict[int, list[float]] = {number: [] for number in numbers}
     with ExitStack() as stack:
@@ -158,7 +158,7 @@ def packet_costs(numbers: list[int], *, packets: int = 1500) -> dict[int, float]
 
 
 def connected_group(operators: int) -> "SendGroup":
-    """Connect a robot to so many operators in memory, which then stay silent."""
+    """Connect a robot to operators in memory, who then stay silent."""
     robot, identities = (
         Identity.create("robot"),
         [Identity.create(f"operator {n}") for n in range(operators)],
@@ -186,8 +186,8 @@ def connected_group(operators: int) -> "SendGroup":
 
 
 def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) -> str:
-    """Measure the robot alone, sending to so many operators without actuators, each in
-    its process."""
+    """Measure the robot alone, sending to operators without actuators, each in a
+    process of its own."""
     period, changes = ROWS[name]
     free = [
         "capture.contact=-",
@@ -298,8 +298,8 @@ def latency(measured: "ImpulseLatency") -> str:
 
 
 def decisions_equal(fingers: int, *, size: int = 120, duration: float = 1.0) -> bool:
-    """Compare each finger's predictions in a hand with those of its pipeline alone:
-    classes, and P(rough) to 1e-5."""
+    """Compare each finger's predictions in a hand with what its pipeline alone
+    predicts: classes, and P(rough) to 1e-5."""
     random = np.random.default_rng(0)
     strength = (
         0.1

@@ -115,7 +115,7 @@ def _pitch(
 def add_internal_noise(percepts: Percepts, rng: np.random.Generator) -> Percepts:
     """Add the internal noise that makes just-noticeable differences just noticeable.
 
-    It is drawn per glance, not per value: just-noticeable differences are those of
+    It is drawn per glance, not per value: just-noticeable differences are measured on
     whole bursts, and longer bursts are distinguished little better. A further draw for
     the whole vibration models that people remember an object no more precisely than a
     single glance.

@@ -6,8 +6,8 @@ The paper's two stimuli, with the oscillator's low-pass of 4 ms, through an actu
 whose amplitude follows in one time constant: 2 ms, a voice coil over its band; 25 ms, a
 linear resonant actuator (Q of 13 at 170 Hz); 60 ms, a rotating mass (50 ms and more to
 change is usual). It is felt if a percept of the simulated operator, one each 30 ms,
-differs from those of *smooth* by three just-noticeable steps: of level 1.5 dB, of pitch
-18 %. The worst of eight phases counts.
+differs from every percept of *smooth* by three just-noticeable steps: of level 1.5 dB,
+of pitch 18 %. The worst of eight phases counts.
 """
 
 import argparse

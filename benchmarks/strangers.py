@@ -66,7 +66,7 @@ class Crowd:
 def visit(page: Page, *, attempts: int = 100) -> float:
     """Fetch the page, again and again until it comes; returns the seconds that took.
 
-    Raises `TimeoutError` after so many attempts of `ANSWER_TIMEOUT` at most.
+    Raises `TimeoutError` after ``attempts``, which wait for `ANSWER_TIMEOUT` each.
     """
     begin = time.monotonic()
     address = urlsplit(page.url)

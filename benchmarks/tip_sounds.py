@@ -155,8 +155,8 @@ def fit(runs: list[Run], out: Path) -> None:
 
 
 def gaussians(tips: list[list[Floats]]) -> dict[str, Floats]:
-    """Return the means of each tip's runs, and the covariance of all: that of long
-    runs, and more the fewer windows.
+    """Return the means of each tip's runs, and the covariance of all, which
+    grows from its value for long runs the fewer windows a run has.
 
     Each run and each tip weighs the same. A straight line in ``1 / windows`` is fitted
     to the products of deviations.

@@ -66,7 +66,7 @@ def confusion(
     Parameters
     ----------
     truth, found
-        In any order; those of kinds without a window are left out.
+        In any order; events of a kind without a window are left out.
     windows
         For each kind, the longest distance in s.
     """

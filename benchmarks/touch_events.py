@@ -54,7 +54,7 @@ LMT_TRAIN = (
     "G8Cardboard",
     "G8CardboardVersion2",
 )
-"""Surfaces on which constants were chosen; the others are of no kin."""
+"""Surfaces on which constants were chosen; no other surface is kin of these."""
 
 PHAC_TRAIN = ("bouncy_foam", "cork")
 """Materials on which the gate's threshold was chosen."""
@@ -62,17 +62,22 @@ PHAC_TRAIN = ("bouncy_foam", "cork")
 PHAC_WINDOW = 0.25
 """Seconds: `phac` labels a tap by a gap of 0.2 s."""
 
-TAPS_WINDOW, TAPS_STEP = 24_000, 120
-"""Samples of a window of `taps`, and of the 2.5 ms by which its onsets are found."""
+TAPS_WINDOW = 24_000
+"""Samples in a window of `taps`: 0.5 s at 48 kHz."""
 
-APART, WHOLE = 60, 88
-"""Steps, 150 ms, between two taps; steps that have to follow a tap that completes
-others."""
+TAPS_STEP = 120
+"""Samples in a step of 2.5 ms, the resolution at which onsets in `taps` are found."""
+
+APART = 60
+"""Least steps between two taps: 150 ms."""
+
+WHOLE = 88
+"""Steps that have to follow a tap that completes others."""
 
 PRESS_DB = 35.0
-"""A press of a BioTac exceeds the median level of its recording by so many dB over 32
-ms: those chosen on by 58 under 50 Hz, the arm's own movements by up to 33 (p50 of the
-recordings)."""
+"""How far (dB) a press of a BioTac exceeds the median level of its recording over 32
+ms. On the recordings that it was chosen on, presses exceed it by 58 dB under 50 Hz and
+the arm's own movements by up to 33 dB (p50 of the recordings)."""
 
 
 class Pooled:

@@ -132,8 +132,8 @@ def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
 def _stretches(
     on: NDArray[np.bool_], closer: float = BOUNCE
 ) -> list[tuple[float, float]]:
-    """Return begin and end of each stretch, in s; those closer than so many seconds are
-    one."""
+    """Return begin and end of each stretch, in s; stretches less than ``closer`` (s)
+    apart are one."""
     edges = (
         np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
         / LIVE_SAMPLE_RATE

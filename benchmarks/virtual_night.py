@@ -410,7 +410,7 @@ class Night:
             yield
 
     def _as(self, machine: Machine) -> float:
-        """Set the clock to that of a machine, and return its time."""
+        """Set the clock to a machine's, and return its time."""
         self._clock = round(machine.begun + self.now - machine.slept, 5)
         return self._clock
 

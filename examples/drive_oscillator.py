@@ -17,7 +17,7 @@ PERIOD = 480  # samples that a sound card asks for at once: 10 ms
 
 
 def main(path: str) -> None:
-    """Render 1.5 s, of which the first second has commands."""
+    """Render 1.5 s; commands come during the first second."""
     oscillator = Oscillator(Limits(ceiling=0.3), sample_rate=SAMPLE_RATE)
     periods = []
     for number in range(150):

@@ -254,8 +254,8 @@ class CoilCase:
 
 @dataclass(frozen=True)
 class Plate:
-    """A plate with holes at the corners of a rectangle: for a hand or a glove of which
-    no drawing was found.
+    """A plate with holes at the corners of a rectangle: for a hand or a glove whose
+    drawing was not found.
 
     ``across`` and ``along`` are the holes' distances.
     """

@@ -402,7 +402,7 @@ def main() -> None:
 
 
 def apart(parts: dict[str, Manifold], shifts: dict[str, float]) -> dict[str, Manifold]:
-    """Shift the named parts along the pad's axis, in mm; leave out those of a glued pad
+    """Shift the named parts along the pad's axis, in mm; leave out parts of a glued pad
     that are not named."""
     shown = (
         {"pad": 0.0, **shifts}

@@ -16,7 +16,7 @@ TELEPHONE = ("core", "signal", "net", "live", "faces", "app", "cli")
 LABORATORY = "lab"
 
 APART = ("docs/", "README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-"""Read by the tests that always run, those of the repository."""
+"""Read by the tests of the repository as a whole, which always run."""
 
 
 def git(*words: str) -> list[str]:

@@ -9,7 +9,7 @@ holds, or an equivalent one: no input tells it from the original.
     python scripts/mutants.py --files limits,gate --share 0.2 --seed 1
     python scripts/mutants.py --draw 50 --seed 20261128
 
-`--draw` takes so many of all files together, the same for the same seed.
+`--draw` takes that number from all files together, the same ones for the same seed.
 """
 
 import argparse
@@ -202,8 +202,8 @@ def survives(target: Target, tree: ast.Module, limit: float) -> bool:
 
 
 def limit_of(target: Target) -> float:
-    """Return how long (s) a mutant's tests may take: four times what those of the
-    original do, which have to pass."""
+    """Return how long (s) a mutant's tests may take: four times as long as the same
+    tests take on the original, where they have to pass."""
     begin = time.monotonic()
     tree = ast.parse(target.path.read_text("utf-8"))
     if not survives(target, tree, 600):

@@ -35,8 +35,8 @@ RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 """Settings of both sides over a recording."""
 
 Follow = Callable[[Sequence[Supervisor], str, float], Snapshot | None]
-"""Waits for the end of a run of that name, at most so many seconds; returns its last
-snapshot."""
+"""Waits for the end of the named run, no longer than the given seconds; returns its
+last snapshot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,12 +155,12 @@ def evaluate_recipe(
     cache: "Cache | None" = None,
     report: Progress = ignore,
 ) -> dict[str, Report]:
-    """Cross-validate a recipe; returns its scores, first, and those of the baselines,
-    by name.
+    """Cross-validate a recipe; returns its scores and then the baselines' scores, by
+    name.
 
     - ``how``: one of `tactophone_lab.datasets.splits.SPLITS`.
-    - ``baselines``: unless it is ``None``: also the recipe ``level``, and the recipe on
-      labels permuted over surfaces so many times.
+    - ``baselines``: how often labels are permuted over the surfaces to train the recipe
+      on. Any number also adds the recipe ``level``; ``None`` leaves both out.
     """
     from tactophone_lab.benchmark.folds import cross_validate, permute_labels
     from tactophone_lab.benchmark.methods import method_of, recipe_method

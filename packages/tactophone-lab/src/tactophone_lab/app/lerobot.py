@@ -471,8 +471,8 @@ def _state(
 
 
 def _stats(values: Rows) -> dict[str, list[float]]:
-    """Return statistics as LeRobot has them: over all but the last axis, their count
-    that of the frames."""
+    """Return statistics as LeRobot has them: over all but the last axis, where
+    ``count`` is the number of frames."""
     rows = values.astype(np.float32).reshape(-1, values.shape[-1])
     found = {
         "min": rows.min(0),

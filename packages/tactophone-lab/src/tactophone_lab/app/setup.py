@@ -148,12 +148,12 @@ def fit_finger(
     model: str = "",
     report: Callable[[int], None] = ignore,
 ) -> Fitted:
-    """Fit a model of kind texture to a set-up, by default the shipped one for the tip,
-    and write it to a file.
+    """Fit a texture model to a set-up, by default the shipped one for the tip, and
+    write it to a file.
 
-    ``report`` is called with the number of objects done. Raises `ModelError` if the
-    model is of another kind or the silence was not steady; whether the microphones work
-    is said by `SetUpSounds.findings`, which are to be read first.
+    ``report`` is called with the number of objects done. Raises `ModelError` if it is
+    not a texture model or the silence was not steady. Read `SetUpSounds.findings`
+    first: they say whether the microphones work.
     """
     from tactophone_lab.training.finger_fit import collect, fit_set_up, write_set_up
 
@@ -188,11 +188,11 @@ def fit_finger(
 
 
 def check_kind(model: str) -> None:
-    """Raise `ModelError` if a model is of a kind that cannot be fitted."""
+    """Raise `ModelError` for a model whose kind cannot be fitted."""
     card = read_model(model_path(model)).card
     if card.kind != KIND:
         raise ModelError(
-            f"model {card.name} is of kind {card.kind}; setup fits kind {KIND}: try "
+            f"model {card.name} has kind {card.kind}; setup fits kind {KIND}: try "
             "--model texture"
         )
 

@@ -157,6 +157,6 @@ def render_competition(
 def _check_layout(tip: str) -> None:
     if tip != DEFAULT_TIP:
         raise ConfigError(
-            f"--tip {tip}: the authors' layout is of their finger, tip {DEFAULT_TIP}; "
+            f"--tip {tip}: the authors' layout needs their finger, tip {DEFAULT_TIP}; "
             "omit one of them"
         )

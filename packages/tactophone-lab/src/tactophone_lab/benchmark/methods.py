@@ -70,12 +70,12 @@ NO_AIR = "texture/no-air"
 """An ablation: the model of ``texture`` with a silent air microphone."""
 
 NETWORK_CHANGES: dict[str, Any] = {"hop": 21, "batch_size": 500, "least_steps": 600}
-"""Of the training of the paper's network, as in docs/research/scores.md: its score is
-flat in the number of steps."""
+"""How the benchmark trains the paper's network, as in docs/research/scores.md: its
+score is flat in the number of steps."""
 
 FAST_STEPS = 200
-"""Least steps of the network in a fast benchmark, of which its nine folds would
-otherwise take most of the time."""
+"""Least steps of the network in a fast benchmark; with more, its nine folds would take
+most of the time."""
 
 NETWORK_LATENCY = 3.04e-3
 """Delay of the resampler from 48 kHz to the paper's network's 2 kHz, in s."""
@@ -135,8 +135,8 @@ class FeatureMethod:
     """A recipe on features, run over a whole recording at once.
 
     Features are computed once per recording and cached in the process, so that a fold
-    costs its training alone; tests hold that the predictions equal those of the
-    streaming detector, window for window.
+    costs its training alone; tests hold that the streaming detector makes the same
+    predictions, window for window.
     """
 
     recipe: FeatureRecipe
@@ -336,7 +336,8 @@ def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
         segmented = any(recording.segments for recording in dataset.recordings)
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
-            variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
+            # The names of these methods end in the names of the variants.
+            variant=name.partition("/")[2],  # type: ignore[arg-type]
             precision=fastest_precision(),
             contact_threshold=None if segmented else "off",
             **changes,

@@ -61,8 +61,8 @@ class MethodResult:
     contact_ms: tuple[float, float, float]
     edge_ms: tuple[float, float, float]
     """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms,
-    over all changes (infinite where there is none), and the share of changes without
-    one."""
+    over all changes, and the share of changes without a correct decision, which count
+    as infinite."""
     differences: dict[str, Difference]
     """From the reference, in pairs, by the two-class rule; p-values are corrected over
     all methods and measures."""

@@ -30,14 +30,14 @@ FAST_SEED = 5
 """Random seed of these takes."""
 
 NOTES = (
-    "Each table is of one data set and one split; every recording was predicted by a "
+    "Each table covers one data set and one split; every recording was predicted by a "
     "model that was trained without "
     "its side of the split. Intervals: 90 % of bootstrap draws of the surfaces. p: "
     "paired bootstrap against the first "
     "method; in brackets corrected (Holm) for all methods and measures of the table.",
     "As rendered: what the operator gets, contact gate, abstention and decision rule "
     "inside; a gap counts as wrong. "
-    "Scores of windows are of updates in true contact, whatever a method's own "
+    "Scores of windows count updates in true contact, whatever a method's own "
     "contact gate reports. Delays are over "
     "all changes: those without a correct decision within 0.6 s count as infinite. "
     "The control, texture trained "

@@ -102,8 +102,9 @@ def open_filtered(
     """Open a data set, apply the filters, and drop unusable recordings, each reported
     on stderr.
 
-    Recordings with fewer ``channels`` are dropped where others have as many; those of
-    several labels are kept with ``segments``. Raises `DatasetError` if nothing is left.
+    Recordings with fewer ``channels`` are dropped where others have as many. With
+    ``segments``, recordings with several labels are kept. Raises `DatasetError` if
+    nothing is left.
     """
     dataset = open_dataset(folder, labels=labels)
     for text in filters or ():

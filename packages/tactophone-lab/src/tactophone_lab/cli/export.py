@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start",
         type=options.Within(float, 0, unit="s since 1970"),
         metavar="S",
-        help="time of the episode's first frame, %(type)s; by default that of the "
-        "log's first prediction",
+        help="time of the episode's first frame, %(type)s; by default the time of "
+        "the log's first prediction",
     )
     add(
         "--into-state",

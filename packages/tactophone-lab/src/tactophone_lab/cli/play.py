@@ -27,7 +27,7 @@ SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=
 """Settings of both ends of `play`, without devices: the browser plays the vibration.
 
 The watchdog protects from an actuator that a stalled process would keep driving; here
-there is none."""
+no actuator is driven."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

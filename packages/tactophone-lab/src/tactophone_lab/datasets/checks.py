@@ -109,7 +109,7 @@ def check(
 
 
 def nothing_usable(dataset: Dataset, problems: Sequence[Problem]) -> DatasetError:
-    """Return the error of a data set of which nothing is left, with the first
+    """Return the error for a data set with no usable recording, with the first
     reason."""
     bad = [problem for problem in problems if problem.fatal]
     count = max(len(dataset.recordings), len(bad))

@@ -83,8 +83,8 @@ def passages_of(samples: FloatArray) -> Mapping[bytes, int]:
 def _peaks(size: NDArray[np.int32]) -> NDArray[np.intp]:
     """Return where a value is the largest of all within `PEAK_REACH`.
 
-    The running maximum is that of van Herk (Pattern Recogn. Lett. 13, 517, 1992): the
-    larger of a maximum up to the end of one block and one from the start of the next.
+    The running maximum is van Herk's (Pattern Recogn. Lett. 13, 517, 1992): the larger
+    of a maximum up to the end of one block and one from the start of the next.
     """
     width = 2 * PEAK_REACH + 1
     blocks = np.pad(size, (0, -len(size) % width)).reshape(-1, width)

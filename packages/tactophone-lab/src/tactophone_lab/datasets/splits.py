@@ -109,8 +109,8 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
 
 def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
     def rank(recording: Recording) -> tuple[int, str]:
-        # Rough values first, so that labels are spread evenly. Within a label the order
-        # is that of the values' hashes: it looks shuffled, needs no seed, and one
+        # Rough values first, so that labels are spread evenly. Within a label, values
+        # are ordered by their hashes: the order looks shuffled, needs no seed, and one
         # surface more or less hardly moves the others.
         return -int(recording.label or 0), hashlib.sha256(
             _value(recording, key).encode()

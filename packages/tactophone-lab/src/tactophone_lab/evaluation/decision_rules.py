@@ -65,7 +65,7 @@ class RuleOutcomes:
     """How often the decision turns rough."""
     delay: NDArray[np.float64]
     """Mean time in s from a touch's beginning to its first rough decision; NaN where
-    there is none."""
+    no decision is rough."""
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
@@ -85,7 +85,7 @@ class OperatingPoint:
     rough, of smooth and of rough surfaces."""
     delay: float
     """Median over rough recordings of the time from touch to rough decision, in s; NaN
-    if there is none."""
+    if no rough decision was made."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain numbers, for a model card: each rate as value, low, high."""
@@ -234,8 +234,8 @@ def measure_rule(
     surfaces."""
     keys = [(take.rough, take.surface) for take in outcomes.recordings]
     rows = sorted(set(keys))
-    # A surface's row says which recordings are of it, so that rows that are drawn sum
-    # to weights of recordings.
+    # Each row marks the recordings of one surface, so the sum of the drawn rows is how
+    # often each recording counts.
     table = np.array([[float(key == row) for key in keys] for row in rows])
     estimates = bootstrap(
         table,

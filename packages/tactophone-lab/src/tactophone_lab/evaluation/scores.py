@@ -203,11 +203,11 @@ def make_report(
 
 
 def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, float]:
-    """Return the share of predictions that are unknown, the share of these that are
-    wrong, and that of all others.
+    """Return the share of unknown predictions, the error rate among them, and the
+    error rate among all others.
 
-    Of predictions in contact, true and rendered; by the two-class rule; NaN without
-    any.
+    Counts predictions in contact, both true and rendered, and judges them by the
+    two-class rule. A share of nothing is NaN.
     """
     counts = np.zeros((2, 2))  # known and unknown, right and wrong
     for take in takes:

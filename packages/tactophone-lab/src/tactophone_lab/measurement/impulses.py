@@ -56,7 +56,8 @@ IMPULSE_WARM_UP = 1.5
 """Seconds of sound before the first impulse, in which estimators converge."""
 
 COLLECT_EVERY = 1.0
-"""Seconds between two reads of the marks; telemetry keeps those of ten seconds."""
+"""Seconds between two reads of the marks; telemetry keeps the last ten seconds of
+them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,7 +264,7 @@ def measure(
         outputs = {port: f"{robot.name}:{port}" for port in ports}
         if graph.impulse_port:
             outputs = {"impulse": graph.impulse_port}
-        # Of a hand, the last finger: its step is computed after those of all others.
+        # A hand is timed at its last finger, whose step is computed after all others.
         last = fingers[-1] or "vibration"
         inputs = {"vibration": graph.vibration_port or f"{operator.name}:{last}"}
         client = JackClient(

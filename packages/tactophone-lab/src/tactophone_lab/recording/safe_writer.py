@@ -192,7 +192,7 @@ def _finish(root: Path, recording: Recording) -> Recording:
     if part.is_file() and soundfile.info(part).frames:
         copy_as_flac(part, recording.path)
     if recording.path.is_file():
-        # Its line replaces that of an earlier take of the same file.
+        # Its line replaces the line of an earlier take of the same file.
         known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
         path = recording.path.resolve()
         write_metadata(

@@ -82,8 +82,8 @@ class SessionPlan:
 class Recorder:
     """Records an object's takes: push sound, press keys, and show the attributes.
 
-    ``quality`` and ``levels`` are of the last take, empty and ``None`` before the
-    first; ``recordings`` are those finished so far.
+    ``quality`` and ``levels`` describe the last take; before the first they are empty
+    and ``None``. ``recordings`` lists what is finished so far.
     """
 
     def __init__(

@@ -39,7 +39,7 @@ class SimulatedObject:
 
     number: int
     name: str
-    """`number` and `name`: the number is that of the authors' files, up to 22."""
+    """`number` and `name`: numbers up to 22 are the numbers of the authors' files."""
     surface: Surface
     material: Material
     """`surface` and `material`: statistics of its height, and its other properties."""

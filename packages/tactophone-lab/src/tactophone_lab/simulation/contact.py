@@ -74,8 +74,8 @@ class Ground(NamedTuple):
     """All that can be touched: tracks ``(bodies, SIZE)``, SIZE a power of two, their
     spacing (m), and the bodies.
 
-    ``modes`` has a row for each body and, last, one for the finger itself, of which
-    ``flexure`` modes are in use.
+    ``modes`` has a row for each body and, last, one for the finger itself, which uses
+    the first ``flexure`` modes of its row.
     """
 
     light: NDArray[np.float32]

@@ -44,9 +44,8 @@ def demonstration(
     """Return a finger with this tip and a script of about ten seconds, drawn from the
     seed.
 
-    The stones are those of the competition, on which no shipped model was trained.
-    ``place`` is that of a finger in a hand, of which each begins a moment after the one
-    before.
+    The stones are the competition's, which no shipped model was trained on. ``place``
+    is the finger's place in a hand: each begins a moment after the one before.
     """
     stream = [seed] if place is None else [seed, place]
     scene = row([find("smooth competition stone"), find("rough competition stone")])

@@ -1,8 +1,8 @@
 """The finger: masses, springs and dampers, the sensitivity of its two microphones, and
 the tips that touch.
 
-Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the
-paper's (section IV-A); the other tips are in `TIPS`. They were chosen within the cited
+Defaults describe a 3D-printed fingertip with a silicone pad, as large as the paper's
+(section IV-A); the other tips are in `TIPS`. They were chosen within the cited
 ranges so that levels come out as the paper reports them: noise floor of the contact
 microphone a little under -26 dBFS, air microphone well under it, more so on smooth
 surfaces.
@@ -197,8 +197,8 @@ class Tip:
       ``pad_mass``, ``air_distance`` and ``pad_radiation`` of the finger, drawn
       uniformly in the logarithm; ``None`` leaves the finger's own.
     - ``electronics``: microphones and the noise around them.
-    - ``air_gain_db``: bounds of extra gain of the air microphone: that of a stylus is
-      unknown, but set so that strokes hardly clip.
+    - ``air_gain_db``: bounds of extra gain of the air microphone. The gain of a stylus
+      is unknown; it is set so that strokes hardly clip.
     """
 
     name: str
@@ -302,7 +302,7 @@ TIPS = MappingProxyType({tip.name: tip for tip in _TIPS})
 def tip_named(name: str) -> Tip:
     """Return a tip.
 
-    Raises `ConfigError` if there is none of that name.
+    Raises `ConfigError` if no tip has that name.
     """
     if name not in TIPS:
         raise ConfigError(f"{name!r} is not a tip; there are {', '.join(TIPS)}")

@@ -92,7 +92,7 @@ class ContactMechanics:
 
     - ``modulus``: reduced modulus ``E*`` of both bodies, in Pa.
     - ``radius``: radius in m of the Hertz contact that has the true patch at 1 N.
-    - ``adhesion``: adhesive friction relative to that of the default tip's skin.
+    - ``adhesion``: adhesive friction, relative to the default tip's skin.
     """
 
     modulus: float

@@ -326,7 +326,7 @@ class SessionVariation:
         """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone
         places by 15 to 25 %.
 
-        ``electronics`` replaces those of the tip; ``tip`` is one of
+        ``electronics`` replaces the tip's own; ``tip`` is one of
         `~tactophone_lab.simulation.finger.TIPS`.
         """
         rng, tip_rng = (

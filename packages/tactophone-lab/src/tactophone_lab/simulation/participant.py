@@ -40,8 +40,8 @@ class SimulatedParticipant(AlwaysOpen):
     :class:`~tactophone.core.types.Source`.
 
     ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers;
-    ``electronics`` replaces those of the tip. ``mounting`` is the catalogue's by
-    default; ``seed`` draws the set-up, the movement and the noise.
+    ``electronics`` replaces the tip's own. ``mounting`` is the catalogue's by default;
+    ``seed`` draws the set-up, the movement and the noise.
 
     >>> from tactophone_lab.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))

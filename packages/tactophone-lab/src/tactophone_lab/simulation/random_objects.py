@@ -5,7 +5,7 @@ them. Here each property is drawn by itself: how the object is built and mounted
 geometry, stiffness and friction. The number of an object and the seed decide all of
 it, so that object 7 is the same whether 8 or 800 are drawn.
 
-Objects of even number are rough and those of odd number smooth. The two classes differ
+Even-numbered objects are rough and odd-numbered ones smooth. The two classes differ
 in their geometry alone, and leave a gap between them as the paper's stones do: its
 authors chose stones that are clearly rough or clearly smooth.
 """
@@ -195,7 +195,7 @@ SMOOTH_SNAG_STRENGTH = Span(0.02, 0.07)
 """The catalogue's span."""
 
 MOST_OBJECTS = 1000
-"""Objects of one seed: their numbers must not meet those of the next seed."""
+"""Most objects of one seed, so that their numbers never reach the next seed's."""
 
 
 def draw_objects(count: int, seed: int) -> tuple[SimulatedObject, ...]:

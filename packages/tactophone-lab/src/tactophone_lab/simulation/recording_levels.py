@@ -127,7 +127,7 @@ LEVELS = MappingProxyType(
 
 
 def electronics(levels: str, *, hall: bool, tip: str) -> Electronics | None:
-    """Return the electronics of a session; ``None`` means those of the tip.
+    """Return the electronics of a session; ``None`` means the tip's own.
 
     Raises `ConfigError` for levels that say nothing of this tip.
     """

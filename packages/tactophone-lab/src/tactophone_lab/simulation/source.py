@@ -61,8 +61,8 @@ class Truth:
 
     - ``touch``: int8: :class:`~tactophone.core.types.Touch`; ``NONE`` on the ground,
       which is neither smooth nor rough.
-    - ``object_index``: int16: index into the scene's ``objects``, of which the ground
-      is the last; -1 in the air.
+    - ``object_index``: int16: index into the scene's ``objects``, where the ground is
+      the last; -1 in the air.
     - ``force``: contact force, in N.
     - ``x``, ``y``: place of the finger, in m.
     """
@@ -225,8 +225,8 @@ class SimulatedFinger(AlwaysOpen):
         return Contacts(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
 
     def record(self, contacts: Contacts) -> AudioBlock:
-        """Return the sound of contacts, those of the finger itself and what reaches it
-        through a hand."""
+        """Return the sound of contacts: the finger's own, and what reaches it through
+        a hand."""
         samples, size = self._microphones.convert(*contacts), len(contacts.motor)
         block = AudioBlock(samples, LIVE_SAMPLE_RATE, self._position)
         self._position += size

@@ -3,9 +3,9 @@ others.
 
 Strokes follow the minimum-jerk profile of a reaching hand (Flash & Hogan, J. Neurosci.
 5, 1688, 1985), with tremor and drift of press about their mean. Pressures and speeds
-are those of free exploration of textures: 0.2 to 5 N, 2 to 20 cm/s (Tanaka et al.,
-"Contact force and scanning velocity during active roughness perception", PLoS One 9,
-2014).
+are as people use when they explore textures freely: 0.2 to 5 N, 2 to 20 cm/s (Tanaka et
+al., "Contact force and scanning velocity during active roughness perception", PLoS One
+9, 2014).
 """
 
 from collections.abc import Callable

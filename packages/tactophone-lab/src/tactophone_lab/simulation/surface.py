@@ -340,7 +340,7 @@ def _friction(
     """Tangential over normal force beyond plain friction: slope, patches of friction,
     and snags.
 
-    ``spectrum`` is that of the traced profile.
+    ``spectrum`` is the spectrum of the traced profile.
     """
     slope = np.gradient(_averaged(spectrum, mechanics.patch(1.0)), HEIGHT_SPACING)
     patchiness = mechanics.adhesion * material.kinetic * material.patchiness

@@ -114,8 +114,7 @@ class FeatureRecipe:
 
     recipe: Recipe
     spec: FeatureSpec
-    """Which features, of which channels; the memory is that of the recipe for the
-    tip."""
+    """Which features of which channels; the recipe sets the memory for the tip."""
     codecs: tuple[Codec, ...] = ()
     """A model file is trained on each recording as it is and once more through each of
     these codecs."""

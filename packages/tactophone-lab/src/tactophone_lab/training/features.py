@@ -149,8 +149,8 @@ class Bands(_Module):
     bank: Tensor
 
     def __init__(self, size: int, sample_rate: int) -> None:
-        # The window's power and that of the two sides of a real spectrum are divided
-        # out, so that the bands of white noise show its power per bin at any size.
+        # The bands are divided by the power of the taper and by the two sides of a
+        # real spectrum, so that white noise shows its power per bin at any size.
         # Under 15.2 kHz the highest bands stay empty.
         taper = np.hanning(size + 1)[:-1]
         bank = design_bands(size, sample_rate) / (np.square(taper).sum() * size / 2)
@@ -330,8 +330,8 @@ class Statistics(_Module):
 
         ``prior`` is mean and mean square of the average touch's descriptions, ``(2,
         channels, values)``; for ``change_metric`` see
-        :data:`tactophone_lab.training.tracks.ChangeMetric`; ``fading`` is in windows:
-        after so many, the weight of one has fallen to 1/e.
+        :data:`tactophone_lab.training.tracks.ChangeMetric`; ``fading`` is the number
+        of windows after which the weight of one has fallen to 1/e.
 
         Returns the features, ``(fingers, channels * 2 * values)``: for each channel
         means, then deviations; and the state after it.
@@ -369,9 +369,9 @@ class Statistics(_Module):
         sizes = [2 * entry, (BEFORE - 2) * entry, 1, one, one + entry, 1, 1]
         old, _, evidence, before, _, count, quiet = torch.split(state, sizes, 1)
         window = touching, description, description * description
-        # A plain average over the first windows (of which the prior is worth
-        # PRIOR_WINDOWS), exponential afterwards. Both averages have one count: a
-        # restart does not bring the newest one's weight over its least.
+        # A plain average over the first windows, in which the prior counts as
+        # PRIOR_WINDOWS; exponential afterwards. Both averages share one count, so a
+        # restart leaves the newest one at its least weight.
         least = torch.stack((torch.full_like(fading, 1 / NEWEST), 1 / fading))
         weights = torch.maximum(1 / (count + self.ages), least) @ self.spread
         moved = old + weights * (torch.cat((*window, *window), 1) - old)
@@ -446,7 +446,7 @@ FAINT_POWER = 1e-10
 
 class Cues(_Module):
     """The values :data:`tactophone_lab.training.recipe_options.CUES` of a window; all
-    but the last are of the contact channel.
+    but the last describe the contact channel.
 
     >>> sine = torch.sin(2 * torch.pi * 500 * torch.arange(4096) / 16_000)[None, None]
     >>> round(float(Cues(4096, 16_000)(sine)[0, 1]), 1)
@@ -491,7 +491,7 @@ class Cues(_Module):
         ).float()
 
     def _transients(self, contact: Tensor) -> Tensor:
-        """Return the power of the loudest pieces (one in twenty) over that of the
+        """Return the ratio in power between the loudest pieces (one in twenty) and the
         median piece."""
         count = self.size // self.piece
         pieces = (
@@ -553,8 +553,8 @@ CONSTANTS = ("prior", "change_metric", "fading")
 def front(
     spec: FeatureSpec, constants: Mapping[str, NDArray[np.float64]]
 ) -> onnx.ModelProto:
-    """Return the graph from sound to the features of a specification, with its
-    `CONSTANTS` if it is of kind texture."""
+    """Return the graph from sound to the features of a specification; kind texture
+    brings its `CONSTANTS`."""
     part: Part = "whole" if spec.kind == "texture" else "description"
     graph = onnx.load_from_string(
         _exported(part, spec.kind, spec.channels, spec.unevenness)

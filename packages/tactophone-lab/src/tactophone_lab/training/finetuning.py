@@ -113,8 +113,8 @@ def finetuning_recipe(
 
     A calibration of the set-up that the new objects were recorded with says where
     contact begins, for the labels and for the model's gate; by default the recipe and
-    the first model do. Raises `ModelError` if the model is of another kind: those train
-    anew in a minute.
+    the first model say so. Raises `ModelError` if the model is not of kind ``paper``:
+    other kinds are trained from scratch in a minute.
     """
     card = read_model(start).card
     if card.kind != "paper":

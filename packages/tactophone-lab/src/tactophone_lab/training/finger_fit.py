@@ -324,14 +324,15 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     """Return the columns of crest and clicks, of the air microphone where there are
     two.
 
-    Their means alone: deviations, over 250 ms, are of too few windows to be steady.
+    Only their means are returned: the deviations cover 250 ms, too few windows to be
+    steady.
 
     >>> impulse_columns(40, 1).tolist()
     [17, 18]
     >>> impulse_columns(84, 2).tolist()
     [59, 60]
 
-    Raises `ModelError` if the features are not those of the kind texture.
+    Raises `ModelError` if the number of features does not fit the kind texture.
     """
     values, rest = divmod(features, 2 * channels)
     if rest or values not in (BAND_VALUES, BAND_VALUES + 1):
@@ -431,8 +432,8 @@ def write_set_up(
     threshold_dbfs: float,
     tip: str,
 ) -> None:
-    """Write the model of a set-up: that of ``start``, with tip, contact threshold,
-    boundary and scores changed."""
+    """Write the model of a set-up: a copy of ``start`` with its own tip, contact
+    threshold, boundary and scores."""
     card = model.card
     facts = {
         "from": card.name,

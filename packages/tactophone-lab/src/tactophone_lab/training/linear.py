@@ -86,8 +86,8 @@ def fit_classifier(
 
 
 def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> Floats:
-    """Fit a logistic regression on some columns; return all weights, those of the
-    others 0, and the bias."""
+    """Fit a logistic regression on some columns; return the weights of all columns,
+    with 0 for the unused ones, and the bias."""
     from sklearn.linear_model import LogisticRegression
 
     model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)

@@ -69,7 +69,8 @@ def import_published(source: Path, target: Path) -> None:
     """Write the ONNX file of a TorchScript model or of the notebook's ``model.pt``,
     weights unrounded.
 
-    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds.
+    The contact gate is the one its authors scored with, or the threshold stored in
+    ``model.pt``.
     Raises `ModelError` if the file is missing or damaged, holds anything but numbers
     and text, another network, or one for windows of another length or rate.
     """
@@ -108,7 +109,8 @@ def import_published(source: Path, target: Path) -> None:
 
 
 def _open(path: Path) -> zipfile.ZipFile:
-    """Open the archive; raises `ModelError` where it is none, damaged or too large."""
+    """Open the archive; raises `ModelError` if it is damaged, too large or no
+    archive."""
     if not path.is_file():
         raise ModelError(f"{path}: no such file; give {_EXPECTED}")
     if not zipfile.is_zipfile(path):
@@ -163,8 +165,8 @@ def _read_weights(
 
 
 def _require_structure(path: Path, found: Mapping[str, StoredTensor]) -> None:
-    """Raise a ModelError unless parameters are those of the paper's network, for one or
-    two microphones."""
+    """Raise a ModelError unless the parameters fit the paper's network, for one or two
+    microphones."""
     shapes = {name: tensor.shape for name, tensor in found.items()}
     one = shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,)
     expected = weights_of(PaperNetwork(1 if one else 2))

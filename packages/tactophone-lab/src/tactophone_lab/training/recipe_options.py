@@ -106,8 +106,8 @@ class TrainingOptions(
     """The microphone that a model of one channel uses, where its recipe does not
     say."""
     tip: str = ""
-    """The tip that the model is for; empty: that of the recordings, if they all name
-    the same."""
+    """Tip the model is trained for; empty means the tip named by the recordings, if
+    they all name the same one."""
     contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = (
         None
     )

@@ -41,7 +41,7 @@ directions from dominating."""
 
 SIMULATED_IMPORTANCE = 0.05
 """Weight of a simulated surface beside a real one, where a set holds both. Simulated
-sound adds surfaces of which there is no recording, but it is not real: at the same
+sound adds surfaces that nobody has recorded, but it is not real: at the same
 weight it costs 0.04 of AUC on real kinds left out (docs/research/detector.md)."""
 
 MOST_WINDOWS = 12_000
@@ -275,7 +275,7 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
 
     A Mahalanobis distance, in each channel by itself so that a dead channel does not
     affect the other: directions in which a finger's speed and pressure often shift the
-    mean count little. The shifts are those of
+    mean count little. The shifts come from
     :func:`tactophone_lab.training.tracks.mean_shifts`. The metric has the shape
     ``(channels, values, values)``; zeros, so that no change is detected, without
     shifts.

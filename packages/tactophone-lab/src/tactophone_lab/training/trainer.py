@@ -289,8 +289,8 @@ class NetworkRecipe:
     start: Path | None = None
     """Model file to continue from; random parameters by default."""
     gate: Gate | None = None
-    """The contact gate of the model; by default that of the paper or of its reference
-    code."""
+    """The contact gate of the model; by default the gate in the paper or in its
+    reference code."""
 
     @property
     def name(self) -> str:
@@ -334,8 +334,8 @@ class NetworkRecipe:
         """Train on windows; see :class:`TrainingRun`.
 
         Raises `ModelError` if the model to continue from has another number of
-        channels, and `DatasetError` if the windows of a new model are of one class
-        alone.
+        channels, and `DatasetError` if a new model would see windows of a single
+        class.
         """
         initial = read_weights(self.start) if self.start else None
         if (
