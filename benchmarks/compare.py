@@ -45,8 +45,14 @@ from tactophone.signal.perception.model_file import Model
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.splits import kin_of
 
-FIRST, SPACING, DURATION = 0.6, 1.0, 1.2
-"""Seconds at which the first touch begins, from one to the next, and of each."""
+FIRST = 0.6
+"""When the first touch begins, in s."""
+
+SPACING = 1.0
+"""From the beginning of one touch to the next, in s."""
+
+DURATION = 1.2
+"""How long each touch lasts, in s."""
 
 LOGIT = "mean logit"
 

@@ -34,10 +34,21 @@ TOLERANCE = 0.03
 LEAST = 200
 """Instructions a unit under which a difference counts for nothing: dictionaries grow at
 one run and not at another."""
-PACKET, PERIOD, RATE = 120, 128, 48_000
-WARM_UP, MEASURED = 320, 160
-"""Packets: 0.8 s, in which the noise floor becomes known, and 0.4 s that are
-counted."""
+
+RATE = 48_000
+"""Sample rate in Hz."""
+
+PACKET = 120
+"""Samples in a packet: 2.5 ms."""
+
+PERIOD = 128
+"""Samples in a period of the sound device."""
+
+WARM_UP = 320
+"""Packets before anything is counted: 0.8 s, in which the noise floor becomes known."""
+
+MEASURED = 160
+"""Packets that are counted: 0.4 s."""
 
 LIBRARIES = {
     "python": "python|libffi",
@@ -308,8 +319,11 @@ def count_stages(fingers: int, only: str) -> None:
     print(json.dumps(stages))
 
 
-ZERO, DUMP, START, STOP = 1, 3, 4, 5
-"""Requests of ``callgrind.h``."""
+# Requests of Valgrind's ``callgrind.h``, counted from its base.
+ZERO = 1
+DUMP = 3
+START = 4
+STOP = 5
 
 
 def requester() -> Callable[..., int]:

@@ -358,10 +358,14 @@ def _named(*channels: Distortion) -> dict[str, Distortion]:
 
 
 ROBOT_DB = -10.0
-"""Level of the robot under the take."""
-MOTION, AMBIENT = ("pencil_moveOnly.flac", 2.15, 5.44), ("pencil_noise.flac", 0.0, 1.0)
-"""File of `gripper`, and the seconds in which it moves in the air; in which its laser
-hears nothing of the noise."""
+"""Level of the robot in dB relative to the take."""
+
+MOTION = ("pencil_moveOnly.flac", 2.15, 5.44)
+"""File of `gripper`, and the begin and end (s) of its movement in the air."""
+
+AMBIENT = ("pencil_noise.flac", 0.0, 1.0)
+"""File of `gripper`, and the begin and end (s) of a stretch in which its laser hears
+nothing of the noise."""
 
 
 def _robot(

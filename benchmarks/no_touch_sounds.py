@@ -15,8 +15,11 @@ from scipy import signal
 NO_TOUCH_RATE = 16_000
 """Sample rate in Hz."""
 
-LEAD_SECONDS, NOISE_DBFS = 0.5, -65.0
-"""Silence before a sound, and the noise of the room under it."""
+LEAD_SECONDS = 0.5
+"""Silence before a sound, in s."""
+
+NOISE_DBFS = -65.0
+"""Level of the room's noise under silence and sound, in dBFS."""
 
 Floats = NDArray[np.float64]
 

@@ -60,7 +60,12 @@ from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
 
-RATE, STEP = 48_000, 480
+RATE = 48_000
+"""Sample rate in Hz."""
+
+STEP = 480
+"""Samples in a step: 10 ms."""
+
 REPEATS = int(os.environ.get("REPEATS", "20"))
 
 PAD = """

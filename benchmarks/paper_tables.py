@@ -130,7 +130,11 @@ paper's may have. *Shipped* rows are models as they are, *as rendered* is what a
 operator would feel.
 """
 
-FINE_TUNED, KIN_NOTE = "paper/fine-tuned", " (tuned on rough stone 20)"
+FINE_TUNED = "paper/fine-tuned"
+"""Name of the method that is fine-tuned on a sample of the competition's stones."""
+
+KIN_NOTE = " (tuned on rough stone 20)"
+"""What its row adds to the name: its sample is kin of a stone in the test."""
 
 METHODS = (
     "paper/general",

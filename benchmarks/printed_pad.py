@@ -44,8 +44,11 @@ SILICONE = {
 }
 """Young's modulus in Pa."""
 
-PRINTED, BRASS = 2e-3, 5e-3
-"""Of pad, ring and disc in kg, with the ring printed or cut from brass tube."""
+PRINTED = 2e-3
+"""Mass in kg of pad, ring and disc, with a printed ring."""
+
+BRASS = 5e-3
+"""Mass in kg of pad, ring and disc, with a ring cut from brass tube."""
 
 LEAN = 30.0
 """Of the printed bed, in degrees."""

@@ -52,8 +52,11 @@ _D_PRIME = 0.954
 """Distance in standard deviations of two stimuli recognised three times in four
 (Macmillan & Creelman 2005, A5.2)."""
 
-LOWEST, HIGHEST = 15.0, 1000.0
-"""Hz between which a fingertip perceives vibration."""
+LOWEST = 15.0
+"""Lowest vibration that the fingertip of the model perceives, in Hz."""
+
+HIGHEST = 1000.0
+"""Highest vibration that the fingertip of the model perceives, in Hz."""
 
 _ZERO_PADDING = 4
 _HALF_WIDTH = 2 / INTEGRATION
@@ -149,8 +152,11 @@ and place last longer."""
 STROKE_ERROR = 0.01
 """Accepted probability of a wrong decision about a stone."""
 
-SHORTEST, LONGEST = 1.5, 8.0
-"""Seconds of stroking before a decision is allowed, and after which it is due."""
+SHORTEST = 1.5
+"""Seconds of stroking before a decision is allowed."""
+
+LONGEST = 8.0
+"""Seconds of stroking after which a decision is due."""
 
 TRAVEL = (1.6, 3.0)
 """Seconds from stone to stone, through a camera, with a robot's arm."""
@@ -185,10 +191,9 @@ def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
     same for every method."""
     practice, rounds = {}, {}
     for label in SURFACE_LABELS:
+        movable = [each for each in catalogue() if each.movable]
         known = [
-            obj
-            for obj in catalogue()
-            if obj.label is label and obj.movable and obj.number not in TEST
+            each for each in movable if each.label is label and each.number not in TEST
         ]
         known = [
             replace(known[k % len(known)], mounting=Mounting.MAT) for k in range(visits)
@@ -402,11 +407,12 @@ def _blended_surface(
     for name in ("grains", "pits", "ridges"):
         a, b = getattr(first, name), getattr(second, name)
         # A feature that only one parent has is inherited whole or not at all.
-        features[name] = (
-            blend(a, b, share)
-            if a is not None and b is not None
-            else (a if rng.random() < share else b)
-        )
+        if a is not None and b is not None:
+            features[name] = blend(a, b, share)
+        elif rng.random() < share:
+            features[name] = a
+        else:
+            features[name] = b
     plain = replace(
         first,
         grains=None,

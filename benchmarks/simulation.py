@@ -18,8 +18,11 @@ from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES, shuffled
 
-OFFLINE, LIVE = 30.0, 20.0
-"""Seconds of sound rendered for each figure."""
+OFFLINE = 30.0
+"""Seconds of sound rendered at once, as for a data set."""
+
+LIVE = 20.0
+"""Seconds of sound rendered block by block, as live."""
 
 BLOCK = 128
 

@@ -17,8 +17,20 @@ import numpy as np
 from simulated_operator import perceive
 from tactophone.signal.haptics.psychophysics import LEVEL_JND_DB, PITCH_JND
 
-RATE, CHUNK, STEPS, LOW_PASS = 8000, 512 / 48_000, 3, 4e-3
+RATE = 8000
+"""Sample rate of the vibration in Hz."""
+
+CHUNK = 512 / 48_000
+"""Seconds between two predictions: 512 samples at 48 kHz."""
+
+STEPS = 3
+"""Just-noticeable steps from which a difference counts as felt."""
+
+LOW_PASS = 4e-3
+"""Time constant in s of the oscillator's low-pass."""
+
 ACTUATORS = {"voice coil": 2e-3, "linear resonant": 25e-3, "rotating mass": 60e-3}
+"""Time constant in s with which each actuator's amplitude follows."""
 
 
 def vibration(chunks: int, constant: float, start: float) -> np.ndarray:

@@ -456,14 +456,12 @@ def main() -> None:
         print(simulated(names, motors=motors, seed=seed))
         print(sliding(names, motors=motors, seed=seed), flush=True)
     print(simulated(names, motors=False, seed=seed, tip="stylus"), flush=True)
-    for name, score in REAL.items():
-        if (
-            args.recordings
-            and not args.train
-            and (folder := Path(args.recordings) / name).is_dir()
-        ):
-            for row in score(folder):
-                print(row, flush=True)
+    if args.recordings and not args.train:
+        for name, score in REAL.items():
+            folder = Path(args.recordings) / name
+            if folder.is_dir():
+                for row in score(folder):
+                    print(row, flush=True)
     print(
         f"\n{MISSED.capitalize()}: none of its kinds near. Took "
         f"{time.perf_counter() - began:.0f} s."

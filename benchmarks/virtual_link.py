@@ -13,8 +13,11 @@ from tactophone.net.link.send import Datagrams, SendGroup
 from tactophone.net.link.session import Session
 from tactophone.net.link.stream import RedundancyRule
 
-ROBOT_ADDRESS, OPERATOR_ADDRESS = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
-"""Addresses reserved for documentation (RFC 5737)."""
+ROBOT_ADDRESS = ("192.0.2.1", 5_000)
+"""The robot's address, from the range reserved for documentation (RFC 5737)."""
+
+OPERATOR_ADDRESS = ("192.0.2.2", 6_000)
+"""The operator's address, from the same range."""
 
 _CONNECT_TIMEOUT = 10.0
 

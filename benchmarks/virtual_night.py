@@ -45,9 +45,12 @@ from tactophone.live.telemetry.layout import Request
 from tactophone.net.impairment import ImpairedLink, NetworkProfile
 from tactophone.net.link.packet import Address
 
-STEP, QUIET_STEP = 0.005, 0.45
-"""Seconds of virtual time of a step: while something happens, and in between, where
-reports keep the link."""
+STEP = 0.005
+"""Seconds of virtual time in a step while something happens."""
+
+QUIET_STEP = 0.45
+"""Seconds of virtual time in a step while nothing happens and only reports keep the
+link."""
 
 LIVELY = 4.0
 """Seconds after an event in which steps are short."""

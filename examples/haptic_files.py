@@ -31,9 +31,12 @@ from typing import Any
 from tactophone import ConfigError, HapticCommand
 from tactophone.live.telemetry.timeline import read_timeline
 
-LOWEST_HZ, HIGHEST_HZ = 35.0, 1000.0
-"""The band of `Limits`: the frequency axis of .haptic and .ahap is relative, so the
-file states this one."""
+LOWEST_HZ = 35.0
+"""Lower end of the band of `Limits`: the frequency axis of .haptic and .ahap is
+relative, so the file states which band it spans."""
+
+HIGHEST_HZ = 1000.0
+"""Upper end of the same band."""
 
 SILENT_AMPLITUDE = 1e-4
 """Amplitude, -80 dB of full drive, below which a command is written as 0."""

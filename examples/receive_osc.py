@@ -7,7 +7,8 @@ import time
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import ThreadingOSCUDPServer
 
-port, seconds = int(sys.argv[1]), float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
+port = int(sys.argv[1])
+seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 10.0
 dispatcher = Dispatcher()
 dispatcher.map(
     "/tactophone/*",

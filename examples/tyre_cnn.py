@@ -21,7 +21,20 @@ from tactophone_lab.evaluation.predict import Predictor, TakePredictions
 from tactophone_lab.evaluation.scores import make_report
 from tactophone_lab.training.sets import even_weights
 
-WINDOW, HOP, SLICE, BANDS, CONTACT_DB = 0.256, 0.032, 0.016, 32, 12.0
+WINDOW = 0.256
+"""Seconds of sound in a picture."""
+
+HOP = 0.032
+"""Seconds from one picture to the next."""
+
+SLICE = 0.016
+"""Seconds of sound in one of a picture's 16 columns."""
+
+BANDS = 32
+"""Frequency bands in a picture, evenly spaced over the logarithm."""
+
+CONTACT_DB = 12.0
+"""Level in dB over the noise floor from which a window counts as contact."""
 
 
 def pictures(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

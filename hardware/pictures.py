@@ -22,7 +22,9 @@ Vector = NDArray[np.float64]
 Painter = Callable[[Axes], None]
 PARTS = Path(__file__).parent / "parts"
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
-FINGER, BOARD, CASE = FingerDimensions(), Board(), CoilCase()
+FINGER = FingerDimensions()
+BOARD = Board()
+CASE = CoilCase()
 
 COLOURS = {
     "pad": "#4c8ed9",

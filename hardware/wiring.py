@@ -26,7 +26,11 @@ WIRES = (
     ("out", "amp", "left to tip, ground to sleeve"),
     ("amp", "coil", "+ and -, twisted; polarity does not matter"),
 )
-WIDTH, HEIGHT = 170, 50
+WIDTH = 170
+"""Width of a box in the drawing, in units of the SVG."""
+
+HEIGHT = 50
+"""Height of a box in the drawing."""
 
 
 def draw() -> str:

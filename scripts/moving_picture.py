@@ -18,14 +18,30 @@ from tactophone.app.figures import TOUCH_COLOURS
 from tactophone.core.types import Touch
 from tactophone_lab.simulation.demonstration import demonstration
 
-SIZE, SCALE, RATE = (880, 400), 2, 10
-"""Pixels; how much larger it is drawn, to smooth edges; frames a second."""
+SIZE = (880, 400)
+"""Width and height of the picture in pixels."""
 
-BEGIN, END, SHOWN = 1.4, 11.9, 4.0
-"""Seconds of the run that are drawn, and that the strip below shows at once."""
+SCALE = 2
+"""How much larger each frame is drawn before it is reduced, to smooth edges."""
 
-INK, PALE, STONE, SKIN, GREY = "#6b7785", "#7d8894", "#b9b3a8", "#dcab8c", "#aab4bd"
-"""Legible on white and on black, as the paper is transparent."""
+RATE = 10
+"""Frames a second."""
+
+BEGIN = 1.4
+"""Second of the run at which the picture begins."""
+
+END = 11.9
+"""Second of the run at which the picture ends."""
+
+SHOWN = 4.0
+"""Seconds that the strip below shows at once."""
+
+# The background is transparent, so the colours are legible on white and on black.
+INK = "#6b7785"
+PALE = "#7d8894"
+STONE = "#b9b3a8"
+SKIN = "#dcab8c"
+GREY = "#aab4bd"
 
 COLOURS = 64
 """Few enough for a small file."""

@@ -9,7 +9,11 @@ from pathlib import Path
 from tactophone.signal.perception.touch_state import describe
 
 PAGE = Path(__file__).parents[1] / "docs" / "reference" / "detector.md"
-BEGIN, END = "<!-- touch states -->\n", "<!-- end of touch states -->\n"
+BEGIN = "<!-- touch states -->\n"
+"""Line of the page before what this script writes."""
+
+END = "<!-- end of touch states -->\n"
+"""Line of the page after it."""
 
 
 def main() -> None:

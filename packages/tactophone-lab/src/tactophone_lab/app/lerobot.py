@@ -68,6 +68,7 @@ BATCH_BYTES = 64 << 20
 """Bytes of pictures or text that a batch of frames may take."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+"""Quantiles in LeRobot's statistics, by their names in its files."""
 
 Rows = NDArray[np.float64]
 

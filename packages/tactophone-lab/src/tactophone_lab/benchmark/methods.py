@@ -85,6 +85,7 @@ FEATURE_LATENCY = 0.38e-3
 
 
 FULL_DRIVE = Limits(ceiling=1.0)
+"""No ceiling: what is scored is the vibration that a method asks for."""
 
 WINDOW_SIZE = 1024
 """Samples of a window of vibration at 4 kHz: the paper's 256 ms."""

@@ -27,6 +27,7 @@ EXAMPLES = (
 )
 
 PERCENTILES = (50, 95, 99)
+"""Percentiles of the delays that the table shows."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -108,8 +108,6 @@ def phone_sounds(folder: Path) -> str:
 
 
 def _inner(folder: Path) -> list[str]:
-    return sorted(
-        entry.name
-        for entry in folder.iterdir()
-        if entry.is_dir() and not is_hidden(entry, folder) and layout_of(entry)
-    )
+    inside = [entry for entry in folder.iterdir() if entry.is_dir()]
+    shown = [entry for entry in inside if not is_hidden(entry, folder)]
+    return sorted(entry.name for entry in shown if layout_of(entry))

@@ -31,12 +31,14 @@ from tactophone_lab.evaluation.metrics import (
 from tactophone_lab.evaluation.predict import TakePredictions
 
 DRAWS = 1000
+"""Bootstrap draws of the surfaces behind each interval."""
 
 FEWEST_SURFACES = 5
 """Surfaces of each class that an interval needs: of two, a draw holds one alone in half
 of all cases, and the interval comes out far too narrow."""
 
 COVERAGE = 0.90
+"""Share of the draws that an interval covers."""
 
 LEAST_RISE = 0.02
 """Of a rate whose interval is unknown, or of no width as all draws are 0: as much as

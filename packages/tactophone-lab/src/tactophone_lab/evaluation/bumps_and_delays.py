@@ -168,18 +168,23 @@ def contact_delays(
     window's end to its prediction, in s.
     """
     found = [
-        _delay(take, start, segment.end, take.recording.label, rule=rule)
+        _delay(take, start, end, take.recording.label, rule=rule)
         for take in predictions
         if take.recording.label is not None
-        for before, segment in itertools.pairwise(take.recording.segments)
-        if segment.contact
-        and segment.label is not None
-        and not before.contact
-        and (start := first_slide(take.recording, segment.start, segment.end))
-        is not None
-        and segment.end - start >= SHORTEST_SCORED_TOUCH
+        for start, end in _scored_touches(take.recording)
     ]
     return _delays(found, latency)
+
+
+def _scored_touches(recording: Recording) -> Iterator[tuple[float, float]]:
+    """Yield the first slide and the end (s) of each touch that follows no contact."""
+    for before, segment in itertools.pairwise(recording.segments):
+        begins = segment.contact and not before.contact
+        if not begins or segment.label is None:
+            continue
+        start = first_slide(recording, segment.start, segment.end)
+        if start is not None and segment.end - start >= SHORTEST_SCORED_TOUCH:
+            yield start, segment.end
 
 
 def edge_delays(

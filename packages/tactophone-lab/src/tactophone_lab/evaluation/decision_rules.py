@@ -42,7 +42,11 @@ THRESHOLDS = 64
 """Thresholds tried, evenly spaced in log-odds, as a network's confidence spreads."""
 
 WIDEST_LOGIT = 9.0
+"""Thresholds are tried from minus to plus this many log-odds: 1 in 8100 either way."""
+
 HYSTERESIS_LOGITS = (0.0, 1.0, 2.0, 4.0)
+"""Hystereses tried: how far, in log-odds, a rough decision ends below its threshold."""
+
 CONFIRMATIONS = (1, 2, 4, 8)
 """Updates in a row: at a hop of 10.7 ms the last one delays a rough decision by 75
 ms."""

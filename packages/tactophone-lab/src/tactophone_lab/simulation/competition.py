@@ -28,8 +28,10 @@ COMPETITION_VERSION = "2"
 """Raise it when the same seed gives other sound."""
 
 DAYS = (1, 2)
+"""Numbers of the competition's days."""
 
 _START = (-0.05, 0.035)
+"""Where the finger starts in m, x and y: left of the first stone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ DEMONSTRATION_BLOCK = 4800
 """Samples rendered at once."""
 
 _START = (-0.03, 0.035)
+"""Where the finger starts in m, x and y: left of the first stone."""
 
 
 def demonstration(

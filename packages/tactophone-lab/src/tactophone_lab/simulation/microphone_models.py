@@ -55,6 +55,7 @@ _GEAR_CORNER = 1500.0
 gripper reaches 2 kHz."""
 
 _CEILING = 1.0 - 2.0**-23
+"""Largest sample of a converter of 24 bits, as a share of full scale."""
 
 
 class Filter(NamedTuple):

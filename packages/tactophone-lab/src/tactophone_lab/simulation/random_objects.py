@@ -20,10 +20,13 @@ from tactophone_lab.simulation.modes import Body, Mounting
 from tactophone_lab.simulation.surface import Grains, Material, Pits, Ridges, Surface
 
 MICROMETRE = 1e-6
+"""One micrometre in m."""
 
 MILLIMETRE = 1e-3
+"""One millimetre in m."""
 
 GIGAPASCAL = 1e9
+"""One gigapascal in Pa."""
 
 
 class Span(NamedTuple):
@@ -57,8 +60,10 @@ _LOOSE = (Mounting.HELD, Mounting.TABLE, Mounting.BOX, Mounting.MAT)
 _IN_PLACE = (Mounting.FIXED,)
 
 _HAND_SIZE = Span(70, 120)
+"""Length for a stroke, in mm, on an object that fits a hand."""
 
 _BROAD = Span(150, 250)
+"""Length for a stroke, in mm, on a wall, a pane or a tabletop."""
 
 BUILDS = (
     Build("stone", Body.BLOCK, _LOOSE, Span(15, 75), Span(0.3, 1.8), _HAND_SIZE),

@@ -24,6 +24,7 @@ _SLOWEST_ROOM = 0.3
 """Seconds in which the sound of the most reverberant room falls by 60 dB."""
 
 _LOW_PASS_ORDER = 4
+"""Order of the Butterworth low-pass: 24 dB an octave."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,8 @@ STEPS = 300
 more."""
 
 BATCH_SIZE = 500
+"""Windows in a batch."""
+
 LEARNING_RATE = 3e-5
 """A third of the recipe's, which gained as much on new objects (10 points) and lost
 half as much on the others."""

@@ -170,14 +170,16 @@ def _require_structure(path: Path, found: Mapping[str, StoredTensor]) -> None:
     shapes = {name: tensor.shape for name, tensor in found.items()}
     one = shapes.get("layer1.weight", ())[-1:] == (SPECTRUM_BINS,)
     expected = weights_of(PaperNetwork(1 if one else 2))
+
+    def fits(name: str) -> bool:
+        if name not in found or name not in expected:
+            return False
+        tensor = found[name]
+        readable = tensor.kind in DTYPES and tensor.contiguous
+        return readable and tensor.shape == expected[name].shape
+
     names = sorted(shapes.keys() | expected.keys())
-    wrong = [
-        name
-        for name in names
-        if shapes.get(name) != getattr(expected.get(name), "shape", None)
-        or found[name].kind not in DTYPES
-        or not found[name].contiguous
-    ]
+    wrong = [name for name in names if not fits(name)]
     if wrong:
         listed = ", ".join(wrong[:6]) + (", ..." if len(wrong) > 6 else "")
         raise ModelError(

@@ -49,6 +49,7 @@ MOST_WINDOWS = 12_000
 score."""
 
 INNER_FOLDS = 5
+"""Folds of the surfaces in a training set, each predicted by a fit on the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
