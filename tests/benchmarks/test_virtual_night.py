@@ -8,7 +8,8 @@ from tactophone.live.runtime.watchdog import Verdict, Watchdog
 
 pytest.importorskip("mcap")
 
-HOURS, SOUND = 1 / 6, 0.5
+HOURS = 1 / 6
+SOUND = 0.5
 
 
 @pytest.mark.slow

@@ -71,7 +71,9 @@ def attack(name: str, seconds: float, seed: int) -> int:
     """Mutate the seeds of one target at random; returns the number of different
     crashes."""
     seeds, run = TARGETS[name].prepare()
-    dice, crashes, count = random.Random(seed), set[str](), 0
+    dice = random.Random(seed)
+    crashes = set[str]()
+    count = 0
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         data = dice.choice(seeds)

@@ -116,7 +116,9 @@ def test_each_part_is_one_closed_solid_that_stands_on_the_bed_in_every_format(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_no_wall_is_thinner_than_three_lines_of_a_nozzle(name: str) -> None:
-    part, rng, triangles = solid(name), np.random.default_rng(0), faces(name)
+    part = solid(name)
+    rng = np.random.default_rng(0)
+    triangles = faces(name)
     normals = np.cross(
         triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     )

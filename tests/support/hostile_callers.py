@@ -108,7 +108,9 @@ class DelayedLine:
     virtual time."""
 
     def __init__(self, answerer: Session, *, address: Address, delay: float) -> None:
-        self.answerer, self.address, self.delay = answerer, address, delay
+        self.answerer = answerer
+        self.address = address
+        self.delay = delay
         self.callers: dict[Address, Session] = {}
         self.now = 0.0
         self._next_poll: dict[Address, float] = {}

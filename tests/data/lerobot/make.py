@@ -6,7 +6,8 @@ import sys
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-FPS, FRAMES = 30, 45
+FPS = 30
+FRAMES = 45
 JOINTS = ["shoulder", "elbow"]
 
 features = {

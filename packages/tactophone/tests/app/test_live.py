@@ -21,7 +21,9 @@ RATE = 48_000
 class Unplugged:
     """A device that delivers nothing."""
 
-    xruns, fault, sample_rate = 0, "", RATE
+    xruns = 0
+    fault = ""
+    sample_rate = RATE
 
     def open(self) -> None:
         pass

@@ -168,7 +168,9 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     # Before the button is pressed, nothing is wrong.
     assert text(listener, "faults") == ""
     listener.find_element(By.ID, "listen").click()
-    seen, rows, count = [operator.snapshot()], [], operator.predictions()[1]
+    seen = [operator.snapshot()]
+    rows = []
+    count = operator.predictions()[1]
     until = time.monotonic() + len(spoken[1]) / RATE + 3
     while time.monotonic() < until:
         seen.append(operator.snapshot(seen[-1]))

@@ -19,7 +19,9 @@ def carried(
     profile: NetworkProfile, *, seed: int = 0, packets: int = 2_000
 ) -> list[tuple[float, bytes]]:
     """Send a packet every 5 ms and read every 0.1 ms."""
-    link, out, sent = ImpairedLink(profile, seed=seed), [], 0
+    link = ImpairedLink(profile, seed=seed)
+    out = []
+    sent = 0
     for count in range(packets * 50 + 20_000):
         now = count * 1e-4
         if count % 50 == 0 and sent < packets:

@@ -275,7 +275,9 @@ class Loudness:
     """A detector as a user may write it: all that the contract lists, and nothing
     more."""
 
-    name, latency, bandwidth = "loudness", 0.0, 8_000.0
+    name = "loudness"
+    latency = 0.0
+    bandwidth = 8_000.0
 
     def __init__(self) -> None:
         self.faults: Counter[str] = Counter()

@@ -335,7 +335,9 @@ def joints(time: float, **fields: list[float]) -> Any:
 
 @pytest.mark.parametrize("known", ["velocity", "position"])
 def test_a_robot_moves_while_a_joint_does(known: str) -> None:
-    motion, moving, place = JointMotion(), [], 0.0
+    motion = JointMotion()
+    moving = []
+    place = 0.0
     for step, speed in enumerate((0.0, 0.005, 0.03, 0.015, 0.005, -0.5, 0.0)):
         place += 0.01 * speed
         motion.push(

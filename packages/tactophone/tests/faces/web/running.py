@@ -22,7 +22,8 @@ from tactophone.live.telemetry.layout import Fault, FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone_lab.game.stone_box import Point
 
-RATE, STEP = 48_000, 480
+RATE = 48_000
+STEP = 480
 
 MUTED_BECAUSE = {"arm": "", "mute": "muted on the page", "stop": EMERGENCY_STOP}
 

@@ -61,9 +61,7 @@ def test_priority_zero_requests_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> (
-    None
-):
+def test_the_callback_waits_for_the_interpreter_under_a_period_of_32_samples() -> None:
     before = sys.getswitchinterval()
     settle()
     try:

@@ -105,11 +105,9 @@ def test_an_operator_that_was_only_late_is_silent_meanwhile_and_goes_on_by_itsel
     was killed and muted."""
     recorder = PeakRecorder()
     with sides_monitored(recorder, graph) as (sides, client):
-        watcher, first, moment = (
-            Watcher(sides.operator.name),
-            sides.operator.pid,
-            time.monotonic(),
-        )
+        watcher = Watcher(sides.operator.name)
+        first = sides.operator.pid
+        moment = time.monotonic()
         freeze_operator(sides)
         time.sleep(0.5)
         assert recorder.peak == 0.0

@@ -229,7 +229,9 @@ def exchange(
     """Exchange datagrams, and report each gap in the other end's datagrams when it is
     over."""
     path = CallSocket(process.agent)
-    own, received, last = 0, set[bytes](), time.monotonic()
+    own = 0
+    received = set[bytes]()
+    last = time.monotonic()
     with path:
         while (now := time.monotonic()) < ends_at() + 0.5 and not failed.is_set():
             # SRTP by its first byte; a few of them are lost before the other end reads.

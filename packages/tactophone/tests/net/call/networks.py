@@ -25,7 +25,9 @@ from .end import End, Ends, enter_network
 Nat: TypeAlias = Literal["keeps", "changes", "open"]
 
 PLACES = ("rob", "natrob", "net", "natope", "ope")
-SERVERS, SECOND, SERVERS6 = "10.9.0.10", "10.9.0.11", "fd09::10"
+SERVERS = "10.9.0.10"
+SECOND = "10.9.0.11"
+SERVERS6 = "fd09::10"
 USER = "u:p"
 ROOT = Path(__file__).parents[5]
 PYTHONPATH = os.pathsep.join(
@@ -75,7 +77,9 @@ class Networks:
         ipv6: bool = False,
     ) -> None:
         self._nats = {"rob": robot, "ope": operator}
-        self._relay, self._forget, self._ipv6 = relay, forget, ipv6
+        self._relay = relay
+        self._forget = forget
+        self._ipv6 = ipv6
         self._prefix = prefix_of_networks()
         self._processes: list[subprocess.Popen[str]] = []
         self.relay: subprocess.Popen[str] | None = None

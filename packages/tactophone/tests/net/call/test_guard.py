@@ -72,9 +72,7 @@ def at_a_port(run: Callable[[Port], Coroutine[Any, Any, None]]) -> None:
         loop.close()
 
 
-def test_everybody_may_begin_a_session_and_then_foreign_sound_stays_in_the_kernel() -> (
-    None
-):
+def test_anybody_may_begin_a_session_then_foreign_sound_stays_in_the_kernel() -> None:
     async def run(port: Port) -> None:
         assert await port.hears(port.stranger, FOREIGN) == [FOREIGN]
         port.loop.follow({STREAM})

@@ -150,9 +150,7 @@ def hostile_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
 
 @pytest.mark.slow
-def test_a_mailbox_that_misbehaves_ends_the_call_in_time_and_in_printable_words() -> (
-    None
-):
+def test_a_mailbox_that_misbehaves_ends_the_call_in_time_and_printable_words() -> None:
     found = results_of(hostile_calls)
     for mode, wanted in MODES.items():
         assert wanted in found[mode], mode

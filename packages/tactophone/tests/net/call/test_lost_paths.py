@@ -92,9 +92,7 @@ def test_a_direct_way_that_is_blocked_is_replaced_by_a_relayed_one(
     assert all(max(end.gaps) < LONGEST_GAP for end in ends)
 
 
-def test_a_relays_permission_is_renewed_in_time_and_a_dead_relay_ends_the_call() -> (
-    None
-):
+def test_a_relays_permission_is_renewed_and_a_dead_relay_ends_the_call() -> None:
     with Networks("changes", "changes", relay=False) as networks:
         relay = networks.start_relay(
             "--permission-lifetime", "3", "--channel-lifetime", "3"
@@ -138,9 +136,7 @@ def test_a_relay_that_drops_duplicates_replays_and_redirects_ends_nothing(
     assert min(lying.counts.values()) > 10, lying.counts
 
 
-def test_a_stranger_who_floods_the_punched_port_ends_nothing_and_delays_nothing() -> (
-    None
-):
+def test_a_stranger_who_floods_the_punched_port_ends_and_delays_nothing() -> None:
     with Networks("open", "open") as networks:
         ends = begin(networks, "--seconds", "4")
         found(ends, relayed=False)

@@ -95,9 +95,7 @@ def lonely_calls(results: "multiprocessing.Queue[dict[str, str]]") -> None:
 
 
 @pytest.mark.slow
-def test_a_code_where_nobody_waits_and_a_mailbox_that_dies_end_a_call_in_words() -> (
-    None
-):
+def test_a_code_where_nobody_waits_and_a_dead_mailbox_end_a_call_in_words() -> None:
     found = results_of(lonely_calls)
     assert NOBODY in found["nobody"]
     assert NOBODY in found["used up"]

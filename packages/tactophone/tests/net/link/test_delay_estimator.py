@@ -7,14 +7,17 @@ import pytest
 from tactophone.net.link.stats import TRANSIT_WINDOW, MinDelayFilter, Skew
 
 
-def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_two_windows() -> (
-    None
-):
+def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_windows() -> None:
     delay = MinDelayFilter()
     seen = []
     for step in range(1_000):
         now = step * 0.005
-        transit = 0.010 if step < 400 else 0.030 if step < 800 else 0.005
+        if step < 400:
+            transit = 0.010
+        elif step < 800:
+            transit = 0.030
+        else:
+            transit = 0.005
         delay.push(transit, now=now)
         seen.append(delay.minimum)
     longer = next(step for step, minimum in enumerate(seen) if minimum == 0.030)

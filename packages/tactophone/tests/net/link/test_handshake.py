@@ -27,7 +27,9 @@ def run_handshake(
     """Let robot and operator connect, but lose the datagrams with these numbers."""
     calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
     answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
-    robot, operator, number = calling.call(now=0.0), None, 0
+    robot = calling.call(now=0.0)
+    operator = None
+    number = 0
     for step in range(round(duration / 0.01)):
         now = step * 0.01
         robot.poll(now)

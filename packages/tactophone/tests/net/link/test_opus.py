@@ -84,11 +84,9 @@ def check_equality(codec: Codec, sizes: list[int]) -> None:
 def test_altered_payloads_are_decoded_or_refused_as_by_the_multistream_api() -> None:
     random, codec = np.random.default_rng(2), Codec("opus", packet_size=120)
     kind = codec.kind
-    encoder, decoder, other = (
-        open_encoder(codec),
-        open_decoder(kind),
-        open_decoder(kind),
-    )
+    encoder = open_encoder(codec)
+    decoder = open_decoder(kind)
+    other = open_decoder(kind)
     assert isinstance(other, OpusDecoder)
     refused = 0
     for samples in sounds(2, [120] * 400):

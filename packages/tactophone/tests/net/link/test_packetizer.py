@@ -44,7 +44,9 @@ def contents(packets: list[Packet]) -> list[bytes]:
 @pytest.mark.parametrize("codec", [PCM, Codec("opus")], ids=["pcm16", "opus"])
 @pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_bits(codec: Codec, size: int) -> None:
-    sound, cut, whole = noise(4_000), packetizer(codec), packetizer(codec)
+    sound = noise(4_000)
+    cut = packetizer(codec)
+    whole = packetizer(codec)
     pieces = [packet for block in blocks(sound, size) for packet in push(cut, block)]
     assert contents(pieces) == contents(push(whole, AudioBlock(sound, RATE)))
 

@@ -17,9 +17,11 @@ from tactophone.net.link.stream import (
     RedundancyRule,
 )
 
-RATE, BLOCK = 48_000, 128
+RATE = 48_000
+BLOCK = 128
 PCM = Codec("pcm16", packet_size=96)
-AMPLITUDE, PITCH = 0.25, 120.0
+AMPLITUDE = 0.25
+PITCH = 120.0
 STEEPEST = AMPLITUDE * 2 * np.pi * PITCH / RATE
 
 
@@ -62,7 +64,9 @@ def played(
         index for index in np.argsort(times, kind="stable") if random.random() >= loss
     ]
     waiting: Iterator[int] = iter(kept)
-    playout, following, blocks = Playout(block_size=BLOCK), next(waiting, None), []
+    playout = Playout(block_size=BLOCK)
+    following = next(waiting, None)
+    blocks = []
     for now in np.arange(0, seconds, BLOCK / RATE):
         while following is not None and times[following] <= now:
             playout.push(sent[following], now=float(times[following]))

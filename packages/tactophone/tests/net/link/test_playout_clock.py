@@ -9,7 +9,9 @@ import pytest
 
 from tactophone.net.link.playout import PLAYOUT_WARM_UP, PlayoutController
 
-RATE, PACKET, BLOCK = 48_000, 240, 128
+RATE = 48_000
+PACKET = 240
+BLOCK = 128
 
 
 @dataclass
@@ -33,11 +35,9 @@ class Simulation:
         self.packets = deque(
             zip(came[order].tolist(), (order * PACKET).tolist(), strict=True)
         )
-        self.controller, self.late, self.jumps = (
-            PlayoutController(block_size=BLOCK),
-            0,
-            0,
-        )
+        self.controller = PlayoutController(block_size=BLOCK)
+        self.late = 0
+        self.jumps = 0
         self.delays = np.array(
             [
                 self._play(block * BLOCK / RATE)

@@ -219,9 +219,7 @@ def test_a_hostile_operator_changes_nothing_for_the_other() -> None:
     assert call.decoded(0) == alone(0.5)
 
 
-def test_an_operator_that_does_not_trust_the_robot_gets_nothing_and_the_other_all() -> (
-    None
-):
+def test_an_operator_without_trust_gets_nothing_and_the_other_gets_all() -> None:
     call = GroupCall(2, trusting=1)
     call.connect(1)
     call.run(0.5)

@@ -95,9 +95,7 @@ def test_ends_of_different_versions_say_so_in_one_sentence() -> None:
     assert pair.operator.version_conflict == ""
 
 
-def test_ends_of_one_version_introduce_themselves_a_few_times_and_show_nothing() -> (
-    None
-):
+def test_ends_of_one_version_introduce_themselves_and_show_nothing() -> None:
     pair = introduced("0.1.0", "0.1.0")
     begun = len(pair.passed)
     ssrc = next(

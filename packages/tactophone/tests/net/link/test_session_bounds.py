@@ -111,9 +111,7 @@ def test_keys_are_renewed_only_where_the_sequence_number_is_far_from_its_wrap(
     assert keys(robot).needs_renewal(1e6, after=64.0) is renewed
 
 
-def test_keys_end_just_after_their_time_and_a_silent_session_just_after_its_own() -> (
-    None
-):
+def test_keys_and_a_silent_session_each_end_just_after_their_own_time() -> None:
     operator = connected().operator
     current = keys(operator)
     current.last_received = current.until
@@ -273,7 +271,9 @@ def test_a_session_claims_the_peer_that_it_has_and_no_other() -> None:
 
 def test_an_end_introduces_itself_at_once_and_after_doubling_pauses() -> None:
     pair = connected(now=1000.0, version="1.0")
-    begun, robot, introduced = keys(pair.robot).begun, pair.robot, []
+    begun = keys(pair.robot).begun
+    robot = pair.robot
+    introduced = []
     robot._introduce_at = begun
     for hundredth in range(200):
         robot.poll(begun + 0.01 * hundredth)

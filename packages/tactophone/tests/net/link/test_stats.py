@@ -76,9 +76,7 @@ def test_jitter_is_never_negative_and_always_fits_its_report(step: int) -> None:
         bytes(reception.report(ssrc=1, of=2, now=0.005 * number))
 
 
-def test_a_clump_that_ends_at_the_wrap_of_the_timestamp_adds_its_own_jitter_only() -> (
-    None
-):
+def test_a_clump_that_ends_at_the_timestamps_wrap_adds_its_own_jitter_only() -> None:
     clump, calm = Reception(), Reception()
     for number in range(120):
         held = 0.1 if 40 <= number < 60 else 0.0

@@ -102,9 +102,7 @@ class Ramp:
         )
 
 
-def test_the_peak_of_a_profile_is_found_at_either_end_and_is_full_drive_at_most() -> (
-    None
-):
+def test_a_profiles_peak_is_found_at_either_end_and_is_full_drive_at_most() -> None:
     assert peak_amplitude(Ramp(rough=0.3)) == pytest.approx(0.3)
     assert peak_amplitude(Ramp(smooth=0.4)) == pytest.approx(0.4)
     assert peak_amplitude(Ramp(smooth=0.2, rough=7.0)) == 1.0

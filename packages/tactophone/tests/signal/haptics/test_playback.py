@@ -12,7 +12,9 @@ COMMANDS = [
 
 
 def played(size: int) -> FloatArray:
-    playback, waves, waiting = Playback(Oscillator()), [], list(COMMANDS)
+    playback = Playback(Oscillator())
+    waves = []
+    waiting = list(COMMANDS)
     for end in range(size, 24_000 + size, size):
         due = [command for command in waiting if command.time * 48_000 <= end]
         waiting = waiting[len(due) :]

@@ -151,7 +151,10 @@ def test_no_control_no_sound_and_no_setting_clicks_pushes_or_passes_the_ceiling(
     level: float,
 ) -> None:
     renderer, profile = opened(name, bounds, sound(kind, frequency, level))
-    machine, wave, quiet, lowered = bounds.ceiling, [np.zeros(1, np.float32)], 0, 0
+    machine = bounds.ceiling
+    wave = [np.zeros(1, np.float32)]
+    quiet = 0
+    lowered = 0
     for _ in range(data.draw(st.integers(1, 12))):
         control = data.draw(
             st.sampled_from(

@@ -138,9 +138,7 @@ def test_a_share_under_the_threshold_begins_the_confirmation_anew() -> None:
     ]
 
 
-def test_sound_that_is_just_as_unlike_any_in_training_as_the_rule_says_is_unknown() -> (
-    None
-):
+def test_sound_just_as_unlike_any_in_training_as_the_rule_says_is_unknown() -> None:
     decision = Decision(DecisionRule(abstain_from=0.5))
     assert decision.decide((0.5, 0.0, 0.5), contact=True) == (Touch.SMOOTH, 0.0)
     assert decision.decide((0.49, 0.0, 0.51), contact=True)[0] is Touch.ROUGH

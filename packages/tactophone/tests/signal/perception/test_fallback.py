@@ -34,7 +34,9 @@ REFERENCE = Reference(
     hum_dbfs=(-31.0, -77.0),
     contrast_db=16.0,
 )
-BEGIN, END, SECONDS = 2.0, 4.0, 7.0
+BEGIN = 2.0
+END = 4.0
+SECONDS = 7.0
 
 
 def open_checked(model: str = "paper") -> FallbackDetector:
@@ -81,9 +83,7 @@ def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(
     assert healed == well
 
 
-def test_without_the_air_microphone_a_model_that_can_predicts_as_of_one_channel() -> (
-    None
-):
+def test_without_air_a_model_that_can_predicts_as_if_of_one_channel() -> None:
     block = sound("air-dead")
     detector = open_checked("texture")
     detector.push(block.part(0, 4 * RATE))

@@ -44,7 +44,9 @@ def named(
     source = FaultySource(
         SimulatedFinger(single(find("3"))), [FaultSpan(code, 3.0, 5.0)] if code else []
     )
-    detector, changes, before = FaultDetector(RATE, reference), [], ()
+    detector = FaultDetector(RATE, reference)
+    changes = []
+    before = ()
     for start in range(0, block.size, 2400):
         samples = block.samples[start : start + 2400]
         detector.push(source.apply(AudioBlock(samples, RATE, start)))

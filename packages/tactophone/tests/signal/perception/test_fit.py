@@ -15,7 +15,8 @@ from tactophone_lab.simulation.source import SimulatedFinger
 from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES
 
-RATE, SECONDS = 48_000, 8
+RATE = 48_000
+SECONDS = 8
 
 
 @functools.cache

@@ -68,9 +68,7 @@ def test_a_touch_during_a_start_counts_150_ms_later_and_then_stays(bands: bool) 
     assert all(each.touching for each in found if begins(found) < each.time < 3.0)
 
 
-def test_a_jerk_that_is_heard_before_the_robot_says_that_it_starts_ends_at_once() -> (
-    None
-):
+def test_a_jerk_heard_before_the_robot_says_that_it_starts_ends_at_once() -> None:
     found = contacts(sound((1.95, 2.05)), (2.0,))
     assert begins(found) < 1.96
     assert begins(found, after=2.002) == np.inf

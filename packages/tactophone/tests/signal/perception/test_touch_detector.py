@@ -30,25 +30,28 @@ from tactophone.signal.perception.touch_state import (
     next_state,
 )
 
-RATE, HOP = 8000, 80
+RATE = 8000
+HOP = 80
 
 
 class Scripted:
     """Predicts from a list, every 10 ms."""
 
-    name, hop, latency, bandwidth, contact_at = "scripted", 0.01, 0.0, 4000.0, None
+    name = "scripted"
+    hop = 0.01
+    latency = 0.0
+    bandwidth = 4000.0
+    contact_at = None
 
     card, no_touch = SimpleNamespace(decision=DecisionRule(), channels=2), None
 
     def __init__(
         self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = 0.5
     ) -> None:
-        self._touches, self._level_dbfs, self._smooth, self._done = (
-            touches,
-            level_dbfs,
-            smooth,
-            0,
-        )
+        self._touches = touches
+        self._level_dbfs = level_dbfs
+        self._smooth = smooth
+        self._done = 0
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(-40.0), 0.0
 

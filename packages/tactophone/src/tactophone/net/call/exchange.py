@@ -97,7 +97,8 @@ def bounded_client() -> Any:
                     # Otherwise the library would ask the mailbox to close, and wait.
                     raise ServerError(str(said["error"]))
                 self._RC.ws_message(payload)
-            except Exception as error:  # whatever a mailbox's words lead the library to
+            except Exception as error:
+                # Whatever a mailbox's words make the library raise.
                 self._RC._B.error(error)
 
     return Client

@@ -540,11 +540,12 @@ class _Call:
     async def _hear_progress(self, exchange: "Exchange") -> None:
         order = get_args(Progress)
         heard = -1
-        while heard < len(order) - 1 and isinstance(
-            message := await exchange.receive(), State
-        ):
-            if (
-                place := order.index(message.progress)
-            ) > heard:  # so an end that says much is shown three times
+        while heard < len(order) - 1:
+            message = await exchange.receive()
+            if not isinstance(message, State):
+                break
+            place = order.index(message.progress)
+            # Only progress is shown, so an end that says much is shown three times.
+            if place > heard:
                 heard = place
                 _tell(self._pair, "state", message.progress)
