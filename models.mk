@@ -85,3 +85,7 @@ paper: $(READY)  ## the paper's tables, in build/paper/tables.md
 	    --methods $(subst $(empty) $(empty),$(comma),$(wildcard $(PAPER_RECIPES))),texture,rendered:texture,rendered:paper && \
 	  $(BIN)/python benchmarks/paper_tables.py 3 ablations $(PAPER_DATA:%=--data %) --cache $(PAPER)/cache --form markdown; \
 	} > $(PAPER)/tables.part && mv $(PAPER)/tables.part $(PAPER_PAGE)
+
+.PHONY: paper-rows
+paper-rows: $(READY)  ## each row of docs/reference/paper.md whose command takes under a minute
+	$(BIN)/python scripts/run_paper_rows.py

@@ -231,6 +231,70 @@ class Board:
 
 
 @dataclass(frozen=True)
+class BallGuide:
+    """A frame on the nail that holds a tube over the nose, for the bench test's ball.
+
+    It is printed lying on its side. It touches the phalanx alone: pad and ring stay
+    free.
+
+    Parameters
+    ----------
+    bore
+        Of the tube, in which a ball of 8 mm falls.
+    wall
+        Around the bore.
+    lowest, drop
+        Of the tube's ends over the nose; a ball let go at its upper edge falls from
+        ``drop``.
+    nail
+        How much of the nail it lies on, from the phalanx' end.
+    stop
+        Thickness of the wall behind the phalanx' end, and of the nail's plate.
+    cheek
+        Thickness of the plate at one side of the phalanx.
+    """
+
+    bore: float = 9.0
+    wall: float = 2.5
+    lowest: float = 8.0
+    drop: float = 50.0
+    nail: float = 24.0
+    stop: float = 3.0
+    cheek: float = 2.4
+
+
+@dataclass(frozen=True)
+class WeightYoke:
+    """A yoke whose dimple stands on the nose and whose arms hang beside the finger, so
+    that its weight cannot fall off: its centre of mass lies under the nose.
+
+    Parameters
+    ----------
+    depth
+        Of all of it across the arms; it is printed lying flat.
+    dimple
+        Half of the cone's opening angle, in degrees: it touches the ball, not the
+        flank.
+    span, arm, reach
+        Half the distance of the arms, their width, and how far they hang under the
+        nose.
+    beam
+        Height of the beam over the nose.
+    peg, peg_length
+        Side and length of the square pegs, on which washers of 8.4 mm hang.
+    """
+
+    depth: float = 12.0
+    dimple: float = 60.0
+    span: float = 12.0
+    arm: float = 5.0
+    reach: float = 42.0
+    beam: float = 8.0
+    peg: float = 5.4
+    peg_length: float = 17.0
+
+
+@dataclass(frozen=True)
 class CoilCase:
     """The operator's side: a case that holds a voice coil above the fingertip of a
     glove or an exoskeleton.
@@ -238,7 +302,7 @@ class CoilCase:
     Parameters
     ----------
     length, width, height
-        Of the voice coil; 37.7 x 12 x 11.5 mm is a common encapsulated one.
+        Of the voice coil: Actronika's HapCoil-One measures 37.7 x 12 x 11.5 mm.
     saddle
         Radius of what it sits on: a fingertip in a glove.
     strap
@@ -316,8 +380,22 @@ def placed(name: str, points: Vector) -> Vector:
             np.eye(3),
             np.array([0, bore_height(finger), finger.end - stick_length(finger)]),
         ),
+        # It is drawn in the finger's place and lies down on its side: x goes up.
+        "ball_guide": (
+            np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]),
+            np.array([guide_side(finger), 0, 0]),
+        ),
+        "weight_yoke": (
+            np.column_stack((across, -finger.axis, finger.forward)),
+            finger.height * finger.axis - WeightYoke().depth / 2 * finger.forward,
+        ),
     }[name]
     return np.asarray(points @ turned.T + moved)
+
+
+def guide_side(finger: FingerDimensions) -> float:
+    """Return x of the ball guide's side that lies on the printer's bed."""
+    return -(finger.width / 2 + FIT + BallGuide().cheek)
 
 
 def bore_height(finger: FingerDimensions) -> float:

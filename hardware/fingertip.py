@@ -45,12 +45,15 @@ from dimensions import (
     PLASTIC,
     SHELL,
     STICK,
+    BallGuide,
     Board,
     CoilCase,
     FingerDimensions,
     Plate,
+    WeightYoke,
     bore_height,
     cap_height,
+    guide_side,
     stick_length,
     underside,
 )
@@ -305,6 +308,97 @@ def coil_case_lid(case: CoilCase) -> Part:
     return lid - Pos(0, 5, SHELL) * Box(3, 10, 20, align=STANDING)
 
 
+def ball_guide(finger: FingerDimensions, guide: BallGuide) -> Part:
+    """Return the frame that holds a tube over the nose, on its side: a wall behind the
+    phalanx, a plate on its nail, one cheek, and an arm around the board to the tube."""
+    side, nail, end = guide_side(finger), finger.nail + FIT, finger.end - FIT
+    outer = guide.bore / 2 + guide.wall
+    high = outer - side
+    plane = Plane(origin=(side, 0, 0), x_dir=(0, 1, 0), z_dir=(1, 0, 0))
+
+    def slab(corners: list[tuple[float, float]], thick: float) -> Part:
+        return extrude(plane * make_face(Polyline(*corners, close=True)), thick)
+
+    stop, front = end - guide.stop, finger.end + guide.nail
+    over = nail + guide.stop
+    # Its slope leaves room for the cone of the stick's adapter.
+    wall = [
+        (nail - 1.0, stop),
+        (over, stop),
+        (over, end),
+        (nail - 2.2, end),
+        (nail - 2.2, end - 1.2),
+    ]
+    plate = [(nail, stop), (over, stop), (over, front), (nail, front)]
+    cheek = [(9.0, finger.end), (over, finger.end), (over, front), (9.0, front)]
+    arm = [
+        (nail, front - 8),
+        (nail, front),
+        (31.0, front),
+        (31.0, 9.0),
+        (21.0, 15.0),
+        (-22.0, 15.0),
+        (-22.0, 21.0),
+        (23.0, 21.0),
+        (37.0, 12.0),
+        (37.0, front - 8),
+    ]
+    body = slab(wall, high) + slab(plate, high) + slab(cheek, guide.cheek)
+    body += slab(arm, high)
+    low, top = finger.height + guide.lowest, finger.height + guide.drop
+    axis, forward = _numbers(finger.axis[1:]), _numbers(finger.forward[1:])
+    tube = [
+        tuple(along * a + beside * f for a, f in zip(axis, forward, strict=True))
+        for along, beside in ((low, -outer), (top, -outer), (top, outer), (low, outer))
+    ]
+    body += slab(tube, high + outer)
+    through = Plane(
+        origin=_numbers((low - 1) * finger.axis),
+        x_dir=(0, *forward),
+        z_dir=_numbers(finger.axis),
+    )
+    # Its roof points along +x, which is up on the printer's bed.
+    roofed = Rot(Z=_roof_turn(through)) * extrude(
+        _teardrop(guide.bore / 2), top - low + 2
+    )
+    body -= through * roofed
+    return Rot(Y=-90) * Pos(-side, 0, 0) * body
+
+
+def _roof_turn(plane: Plane) -> float:
+    """Return by how many degrees a teardrop in this plane is turned, so that its roof
+    points along the finger's x."""
+    up = np.array([plane.x_dir.X, plane.y_dir.X])
+    return float(np.degrees(np.arctan2(up[1], up[0]))) - 90
+
+
+def weight_yoke(yoke: WeightYoke) -> Part:
+    """Return the yoke that stands on the nose, lying flat: y of the drawing points down
+    beside the finger, from the nose."""
+    slope = np.radians(yoke.dimple)
+    # The cone touches the ball where their surfaces are parallel.
+    nose = FingerDimensions().nose
+    apex = -nose * (1 / float(np.sin(slope)) - 1)
+    rim = 0.8
+    half, foot = yoke.span + yoke.arm, yoke.reach
+    right = [
+        (half, -yoke.beam),
+        (half, foot),
+        (yoke.span, foot),
+        (yoke.span, rim),
+    ]
+    left = [(-x, y) for x, y in reversed(right)]
+    body = extrude(make_face(Polyline(*right, *left, close=True)), yoke.depth)
+    for edge in (-1, 1):
+        body += Pos(edge * (half + yoke.peg_length / 2), foot - yoke.peg / 2, 0) * Box(
+            yoke.peg_length, yoke.peg, yoke.peg, align=STANDING
+        )
+    deep = rim - apex + 0.01
+    cone = Cone(0, deep * float(np.tan(slope)), deep, align=STANDING)
+    dimple = Pos(0, apex, yoke.depth / 2) * Rot(X=-90) * cone
+    return body - dimple
+
+
 def soft_pad(finger: FingerDimensions) -> Part:
     """Return the second recipe's pad, for flexible filament: it touches with the radius
     of the tip ``rubber``."""
@@ -326,6 +420,8 @@ def parts() -> dict[str, Part]:
         "coil_case_lid": coil_case_lid(case),
         "glove_plate": glove_plate(case),
         "soft_pad": soft_pad(finger),
+        "ball_guide": ball_guide(finger, BallGuide()),
+        "weight_yoke": weight_yoke(WeightYoke()),
     }
 
 

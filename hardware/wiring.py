@@ -19,7 +19,7 @@ BOXES = {
 
 WIRES = (
     ("piezo", "card", "input 1, INST: ceramic to tip, brass to sleeve"),
-    ("mems", "card", "input 2, INST: OUT to tip, GND to sleeve; VDD 3.3 V"),
+    ("mems", "card", "input 2, INST: AC to tip, GND to sleeve; Vin 3 V"),
     ("card", "robot", "USB"),
     ("robot", "operator", "UDP 48470, encrypted"),
     ("operator", "out", "USB"),

@@ -199,6 +199,22 @@ def test_each_cheap_command_of_the_page_about_the_paper_runs(
         assert main(shlex.split(words)) == 0
 
 
+def test_quick_rows_of_the_page_about_the_paper_can_be_run() -> None:
+    """`make paper-rows` runs them: each has a command, and no placeholder is left."""
+    script = runpy.run_path(str(ROOT / "scripts" / "run_paper_rows.py"))
+    points = script["quick_points"]()
+    assert len(points) > 25
+    inputs = {name: Path("made") for name in ("DIR", "FILE", "HEIGHTS.npz")}
+    for point in points:
+        commands = script["commands_of"](point, inputs, Path("out"))
+        assert commands, point["number"]
+        words = [word for command in commands for word in command]
+        left = [
+            word for word in words if re.fullmatch(r"[A-Z][A-Z.-]+(npz|onnx|pt)?", word)
+        ]
+        assert not left, (point["number"], left)
+
+
 @pytest.fixture
 def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Install the plug-in whose profiles some pages show."""

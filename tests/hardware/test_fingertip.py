@@ -55,6 +55,7 @@ dimensions, wiring = load("dimensions"), load("wiring")
 KEPT = json.loads((HARDWARE / "parts" / "parts.json").read_text(encoding="utf-8"))
 NAMES = list(KEPT["parts"])
 FINGER, BOARD = dimensions.FingerDimensions(), dimensions.Board()
+BallGuide, WeightYoke = dimensions.BallGuide, dimensions.WeightYoke
 
 
 def in_the_finger(name: str) -> manifold3d.Manifold:
@@ -263,6 +264,46 @@ def test_the_jig_holds_the_pad_and_stops_the_phalanx_1_mm_before_the_ring() -> N
         assert (jig ^ in_the_finger(name)).volume() == pytest.approx(0, abs=0.5)
     pressed = in_the_finger("phalanx").translate(tuple(0.3 * FINGER.axis))
     assert (jig ^ pressed).volume() > 1
+
+
+def test_the_ball_guide_sits_on_the_phalanx_and_leads_to_the_nose() -> None:
+    guide, held = in_the_finger("ball_guide"), BallGuide()
+    board = manifold3d.Manifold.hull_points(BOARD.corners(FINGER))
+    for name in ("pad", "ring"):
+        assert guide.min_gap(in_the_finger(name), 10) > 2
+    assert guide.min_gap(board, 10) > 2
+    for name in ("phalanx", "stick_adapter"):
+        assert (guide ^ in_the_finger(name)).volume() == pytest.approx(0, abs=0.01)
+    # It lies on the nail, at the end and at one side.
+    for push in ((0, -0.5, 0), (0, 0, 0.5), (0.5, 0, 0)):
+        assert (guide.translate(push) ^ in_the_finger("phalanx")).volume() > 1
+    # A ball of 8 mm falls through it onto the nose, and through nothing else.
+    nose = FINGER.contact(FINGER.lean)
+    ball = manifold3d.Manifold.sphere(4.0, 48)
+    for height in np.linspace(4.0, held.drop + 2, 25):
+        place = nose + height * FINGER.axis
+        assert (ball.translate(tuple(place)) ^ guide).volume() < 1e-3
+    beside = nose + 25 * FINGER.axis + 1.0 * FINGER.forward
+    assert (ball.translate(tuple(beside)) ^ guide).volume() > 1e-3
+
+
+def test_the_yoke_stands_on_the_nose_alone_with_its_weight_below() -> None:
+    yoke = in_the_finger("weight_yoke")
+    assert (yoke ^ in_the_finger("pad")).volume() < 0.05
+    assert (
+        yoke.translate(tuple(-0.2 * FINGER.axis)) ^ in_the_finger("pad")
+    ).volume() > 0.05
+    assert yoke.min_gap(in_the_finger("ring"), 10) > 2
+    for name in ("phalanx", "stick_adapter"):
+        assert yoke.min_gap(in_the_finger(name), 10) > 2
+    # Seven washers of 24 mm on each peg hang under the nose, clear of the finger.
+    held = WeightYoke()
+    mass = KEPT["parts"]["weight_yoke"]["solid_g"] + 14 * 6.2
+    assert mass == pytest.approx(100, abs=3)
+    assert held.peg * np.sqrt(2) < 8.4
+    assert held.peg_length > 7 * 2.0
+    assert held.span + held.arm - FINGER.width / 2 > 8
+    assert held.reach - held.peg / 2 > 30
 
 
 @pytest.mark.parametrize("name", ["stick_adapter", "hand_adapter", "hand_plate"])

@@ -8,6 +8,7 @@ from tactophone.app.sources import AudioInput, SimulatedAct
 from tactophone.core.settings import Settings
 from tactophone.core.types import LIVE_SAMPLE_RATE, ignore
 from tactophone_lab.measurement.finger_bench import (
+    PAD,
     STEPS,
     WEIGHT,
     BenchResult,
@@ -20,8 +21,13 @@ def run_bench(
     *,
     step: Step = record_act,
     begin: Callable[[int, AudioInput], None] = ignore,
+    weight: float = WEIGHT,
+    pad: float = PAD,
 ) -> BenchResult:
     """Record the steps of the bench test and measure them.
+
+    ``weight`` and ``pad`` are the masses in kg of what hangs on the nose, and of pad,
+    ring and disc, as weighed.
 
     ``begin`` is called before the first step, with its number. A simulated finger is
     not asked for anything: its sounds are rendered.
@@ -31,7 +37,7 @@ def run_bench(
 
         seed = settings.simulation.seed
         sounds = bench_sounds(BuiltFinger(), weight=WEIGHT, seed=seed)
-        return measure_bench(sounds, LIVE_SAMPLE_RATE)
+        return measure_bench(sounds, LIVE_SAMPLE_RATE, weight=weight, pad=pad)
     with AudioInput(settings, CHECKED_OBJECT) as audio:
         begin(1, audio)
         blocks = iter(audio)
@@ -41,4 +47,4 @@ def run_bench(
             )
             for each in STEPS
         }
-        return measure_bench(sounds, audio.source.sample_rate)
+        return measure_bench(sounds, audio.source.sample_rate, weight=weight, pad=pad)
