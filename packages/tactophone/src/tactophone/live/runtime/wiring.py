@@ -254,8 +254,10 @@ def operators_of(link: LinkSettings) -> list[Address]:
 
     Raises `ConfigError` if there is none, one twice, or more than `MOST_OPERATORS`.
 
-    >>> operators_of(LinkSettings(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
-    [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
+    >>> operators_of(LinkSettings(peer="trainer.local, 192.0.2.7:48471"))
+    [('trainer.local', 48470), ('192.0.2.7', 48471)]
+    >>> operators_of(LinkSettings(peer="::1, [2001:db8::7]:48472"))
+    [('::1', 48470), ('2001:db8::7', 48472)]
     """
     try:
         operators = [

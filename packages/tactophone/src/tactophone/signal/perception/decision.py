@@ -125,7 +125,9 @@ def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
     """Count the dips of predictions: stretches without rough between two with it,
     within one touch of a rough surface.
 
-    >>> count_dips(np.array([1, 0, 0, 1, 0, 1], bool), np.array([1, 1, 1, 1, 0, 1], bool))
+    >>> rough = np.array([1, 0, 0, 1, 0, 1], bool)
+    >>> touching = np.array([1, 1, 1, 1, 0, 1], bool)
+    >>> count_dips(rough, touching)
     1
     """
     touches = np.flatnonzero(

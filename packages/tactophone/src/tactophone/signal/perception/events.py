@@ -118,7 +118,8 @@ class EventDetector:
 
     >>> sound = np.random.default_rng(0).normal(0, 1e-3, (48_000, 1)).astype(np.float32)
     >>> sound[24_000:24_240] *= 200
-    >>> [event.kind for event in EventDetector(sample_rate=48_000, channels=1).push(AudioBlock(sound, 48_000))]
+    >>> detector = EventDetector(sample_rate=48_000, channels=1)
+    >>> [event.kind for event in detector.push(AudioBlock(sound, 48_000))]
     ['contact', 'tap']
     """
 

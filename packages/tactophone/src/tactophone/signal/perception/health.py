@@ -94,7 +94,8 @@ class SignalStatistics:
 
     >>> statistics = SignalStatistics(48_000)
     >>> tone = np.sin(2 * np.pi * 50 * np.arange(48_000) / 48_000).astype(np.float32)
-    >>> measured = statistics.push(AudioBlock(np.stack([tone, 0 * tone], axis=1) / 2, 48_000))
+    >>> sound = np.stack([tone, 0 * tone], axis=1) / 2
+    >>> measured = statistics.push(AudioBlock(sound, 48_000))
     >>> len(measured), round(measured[-1].hum_dbfs[0], 1), measured[-1].mains
     (5, -9.1, 50)
     """

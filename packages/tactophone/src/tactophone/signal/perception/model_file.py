@@ -297,14 +297,17 @@ def probe_model(path: Path, content: bytes) -> None:
 def _session(
     path: Path, content: bytes, *, without: Sequence[str] = ()
 ) -> "onnxruntime.InferenceSession":
-    import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
+    # Imported here: it takes longer than all other imports together, and `--help` needs
+    # nothing of it.
+    import onnxruntime
 
     providers = ["CPUExecutionProvider"]
     try:
         return onnxruntime.InferenceSession(
             content, _options(), providers=providers, disabled_optimizers=without
         )
-    except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
+    except Exception as error:
+        # ONNX Runtime raises a dozen types of its own, all of them about the file.
         raise ModelError(
             f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export "
             "it again"
