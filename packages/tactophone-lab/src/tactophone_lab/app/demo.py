@@ -91,11 +91,10 @@ def demonstrate(
         [*RECORDED, f"process.name={name}"],
     )
     sources = [FileSource(each.capture.device) for each in each_finger(settings)]
-    duration, timeline = (
-        max(source.duration for source in sources),
-        folder / "timeline.csv",
-    )
-    network, recorded = settings.simulation.network, bool(recording) or own
+    duration = max(source.duration for source in sources)
+    timeline = folder / "timeline.csv"
+    network = settings.simulation.network
+    recorded = bool(recording) or own
     report(f"sending {duration:.0f} s of sound over {network}, in real time")
     with (
         runs.both_sides(
@@ -165,7 +164,8 @@ def _with_sound(settings: Settings, folder: Path, recording: Path | None) -> Set
     rendered first."""
     from tactophone_lab.simulation.demonstration import write_demonstration
 
-    tip, seed = settings.capture.tip, settings.simulation.seed
+    tip = settings.capture.tip
+    seed = settings.simulation.seed
     if not settings.is_hand:
         if recording is None:
             recording = write_demonstration(folder, seed=seed, tip=tip)[0]

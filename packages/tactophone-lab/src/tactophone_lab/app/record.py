@@ -41,7 +41,8 @@ def record_object(
             )
         known = open_dataset(plan.root) if manifests_in(plan.root) else None
         with AudioInput(settings, target.name) as audio:
-            rate, channels = audio.source.sample_rate, audio.source.channels
+            rate = audio.source.sample_rate
+            channels = audio.source.channels
             recorder = Recorder(
                 target, plan, known, sample_rate=rate, channels=channels
             )

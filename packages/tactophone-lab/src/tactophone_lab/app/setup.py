@@ -157,7 +157,8 @@ def fit_finger(
     """
     from tactophone_lab.training.finger_fit import collect, fit_set_up, write_set_up
 
-    name, rate = model or default_model(tip), sounds.sample_rate
+    name = model or default_model(tip)
+    rate = sounds.sample_rate
     start = model_path(name)
     original = read_model(start)
     check_kind(name)
@@ -168,7 +169,8 @@ def fit_finger(
             "the silence was not steady: keep the finger and the table still, and run "
             "setup again"
         )
-    threshold, collected = floor.threshold_dbfs, []
+    threshold = floor.threshold_dbfs
+    collected = []
     for number, (each, rough, samples) in enumerate(sounds.objects, 1):
         collected.append(
             collect(

@@ -198,10 +198,8 @@ class RendererMethod:
             vibration_features(recording, RENDERERS[self.name])[1]
             for recording in recordings
         ]
-        sizes, names = (
-            [len(windows) for windows in rows],
-            sorted({recording.surface for recording in recordings}),
-        )
+        sizes = [len(windows) for windows in rows]
+        names = sorted({recording.surface for recording in recordings})
         rough = np.repeat([recording.rough for recording in recordings], sizes)
         surface = np.repeat(
             [names.index(recording.surface) for recording in recordings], sizes
@@ -250,7 +248,8 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
         [powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs],
         axis=1,
     )
-    power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
+    power = np.square(windows).mean(axis=1)
+    peak = np.square(windows).max(axis=1)
     rows = np.log10(
         np.column_stack(
             [

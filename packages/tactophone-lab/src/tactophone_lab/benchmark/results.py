@@ -184,7 +184,8 @@ def _summary(delays: Delays) -> tuple[float, float, float]:
 
 
 def _curve(scores: Scores, points: int = 120) -> tuple[tuple[float, float], ...]:
-    smooth, rough = scores.score[~scores.rough], scores.score[scores.rough]
+    smooth = scores.score[~scores.rough]
+    rough = scores.score[scores.rough]
     shares = np.concatenate(
         (np.geomspace(1e-3, 0.1, points // 2), np.linspace(0.1, 1, points // 2))
     )

@@ -208,10 +208,8 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
 def _decision_notes(delays: "DecisionDelays", model: str) -> str:
     from tactophone_lab.measurement.delays import MAX_DECISION_DELAY
 
-    touches, edges = (
-        len(delays.touch) + delays.missed_touches,
-        len(delays.edge) + delays.missed_edges,
-    )
+    touches = len(delays.touch) + delays.missed_touches
+    edges = len(delays.edge) + delays.missed_edges
     return (
         f"Decisions of the detector {model}: simulated finger, virtual time, packets "
         "of 2.5 ms; link and devices add "

@@ -177,7 +177,9 @@ class _Screen:
     take's quality."""
 
     def __init__(self, plan: SessionPlan, live: Live | None, *, attended: bool) -> None:
-        self._plan, self._live, self._attended = plan, live, attended
+        self._plan = plan
+        self._live = live
+        self._attended = attended
         self._meters: Meters | None = None
         self._stage: Stage | None = None
 
@@ -186,7 +188,8 @@ class _Screen:
             block.channels, self._plan.reference.threshold_dbfs
         )
         self._meters.push(block)
-        before, self._stage = self._stage, recorder.protocol.stage
+        before = self._stage
+        self._stage = recorder.protocol.stage
         if self._stage is Stage.REVIEW and before is not Stage.REVIEW:
             output.log().print(_quality(recorder), soft_wrap=True)
         if (
@@ -216,7 +219,8 @@ def _screen(
     recorder: Recorder, meters: Meters, plan: SessionPlan, *, unattended: bool
 ) -> Group:
     session = recorder.protocol
-    take, stage = session.take, session.stage
+    take = session.take
+    stage = session.stage
     total = {
         Stage.COUNTDOWN: plan.countdown,
         Stage.RECORDING: plan.duration,

@@ -33,7 +33,8 @@ def _listing(report: "HeightReport") -> Table:
     shown.append(("Rdq", f"{found.rdq:.4g}"))
     lines, columns = report.shape
     size = f"{columns} heights" if lines == 1 else f"{lines} rows of {columns} heights"
-    step, cutoff = 1e6 * report.step, 1e3 * report.cutoff
+    step = 1e6 * report.step
+    cutoff = 1e3 * report.cutoff
     return output.listing(
         [*shown, ("of", f"{size}, {step:.4g} um apart; Gaussian cut-off {cutoff:g} mm")]
     )

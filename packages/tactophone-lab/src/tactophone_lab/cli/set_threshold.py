@@ -77,9 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     goal: Goal
     if args.false_bumps is None:
-        goal, limit = "false_positive_rate", args.false_positives
+        goal = "false_positive_rate"
+        limit = args.false_positives
     else:
-        goal, limit = "false_bumps_per_minute", per_minute(args.false_bumps)
+        goal = "false_bumps_per_minute"
+        limit = per_minute(args.false_bumps)
     from tactophone_lab.app.set_threshold import set_threshold
 
     channels = read_model(model_path(args.model)).card.channels
@@ -131,7 +133,8 @@ def _verdict(choice: "ThresholdChoice") -> "str | Text":
             "one object of a class: nothing says whether this rule holds on others; "
             "record two or more"
         )
-    old, new = choice.left_out.before, choice.left_out.chosen
+    old = choice.left_out.before
+    new = choice.left_out.chosen
     note = (
         "on objects left out of the choice, smooth as rough is now "
         f"{new} as rendered (was {old})"

@@ -49,8 +49,10 @@ EXAMPLES = (
 
 
 def _fitted(result: Fitted) -> Iterator[output.Part]:
-    fit, start = result.fit, result.start
-    before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
+    fit = result.fit
+    start = result.start
+    before = fit.balanced_accuracy_before
+    after = fit.balanced_accuracy
     yield from findings_in_words(result.findings)
     rows = [
         (e.name, "rough" if e.rough else "smooth", e.before, e.after)
@@ -134,7 +136,8 @@ def _settings(args: argparse.Namespace) -> Settings:
 def run(args: argparse.Namespace) -> int:
     settings = _settings(args)
     file = args.out
-    smooth, rough = _names(args, "smooth"), _names(args, "rough")
+    smooth = _names(args, "smooth")
+    rough = _names(args, "rough")
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with console.single_keys() as has_keyboard, page or nullcontext():
         slides = [
@@ -202,7 +205,8 @@ def _fit_and_write(
 
 
 def _names(args: argparse.Namespace, label: str) -> list[str]:
-    given, usual = getattr(args, label), {"smooth": SMOOTH, "rough": ROUGH}[label]
+    given = getattr(args, label)
+    usual = {"smooth": SMOOTH, "rough": ROUGH}[label]
     names = (
         list(usual)
         if given is None

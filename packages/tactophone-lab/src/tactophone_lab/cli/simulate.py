@@ -35,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "an interruption"
     )
     add = add_action("dataset", words, _dataset).add_argument
-    takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
+    takes = ", ".join(take.name for take in TAKES)
+    cores = os.cpu_count() or 1
     _add_sound(add)
     add(
         "--seconds",

@@ -212,19 +212,18 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
 
 def _measure(recording: Recording) -> _Measurements:
     with open_sound(recording.path) as file:
-        peaks, railed, size, finite = (
-            np.zeros(file.channels),
-            np.zeros(file.channels, int),
-            0,
-            True,
-        )
+        peaks = np.zeros(file.channels)
+        railed = np.zeros(file.channels, int)
+        size = 0
+        finite = True
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
             magnitude = np.abs(samples)
             finite = finite and bool(np.isfinite(magnitude).all())
             peaks = np.maximum(peaks, np.nan_to_num(magnitude.max(axis=0), posinf=0.0))
             railed += clipped_samples(samples.T).sum(axis=1)
             size += len(samples)
-        peak, counts = tuple(peaks.tolist()), tuple(railed.tolist())
+        peak = tuple(peaks.tolist())
+        counts = tuple(railed.tolist())
         return _Measurements(
             file.samplerate,
             file.channels,
@@ -437,7 +436,8 @@ def _measure_contact(
         return None
     # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings
     # still differ.
-    samples, rate = sound.samples.round(4), sound.sample_rate
+    samples = sound.samples.round(4)
+    rate = sound.sample_rate
     channel = (
         recording.channels.index("contact")
         if "contact" in recording.channels
@@ -464,7 +464,8 @@ def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
         one, two = (_shape(path) for path in (contact, air))
     except DatasetError as error:
         return f"its pair cannot be read: {error}", True
-    name, rate = air.name, one.sample_rate
+    name = air.name
+    rate = one.sample_rate
     if one.channels != 1 or two.channels != 1:
         return (
             f"it and {name} hold {one.channels} and {two.channels} channels; two mono "
@@ -528,7 +529,9 @@ def _shape(path: Path) -> _Shape:
 def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
     """Return the power of each cell of a mono file, read in blocks: an hour of silence
     is a small file."""
-    cell, last, parts = max(1, round(LAG_CELL * rate)), None, [np.empty(0)]
+    cell = max(1, round(LAG_CELL * rate))
+    last = None
+    parts = [np.empty(0)]
     with open_sound(path) as file:
         for block in file.blocks(
             cell * max(1, READ_SIZE // cell), dtype="float32", frames=size
@@ -550,7 +553,8 @@ def _cell_powers(path: Path, size: int, rate: int) -> NDArray[np.float64]:
 def _lag(*levels: NDArray[np.float64]) -> tuple[float, float]:
     """Return by how many s the second of two levels is late, and their correlation at
     it."""
-    count, reach = min(map(len, levels)), round(LONGEST_LAG / LAG_CELL)
+    count = min(map(len, levels))
+    reach = round(LONGEST_LAG / LAG_CELL)
     levels = tuple(level[:count] for level in levels)
     norm = float(np.linalg.norm(levels[0]) * np.linalg.norm(levels[1]))
     if count < 2 or norm == 0:

@@ -202,10 +202,8 @@ def _card(dataset: Dataset) -> Iterator[str]:
     infos = [
         sound_info(path) for path in paths if path.is_file() and path.stat().st_size
     ]
-    minutes, rates = (
-        sum(info.duration for info in infos) / 60,
-        sorted({info.sample_rate for info in infos}),
-    )
+    minutes = sum(info.duration for info in infos) / 60
+    rates = sorted({info.sample_rate for info in infos})
     channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (
         f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, "

@@ -157,7 +157,8 @@ def _parse_name(path: Path) -> _Name:
             others.append(part)
     stem = path.stem
     if not microphone and (match := _MICROPHONE_AT_END.fullmatch(stem)):
-        stem, microphone = match["rest"], MICROPHONE_WORDS[match["word"].lower()]
+        stem = match["rest"]
+        microphone = MICROPHONE_WORDS[match["word"].lower()]
     surface, take = ("/".join(others), stem) if others else surface_and_take(stem)
     if not label:
         label = next(

@@ -81,13 +81,15 @@ def write_demonstration(
         demonstration(seed, tip=tip, place=place if any(names) else None)
         for place in range(len(names))
     ]
-    hand, size = SimulatedHand(fingers), max(finger.end or 0 for finger in fingers)
+    hand = SimulatedHand(fingers)
+    size = max(finger.end or 0 for finger in fingers)
     blocks: list[FloatArray] = []
     touched: list[list[NDArray[np.int16]]] = []
     for start in range(0, size, DEMONSTRATION_BLOCK):
         blocks.append(hand.render(min(DEMONSTRATION_BLOCK, size - start)).samples)
         touched.append([finger.truth.object_index for finger in fingers])
-    samples, recordings = np.concatenate(blocks), []
+    samples = np.concatenate(blocks)
+    recordings = []
     for place, name in enumerate(names):
         path = folder / f"{'-'.join(filter(None, ('microphones', name)))}.wav"
         with atomic_write(path) as part:
@@ -135,12 +137,10 @@ class _Stroking(AlwaysOpen):
         scripts: Sequence[Script],
         block_size: int,
     ) -> None:
-        self._scene, self._hand, self._scripts, self._block_size = (
-            scene,
-            hand,
-            scripts,
-            block_size,
-        )
+        self._scene = scene
+        self._hand = hand
+        self._scripts = scripts
+        self._block_size = block_size
         self.channels = hand.channels
 
     def __iter__(self) -> Iterator[AudioBlock]:
@@ -196,7 +196,8 @@ class StrokingFinger(_Stroking):
 
     def _queue_visit(self) -> None:
         stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
-        force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
+        force = self._rng.uniform(0.8, 2.5)
+        speed = self._rng.uniform(0.04, 0.12)
         visit = Visit(
             self._rng.uniform(1.5, 3.0),
             force,

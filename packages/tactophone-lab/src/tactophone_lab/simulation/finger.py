@@ -94,13 +94,12 @@ class Finger(NamedTuple):
         """
         if not degrees:
             return self  # to the bit
-        along, across = (
-            np.cos(np.radians(degrees)) ** 2,
-            np.sin(np.radians(degrees)) ** 2,
-        )
+        along = np.cos(np.radians(degrees)) ** 2
+        across = np.sin(np.radians(degrees)) ** 2
 
         def turned(first: str, second: str, power: float) -> dict[str, float]:
-            one, other = getattr(self, first) ** power, getattr(self, second) ** power
+            one = getattr(self, first) ** power
+            other = getattr(self, second) ** power
             return {
                 first: float((along * one + across * other) ** (1 / power)),
                 second: float((along * other + across * one) ** (1 / power)),

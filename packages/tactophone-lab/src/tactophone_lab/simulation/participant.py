@@ -90,10 +90,8 @@ class SimulatedParticipant(AlwaysOpen):
         """Stroke to and fro without a pause for ``duration`` s."""
         script = self._script()
         script.land(PRESS)
-        left, right = (
-            self._placed.left + 0.01,
-            self._placed.left + self._placed.width - 0.01,
-        )
+        left = self._placed.left + 0.01
+        right = self._placed.left + self._placed.width - 0.01
         while script.time < self._now + duration:
             script.stroke(
                 left if script.x > self._placed.centre[0] else right, STROKE, PRESS
@@ -111,7 +109,8 @@ class SimulatedParticipant(AlwaysOpen):
     def move(self, duration: float) -> None:
         """Move in the air for ``duration`` s, with three starts and stops, and touch
         nothing."""
-        script, reach = self._script(), 0.4 * self._placed.width
+        script = self._script()
+        reach = 0.4 * self._placed.width
         for part in range(1, 4):
             while script.time < self._now + part * duration / 3 - STROKE:
                 script.hover(STROKE, x=self._placed.centre[0] + (reach := -reach))

@@ -133,7 +133,8 @@ class SimulatedFinger(AlwaysOpen):
         self.scene = scene
         self._finger = session.finger
         self.end = None if duration is None else round(duration * LIVE_SAMPLE_RATE)
-        self._block_size, self._position = block_size, 0
+        self._block_size = block_size
+        self._position = 0
         self._hand = MoveFollower(
             scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE
         )
@@ -227,7 +228,8 @@ class SimulatedFinger(AlwaysOpen):
     def record(self, contacts: Contacts) -> AudioBlock:
         """Return the sound of contacts: the finger's own, and what reaches it through
         a hand."""
-        samples, size = self._microphones.convert(*contacts), len(contacts.motor)
+        samples = self._microphones.convert(*contacts)
+        size = len(contacts.motor)
         block = AudioBlock(samples, LIVE_SAMPLE_RATE, self._position)
         self._position += size
         return block
@@ -236,7 +238,8 @@ class SimulatedFinger(AlwaysOpen):
 def _ground(scene: Scene, session: SessionVariation) -> Ground:
     """Make the kernel's tables of all that can be touched."""
     objects = scene.objects
-    finger, flexure = session.finger, session.flexure
+    finger = session.finger
+    flexure = session.flexure
     tracks = [
         track(obj.surface, obj.material, finger.tip_radius, finger.tip_modulus)
         for obj in objects
@@ -268,7 +271,8 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
 
 
 def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) -> None:
-    material, mechanics = obj.material, traced.mechanics
+    material = obj.material
+    mechanics = traced.mechanics
     body["stiffness"] = mechanics.hertz_stiffness
     # Adhesion goes with the true contact area: a hard tip on stone hardly sticks,
     # whatever is polished.

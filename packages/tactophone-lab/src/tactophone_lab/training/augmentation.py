@@ -60,10 +60,8 @@ class Augmentation:
         frequency = np.asarray(np.fft.rfftfreq(size, 1 / rate), np.float64)
         low_pass, noise, room = rng.random(3) < self.share
         found = np.empty_like(sound)
-        cutoff, snr_db = (
-            np.exp(rng.uniform(*np.log(self.low_pass_hz))),
-            rng.uniform(*self.snr_db),
-        )
+        cutoff = np.exp(rng.uniform(*np.log(self.low_pass_hz)))
+        snr_db = rng.uniform(*self.snr_db)
         for channel in range(sound.shape[1]):
             response = 10 ** (self._equaliser(frequency, rng) / 20) + 0j
             if low_pass:

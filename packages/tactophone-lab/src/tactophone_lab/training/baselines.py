@@ -85,7 +85,8 @@ def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
     """Fit a threshold of one cue between smooth and rough."""
     from sklearn.linear_model import LogisticRegression
 
-    column, examples = CUES.index(cue), training_set.examples.thinned()
+    column = CUES.index(cue)
+    examples = training_set.examples.thinned()
     model = LogisticRegression().fit(
         examples.features[:, [column]], examples.rough, sample_weight=examples.weights()
     )
@@ -188,7 +189,8 @@ class FeatureRecipe:
             "sha256": dataset.fingerprint,
             "through": ["nothing", *through],
         }
-        spec, tip = training_set.spec, training_set.tip
+        spec = training_set.spec
+        tip = training_set.tip
         size, hop = WINDOWS[spec.kind]
         settings = (
             {"microphone": spec.microphone, "memory": spec.memory}

@@ -106,7 +106,9 @@ def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
     lowest, highest = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
     edges = 700 * (10 ** (np.linspace(lowest, highest, BAND_COUNT + 2) / 2595) - 1)
     bins = np.fft.rfftfreq(size, 1 / sample_rate)[:, None]
-    low, middle, high = edges[:-2], edges[1:-1], edges[2:]
+    low = edges[:-2]
+    middle = edges[1:-1]
+    high = edges[2:]
     bands = np.clip(
         np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)),
         0,
@@ -175,11 +177,10 @@ class Bands(_Module):
     def forward(self, sound: Tensor) -> Tensor:
         """Return ``(windows, channels, BAND_COUNT)`` of sound ``(windows, channels,
         samples)``."""
-        first, last = (
-            sound[..., 1 : self.middle + 1],
-            sound[..., self.middle :].flip(-1),
-        )
-        real, imaginary = (first + last) @ self.even, (first - last) @ self.odd
+        first = sound[..., 1 : self.middle + 1]
+        last = sound[..., self.middle :].flip(-1)
+        real = (first + last) @ self.even
+        imaginary = (first - last) @ self.odd
         return (real * real + imaginary * imaginary) @ self.bank
 
 
@@ -199,7 +200,8 @@ class Texture(_Module):
     def __init__(
         self, size: int, sample_rate: int, *, unevenness: bool = False
     ) -> None:
-        newest, shapes = size // 2, slice(BAND_COUNT, BAND_VALUES)
+        newest = size // 2
+        shapes = slice(BAND_COUNT, BAND_VALUES)
         to_values = np.eye(BAND_VALUES + unevenness)
         to_values[shapes, shapes] = _SHAPE_MATRIX
         to_values[BAND_VALUES:] /= 2
@@ -309,12 +311,10 @@ class Statistics(_Module):
             .swapaxes(0, 1)
             .ravel(),
         )
-        self.channels, self.values, self.one, self.entry = (
-            channels,
-            values,
-            one,
-            1 + 2 * one,
-        )
+        self.channels = channels
+        self.values = values
+        self.one = one
+        self.entry = 1 + 2 * one
 
     def forward(
         self,
@@ -365,7 +365,8 @@ class Statistics(_Module):
         fading: Tensor,
     ) -> Tensor:
         """Return the state after a window in contact, where ``touching`` is 1."""
-        one, entry = self.one, self.entry
+        one = self.one
+        entry = self.entry
         sizes = [2 * entry, (BEFORE - 2) * entry, 1, one, one + entry, 1, 1]
         old, _, evidence, before, _, count, quiet = torch.split(state, sizes, 1)
         window = touching, description, description * description
@@ -413,14 +414,10 @@ def parts(state: Any, channels: int, values: int) -> dict[str, Any]:
 
 
 def _sizes(one: int) -> dict[str, int]:
-    newest, running = (
-        {"newest evidence": 1, "newest": 2 * one},
-        {"evidence": 1, "running": 2 * one},
-    )
-    between, before = (
-        {"between": (BEFORE - 1) * (1 + 2 * one)},
-        {"evidence before": 1, "before": 2 * one},
-    )
+    newest = {"newest evidence": 1, "newest": 2 * one}
+    running = {"evidence": 1, "running": 2 * one}
+    between = {"between": (BEFORE - 1) * (1 + 2 * one)}
+    before = {"evidence before": 1, "before": 2 * one}
     return newest | running | between | before | {"count": 1, "quiet": 1}
 
 
@@ -472,7 +469,8 @@ class Cues(_Module):
         """Return ``(windows, cues)`` of sound ``(windows, channels, samples)``."""
         squares = sound.double() ** 2
         contact = squares[:, 0]
-        power, peak = contact.mean(-1) + FAINT_POWER, contact.amax(-1) + FAINT_POWER
+        power = contact.mean(-1) + FAINT_POWER
+        peak = contact.amax(-1) + FAINT_POWER
         air = (
             squares[:, 1].mean(-1) + FAINT_POWER
             if sound.shape[1] > 1
@@ -509,7 +507,8 @@ class Cues(_Module):
     def _frequencies(self, contact: Tensor) -> tuple[Tensor, Tensor]:
         """Return the centroid of the power spectrum, and the frequency with half of the
         power on either side."""
-        size, taper = self.size, self.taper.double()
+        size = self.size
+        taper = self.taper.double()
         parts = torch.stft(
             contact,
             size,
@@ -536,7 +535,8 @@ class Whole(_Module):
         super().__init__(
             columns=np.repeat(np.arange(statistics.channels), 2 * statistics.values)
         )
-        self.texture, self.statistics = texture, statistics
+        self.texture = texture
+        self.statistics = statistics
 
     def forward(self, sound: Tensor, *others: Tensor) -> tuple[Tensor, Tensor]:
         """Return features ``(fingers, features)`` and state, of sound and what
@@ -603,10 +603,8 @@ def run_statistics(
         "fading": np.array(fading),
     }
     for first in range(0, len(descriptions), _TOGETHER):
-        together, touching = (
-            descriptions[first : first + _TOGETHER],
-            contact[first : first + _TOGETHER],
-        )
+        together = descriptions[first : first + _TOGETHER]
+        touching = contact[first : first + _TOGETHER]
         longest = max(map(len, together))
         # Time first. After a shorter recording's end its state means nothing.
         padded = np.zeros((longest, len(together), channels, values), np.float32)
@@ -662,12 +660,14 @@ def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) ->
         else Cues(size, FEATURE_RATE)
     )
     sound = torch.zeros(1, channels, size)
-    inputs, outputs = {SOUND: sound}, [FEATURES]
+    inputs = {SOUND: sound}
+    outputs = [FEATURES]
     if part != "description":
         description = module(sound).float()
         values = description.shape[-1]
         first = {SOUND: sound} if part == "whole" else {DESCRIPTION: description}
-        statistics, outputs = Statistics(channels, values), [FEATURES, STATE_OUT]
+        statistics = Statistics(channels, values)
+        outputs = [FEATURES, STATE_OUT]
         module = (
             Whole(module, statistics)
             if isinstance(module, Texture) and part == "whole"

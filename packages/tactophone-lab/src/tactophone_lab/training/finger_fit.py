@@ -277,7 +277,8 @@ def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
     pieces = np.array_split(
         (sound.logit > 0) != sound.rough, max(1, len(sound.logit) // FIT_PIECE)
     )
-    wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
+    wrong = sum(bool(np.mean(piece) > 0.5) for piece in pieces)
+    count = len(pieces)
     chance = (
         sum(math.comb(count, more) for more in range(wrong, count + 1)) / 2.0**count
     )
@@ -346,7 +347,8 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
 def _leave_out(
     sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int
 ) -> LeftOut:
-    before, after = _share(sound.logit, sound.rough), math.nan
+    before = _share(sound.logit, sound.rough)
+    after = math.nan
     rest = [other for other in sounds if other is not sound]
     # Without this object all others may be smooth, or all rough: then there is no
     # boundary to fit.

@@ -117,7 +117,9 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
     """Return the graph of a model file: from sound to features, then the classifier."""
     model = onnx.ModelProto()
     model.CopyFrom(classifier)
-    graph, before, (features,) = model.graph, front.graph, classifier.graph.input
+    graph = model.graph
+    before = front.graph
+    (features,) = classifier.graph.input
     nodes = [*before.node, *graph.node]
     del graph.node[:], graph.input[:]
     graph.node.extend(nodes)
@@ -284,7 +286,8 @@ def build_classifier_graph(
     classifier: LinearClassifier, *, channels: int
 ) -> onnx.ModelProto:
     """Build the graph of the recipe ``texture``'s classifier."""
-    count, sets = len(classifier.centre), len(classifier.biases)
+    count = len(classifier.centre)
+    sets = len(classifier.biases)
     # Logits and whitened features are one matrix product; standardising is folded into
     # its weights.
     whitening = classifier.whitening * np.sqrt(STEEPNESS / classifier.limit / count)
@@ -540,7 +543,9 @@ def _layers(weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
 def _linear(
     name: str, value: str, weights: Weights, storage: Storage
 ) -> Iterator[onnx.NodeProto]:
-    weight, bias, out = f"{name}.weight", f"{name}.bias", f"{name}:out"
+    weight = f"{name}.weight"
+    bias = f"{name}.bias"
+    out = f"{name}:out"
     size = _block_size(weight, storage)
     if not size:
         yield helper.make_node("Gemm", [value, weight, bias], [out], transB=1)

@@ -152,7 +152,9 @@ def find_windows(
     thresholds = {
         touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)
     }
-    starts, window_labels, offset = [], [], 0
+    starts = []
+    window_labels = []
+    offset = 0
     for signal, touch, loud in zip(signals, labels, loudness, strict=True):
         contact = loud > thresholds[touch]
         # Starts are counted within the recording, then moved to its place in the

@@ -91,7 +91,8 @@ def import_published(source: Path, target: Path) -> None:
             f"{_short(factor)}, "
             f"but {NETWORK_WINDOW_SIZE} at 48 kHz / {_FACTOR} can be run"
         )
-    threshold, gate = held.get("contact_threshold"), REFERENCE_GATE
+    threshold = held.get("contact_threshold")
+    gate = REFERENCE_GATE
     if isinstance(threshold, float | int) and 0 < threshold < 1:
         gate = Gate(round(20 * math.log10(threshold), 2), "mean_absolute")
     card = make_card(

@@ -102,7 +102,8 @@ def configure(
     ``start`` is a model file to continue from, and ``calibration`` replaces the contact
     threshold; both for the paper's network alone.
     """
-    recipe, options = RECIPES[name], options or TrainingOptions()
+    recipe = RECIPES[name]
+    options = options or TrainingOptions()
     if recipe.features == "magnitudes":
         from tactophone_lab.training.trainer import network_recipe
 

@@ -175,7 +175,8 @@ def _read_at(
     blocks = list(recording.blocks(channels=channels, single=microphone))
     if not blocks:
         return np.zeros((0, channels), np.float32)
-    sample_rate, pieces = blocks[0].sample_rate, [block.samples for block in blocks]
+    sample_rate = blocks[0].sample_rate
+    pieces = [block.samples for block in blocks]
     if codec:
         if sample_rate != LIVE_SAMPLE_RATE:
             raise DatasetError(
@@ -254,7 +255,8 @@ def _extract_track(
     windows = windows[starts].swapaxes(1, 2)
     level_dbfs = banded_levels(windows[:, :, CONTACT])
     present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
-    start, end = starts / FEATURE_RATE, (starts + size) / FEATURE_RATE
+    start = starts / FEATURE_RATE
+    end = (starts + size) / FEATURE_RATE
     from tactophone_lab.training import features  # here, as it needs torch
 
     return FeatureTrack(

@@ -109,12 +109,10 @@ class TrainingRun:
         torch.set_float32_matmul_precision(float32_products())
         torch.use_deterministic_algorithms(True)
         torch.set_flush_denormal(True)
-        self._windows, self._settings, self._seed, self._path = (
-            windows,
-            settings,
-            seed,
-            checkpoint_path,
-        )
+        self._windows = windows
+        self._settings = settings
+        self._seed = seed
+        self._path = checkpoint_path
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             new = make_network or partial(PaperNetwork, settings.channels)
@@ -126,9 +124,13 @@ class TrainingRun:
         self._skip = self._restore()
 
     def __iter__(self) -> Iterator[Progress]:
-        windows, settings, seed = self._windows, self._settings, self._seed
+        windows = self._windows
+        settings = self._settings
+        seed = self._seed
         epochs = _epoch_sizes(windows, settings, seed)
-        loss, written, step = float("nan"), time.monotonic(), 0
+        loss = float("nan")
+        written = time.monotonic()
+        step = 0
         for epoch in range(len(epochs)):
             for which in batches(
                 windows,
@@ -204,7 +206,8 @@ class TrainingRun:
         try:
             # Numbers, text and tensors alone: no code of the file runs.
             held = torch.load(self._path, weights_only=True)
-            identity, steps = held["identity"], int(held["steps"])
+            identity = held["identity"]
+            steps = int(held["steps"])
         except (
             OSError,
             EOFError,
