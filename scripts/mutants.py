@@ -2,8 +2,9 @@
 docs/reference/threat-model.md, runs the tests of its room on each, and prints the
 faults that no test finds.
 
-Each fault, a *mutant*, stands in memory alone, and is tested in a process forked from
-one that has the libraries already. A mutant that survives is a promise that no test
+Each fault, a *mutant*, is tested in a process forked from one that has the libraries
+already. The fault stands in memory there, and in a package of links for the processes
+that the tests start; the files of the repository stay as they are. A mutant that survives is a promise that no test
 holds, or an equivalent one: no input tells it from the original.
 
     python scripts/mutants.py --files limits,gate --share 0.2 --seed 1
@@ -24,8 +25,9 @@ import os
 import random
 import signal
 import sys
+import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,12 +46,14 @@ class Target:
     """A file and the tests of its room, those that kill most first.
 
     - ``tests``: names in the room of the file, or paths from the folder of tests.
-    - ``realtime``: whether tests that start real servers and threads are among them.
+    - ``realtime``, ``slow``: whether tests that start real servers and threads are among
+      them, and those that take long.
     """
 
     file: str
     tests: str
     realtime: bool = False
+    slow: bool = False
 
     @property
     def path(self) -> Path:
@@ -70,8 +74,8 @@ class Target:
 
     @property
     def marks(self) -> str:
-        left_out = "not package and not slow"
-        return left_out if self.realtime else f"not realtime and {left_out}"
+        wanted = {"package": False, "realtime": self.realtime, "slow": self.slow}
+        return " and ".join(f"not {mark}" for mark, runs in wanted.items() if not runs)
 
     def faults(self, kinds: Sequence[str]) -> list[Change]:
         tree = ast.parse(self.path.read_text("utf-8"))
@@ -149,7 +153,7 @@ TARGETS = {
     "guard": Target("net/call/guard.py", "test_guard.py test_allowed.py"),
     "security": Target("faces/web/security.py", "test_security.py test_requests.py"),
     "connections": Target("faces/web/connections.py", "test_places.py test_guards.py"),
-    "processes": Target("core/processes.py", "test_processes.py"),
+    "processes": Target("core/processes.py", "test_processes.py", slow=True),
 }
 
 
@@ -176,9 +180,51 @@ class _Finder(importlib.abc.MetaPathFinder):
         return None
 
 
-def survives(target: Target, tree: ast.Module, limit: float) -> bool:
+class Overlay:
+    """The package as links to its files, one of them replaced: what a new process
+    imports."""
+
+    def __init__(self, folder: Path) -> None:
+        self._package = folder / PACKAGE.name
+        self._written = 0
+        for path in sorted(PACKAGE.rglob("*")):
+            if "__pycache__" in path.parts:
+                continue
+            link = self._package / path.relative_to(PACKAGE)
+            if path.is_dir():
+                link.mkdir(parents=True)
+            else:
+                link.parent.mkdir(parents=True, exist_ok=True)
+                link.symlink_to(path)
+        # A process takes the first folder that has the package; one that is spawned gets
+        # the path of this one.
+        sys.path.insert(0, str(folder))
+        before = os.environ.get("PYTHONPATH", "")
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(folder), before]))
+
+    @contextlib.contextmanager
+    def replacing(self, target: Target, tree: ast.Module) -> Iterator[None]:
+        path = self._package / target.file
+        path.unlink()
+        path.write_text(ast.unparse(tree), encoding="utf-8")
+        # Python tells a changed file by its size and the second of its change.
+        self._written += 1
+        os.utime(path, (self._written, self._written))
+        try:
+            yield
+        finally:
+            path.unlink()
+            path.symlink_to(target.path)
+
+
+def survives(target: Target, tree: ast.Module, overlay: Overlay, limit: float) -> bool:
     """Whether all tests pass on a mutant, in a process of its own that ends after
     ``limit`` seconds."""
+    with overlay.replacing(target, tree):
+        return _passes(target, tree, limit)
+
+
+def _passes(target: Target, tree: ast.Module, limit: float) -> bool:
     if child := os.fork():
         return os.waitpid(child, 0)[1] == 0
     # A group of its own, so that what the tests start ends with it.
@@ -201,12 +247,12 @@ def survives(target: Target, tree: ast.Module, limit: float) -> bool:
     os._exit(failed)
 
 
-def limit_of(target: Target) -> float:
+def limit_of(target: Target, overlay: Overlay) -> float:
     """Return how long (s) a mutant's tests may take: four times as long as the same
     tests take on the original, where they have to pass."""
     begin = time.monotonic()
     tree = ast.parse(target.path.read_text("utf-8"))
-    if not survives(target, tree, 600):
+    if not survives(target, tree, overlay, 600):
         sys.exit(
             f"{target.file}: its tests fail already; run pytest "
             f"-m '{target.marks}' {' '.join(target.paths)}"
@@ -214,16 +260,16 @@ def limit_of(target: Target) -> float:
     return 5 + 4 * (time.monotonic() - begin)
 
 
-def run(target: Target, chosen: Sequence[Change]) -> int:
+def run(target: Target, chosen: Sequence[Change], overlay: Overlay) -> int:
     """Test some faults of one file; print the survivors, and return their number."""
-    limit = limit_of(target)
+    limit = limit_of(target, overlay)
     tree = ast.parse(target.path.read_text("utf-8"))
     # A fault belongs to the tree that it was found in.
     same = {str(change): change for change in changes(tree)}
     alive = 0
     for change in chosen:
         mutant = same[str(change)].made_in(tree)
-        if survives(target, mutant, limit):
+        if survives(target, mutant, overlay, limit):
             alive += 1
             print(f"{target.file}:{change}", flush=True)
     killed = len(chosen) - alive
@@ -293,7 +339,11 @@ def main() -> None:
                 print(f"{TARGETS[name].file}:{change}")
         return
     load_libraries(list(chosen))
-    alive = sum(run(TARGETS[name], found) for name, found in chosen.items())
+    with tempfile.TemporaryDirectory() as folder:
+        overlay = Overlay(Path(folder))
+        alive = sum(
+            run(TARGETS[name], found, overlay) for name, found in chosen.items()
+        )
     total = sum(map(len, chosen.values()))
     print(f"{total} mutants, {alive} survived", flush=True)
 

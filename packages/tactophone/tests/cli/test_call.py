@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from tactophone.cli import call
+from tactophone.cli import call, main
 from tactophone.core.errors import ConfigError
 from tactophone.net.call.process import Found
 from tactophone.net.link.identity import Peers
@@ -149,3 +149,17 @@ def test_what_begins_as_a_code_and_is_none_is_told_at_once(said: list[str]) -> N
         ConfigError, match="is no code: a code is a number and two words"
     ):
         call.code_as_shown(said)
+
+
+def test_without_a_standard_input_nobody_can_accept_a_call(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """As after ``tactophone answer CODE <&-``."""
+    monkeypatch.setattr("sys.stdin", None)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert main(["answer", "7-crossover-clockwork"]) == 1
+    said = capsys.readouterr().err
+    assert "add --yes to accept" in said
+    assert "Traceback" not in said

@@ -98,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     answers = args.verb == "answer"
     args.code = code_as_shown(args.code if answers else [args.code])
-    if answers and not args.yes and not sys.stdin.isatty():
+    # Python has no standard input at all where it was closed.
+    if answers and not args.yes and not (sys.stdin and sys.stdin.isatty()):
         raise ConfigError(
             "nobody can accept the call, as there is no terminal: add --yes to accept "
             "whoever has the code"

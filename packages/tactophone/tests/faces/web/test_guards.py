@@ -1,12 +1,13 @@
 """What a page may feel and do, decided without a server: nothing where it is muted, and
 less from another machine."""
 
+import asyncio
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from aiohttp import web
+from aiohttp import WSMessage, WSMsgType, web
 
 from tactophone.core.types import (
     AudioBlock,
@@ -16,7 +17,7 @@ from tactophone.core.types import (
     Touch,
 )
 from tactophone.faces.web.devices import command_of
-from tactophone.faces.web.views import is_local
+from tactophone.faces.web.views import is_local, messages_of
 from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.watcher import Watcher
 from tactophone.live.telemetry.writer import Telemetry
@@ -54,3 +55,37 @@ def test_a_page_is_local_where_both_ends_have_one_address(
     request = SimpleNamespace(transport=SimpleNamespace(get_extra_info=ends.get))
     assert is_local(cast(web.Request, request)) is local
     assert not is_local(cast(web.Request, SimpleNamespace(transport=None)))
+
+
+class LeftView:
+    """A page that asks for an answer and has left."""
+
+    def __init__(self, *messages: WSMessage) -> None:
+        self._messages = list(messages)
+        self.answered = 0
+
+    def __aiter__(self) -> "LeftView":
+        return self
+
+    async def __anext__(self) -> WSMessage:
+        if not self._messages:
+            raise StopAsyncIteration
+        return self._messages.pop(0)
+
+    async def pong(self, _: bytes) -> None:
+        self.answered += 1
+        raise ConnectionError("Connection lost")
+
+
+def test_a_page_that_leaves_before_its_ping_is_answered_is_no_fault_of_ours() -> None:
+    ping, text = (
+        WSMessage(kind, b"", None) for kind in (WSMsgType.PING, WSMsgType.TEXT)
+    )
+    view = LeftView(text, ping, text)
+
+    async def receive() -> list[WSMessage]:
+        messages = messages_of(cast(web.WebSocketResponse, view))
+        return [message async for message in messages]
+
+    assert asyncio.run(receive()) == [text]
+    assert view.answered == 1

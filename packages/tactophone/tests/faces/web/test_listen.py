@@ -3,6 +3,7 @@
 import asyncio
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -59,6 +60,20 @@ async def _reason(view: aiohttp.ClientWebSocketResponse) -> tuple[int, str]:
         if received.type is aiohttp.WSMsgType.CLOSE:
             return received.data, received.extra
         assert received.type is not aiohttp.WSMsgType.CLOSED
+
+
+@pytest.mark.parametrize("path", ["live", "feel", "listen"])
+def test_a_flood_of_pings_is_closed(page: Page, run: Run, path: str) -> None:
+    async def flood() -> tuple[int, str]:
+        async with aiohttp.ClientSession() as session:
+            view = await _open(session, page, f"{path}?v=1")
+            with suppress(ConnectionError):
+                for _ in range(3000):
+                    await view.ping(b"p" * 125)
+            return await _reason(view)
+
+    assert asyncio.run(flood())[0] == FLOOD
+    assert run.state.armed
 
 
 def test_sound_is_passed_on_as_it_is(page: Page, sound: Connection) -> None:

@@ -23,7 +23,7 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from tactophone.faces.web.connections import RUNNER, Acceptor, FloodGate, listen
+from tactophone.faces.web.connections import RUNNER, Acceptor, listen, messages_of
 from tactophone.live.log.log_topics import PACKETS, Message, Topic, topics_of
 from tactophone.live.log.reader import RunReader
 from tactophone.live.log.sound import SoundMessages
@@ -172,7 +172,7 @@ class FoxgloveBridge:
                 text=f"{FOXGLOVE_VIEWERS} viewers are connected already: close one.\n",
             )
         view = web.WebSocketResponse(
-            protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20
+            protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20, autoping=False
         )
         await view.prepare(request)
         if view.ws_protocol is None:
@@ -191,16 +191,18 @@ class FoxgloveBridge:
             "supportedEncodings": ["json", "protobuf"],
             "sessionId": secrets.token_hex(4),
         }
-        await view.send_str(json.dumps(info))
-        await view.send_str(self._advertised)
+        try:
+            await view.send_str(json.dumps(info))
+            await view.send_str(self._advertised)
+        except ConnectionError:  # it has left already
+            return view
         self._viewers.add(viewer)
         sending = asyncio.ensure_future(viewer.send())
-        gate = FloodGate(MESSAGES_PER_SECOND)
         try:
-            async for message in view:
-                if gate.overflows():
-                    await view.close(code=1008, message=b"too many messages")
-                elif message.type is web.WSMsgType.TEXT:
+            async for message in messages_of(
+                view, rate=MESSAGES_PER_SECOND, code=1008, reason="too many messages"
+            ):
+                if message.type is web.WSMsgType.TEXT:
                     viewer.obey(message.data)
         finally:
             self._viewers.discard(viewer)

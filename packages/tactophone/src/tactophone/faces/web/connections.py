@@ -11,12 +11,13 @@ import socket
 import ssl
 import time
 from collections import Counter
+from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
 from tactophone.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from aiohttp import web
+    from aiohttp import WSMessage, web
 
 MOST = 64
 """Open connections; a browser has a handful for each page."""
@@ -241,6 +242,31 @@ class FloodGate:
         self._level = max(0.0, self._level - self._rate * (now - self._time)) + amount
         self._time = now
         return self._level > self._rate
+
+
+async def messages_of(
+    view: "web.WebSocketResponse", *, rate: float, code: int, reason: str
+) -> AsyncIterator["WSMessage"]:
+    """Yield what a page sends until it leaves, or sends more than ``rate`` messages a
+    second and is closed with a code and its reason.
+
+    The view is made with ``autoping=False``, or aiohttp would answer pings in any
+    number by itself, and raise where their sender has left.
+    """
+    from aiohttp import WSMsgType
+
+    gate = FloodGate(rate)
+    async for message in view:
+        if gate.overflows():
+            await view.close(code=code, message=reason.encode())
+            return
+        if message.type is WSMsgType.PING:
+            try:
+                await view.pong(message.data)
+            except ConnectionError:
+                return
+        elif message.type is not WSMsgType.PONG:
+            yield message
 
 
 class _Counted(logging.Filter):

@@ -185,7 +185,7 @@ class PageMicrophone:
             return view
         self._view = view
         gate = FloodGate(SOUND_RATE)
-        async for message in view:
+        async for message in messages_of(view):
             data = message.data
             if message.type is not WSMsgType.BINARY or not is_sound(data):
                 await view.close(

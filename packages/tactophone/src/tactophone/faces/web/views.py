@@ -19,7 +19,8 @@ from typing import Any
 
 from aiohttp import WSMessage, web
 
-from tactophone.faces.web.connections import Acceptor, FloodGate
+from tactophone.faces.web import connections
+from tactophone.faces.web.connections import Acceptor
 from tactophone.faces.web.security import HEADERS, AccessControl
 
 PAGE_VERSION = "1"
@@ -38,6 +39,9 @@ TOO_MANY = 4003
 
 FLOOD = 4008
 """Close code: the page sends too much."""
+
+FLOODS = "this page sends too much: reload it"
+"""What such a page shows."""
 
 MAX_MESSAGE_BYTES = 4_096
 """Bytes of a message from a page."""
@@ -128,7 +132,7 @@ async def admit(
     """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too
     many, or it is too old."""
     view = web.WebSocketResponse(
-        heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False
+        heartbeat=20, autoping=False, max_msg_size=MAX_MESSAGE_BYTES, compress=False
     )
     try:
         await view.prepare(request)
@@ -156,11 +160,9 @@ def finger_of(request: web.Request) -> int:
 
 async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
     """Yield what a page sends until it leaves, or floods and is closed."""
-    gate = FloodGate(FLOOD_RATE)
-    async for message in view:
-        if gate.overflows():
-            await end_flood(view)
-            return
+    async for message in connections.messages_of(
+        view, rate=FLOOD_RATE, code=FLOOD, reason=FLOODS
+    ):
         yield message
 
 
@@ -193,7 +195,7 @@ async def exchange(
 
 async def end_flood(view: web.WebSocketResponse) -> None:
     """Close a page that floods; the run never notices."""
-    await view.close(code=FLOOD, message=b"this page sends too much: reload it")
+    await view.close(code=FLOOD, message=FLOODS.encode())
 
 
 class Answers:
