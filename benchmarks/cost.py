@@ -551,21 +551,24 @@ def deciding(
     from tactophone.live.telemetry.writer import Telemetry
     from tactophone.net.endpoints import OperatorEndpoint
     from tactophone.signal.haptics.oscillator import Oscillator
+    from tactophone.signal.perception.model_file import Engine
 
     settings = settings_of(fingers)
     alone, whole = (wiring.open_endpoint(settings, session).hand for _ in range(2))
     detector, windows = (
-        alone.pipelines[0].detector.main.detector,
+        alone.pipelines[0].detector.main.window_detector,
         MEASURED * PACKET // 512,
     )
     shape = detector.card.channels, detector.card.window_size
+    engine = Engine(detector.network.session)
+    memory = engine.new_state()
     window = [
         np.random.default_rng(0).normal(0, 0.1, shape).astype(np.float32)
     ] * fingers
 
     def graph(count: int) -> None:
         for _ in range(count):
-            detector.classify(window, [True] * fingers, [detector.state] * fingers)
+            engine.run(window, [True] * fingers, [memory] * fingers)
 
     graph(3)
     yield Stage(

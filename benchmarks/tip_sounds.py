@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from tactophone.core.recordings.values import Recording
 from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock
-from tactophone.signal.perception.detector import CERTAINLY_NONE, WindowDetector
 from tactophone.signal.perception.fit import FitCheck, Misfit
 from tactophone.signal.perception.models import open_touch_detector
+from tactophone.signal.perception.window_detector import CERTAINLY_NONE, WindowDetector
 from tactophone_lab.datasets.open import open_dataset
 
 RIDGE_DB = 1.2

@@ -8,8 +8,8 @@ import torch
 
 from tactophone import AudioBlock, ModelError
 from tactophone.core.types import FloatArray
-from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import FEATURES, Gate, read_model
+from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.training.onnx_export import (
     Storage,

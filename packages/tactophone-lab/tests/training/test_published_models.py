@@ -11,8 +11,8 @@ from torch import nn
 
 from tactophone import AudioBlock
 from tactophone.core.errors import ModelError
-from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone_lab.training.onnx_export import read_weights
 from tactophone_lab.training.paper_network import PaperNetwork, magnitudes, weights_of
 from tactophone_lab.training.published_models import import_published

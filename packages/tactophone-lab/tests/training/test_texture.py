@@ -6,8 +6,8 @@ import pytest
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.values import Dataset
 from tactophone.core.types import AudioBlock, Prediction, Touch
-from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
+from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone_lab.benchmark.methods import graph_predictor, recipe_method
 from tactophone_lab.evaluation.metrics import measure
 from tactophone_lab.evaluation.predict import model_predictor, scores_of

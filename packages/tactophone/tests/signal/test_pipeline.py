@@ -124,7 +124,7 @@ def test_without_the_gate_it_is_the_detector_alone(model: str) -> None:
     pipeline = pipeline_of(model, contact="window")
     predictions = [prediction for prediction, _ in processed(pipeline, strokes())]
     pipeline.reset()
-    detector = pipeline.detector.main.detector
+    detector = pipeline.detector.main.window_detector
     assert (
         predictions
         == [found for block in blocks(strokes(), 512) for found in detector.push(block)]

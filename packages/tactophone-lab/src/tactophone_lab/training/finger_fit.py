@@ -26,8 +26,8 @@ from tactophone.core.errors import ModelError
 from tactophone.core.tips import TIPS
 from tactophone.core.types import AudioBlock, FloatArray, Prediction
 from tactophone.signal.perception.decision import NEVER_ABSTAIN
-from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import Gate, Model
+from tactophone.signal.perception.window_detector import WindowDetector
 from tactophone_lab.training.onnx_export import Floats, write_graph
 from tactophone_lab.training.recipe_options import BAND_VALUES, CREST_INDEX
 from tactophone_lab.training.sets import HARD_TIPS

@@ -10,7 +10,8 @@ needs none of the network's libraries.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+
+from msgspec.structs import replace
 
 from tactophone.core.microphones import MICROPHONES
 from tactophone.core.tips import DEFAULT_TIP
@@ -27,10 +28,13 @@ from tactophone.core.types import (
 from tactophone.signal.haptics.limits import Limits, peak_amplitude
 from tactophone.signal.haptics.profiles import open_profile
 from tactophone.signal.perception.calibration import Calibration
-from tactophone.signal.perception.contact import ContactGate
-from tactophone.signal.perception.detector import begins_anew, push_together
+from tactophone.signal.perception.detector import (
+    PhasedDetector,
+    begins_anew,
+    push_together,
+)
 from tactophone.signal.perception.events import EventDetector, EventMerger
-from tactophone.signal.perception.levels import Ear
+from tactophone.signal.perception.levels import LevelMeter
 from tactophone.signal.perception.model_file import Model
 from tactophone.signal.perception.opening import DetectorOptions, open_detector
 
@@ -164,35 +168,36 @@ class Hand:
         self.pipelines = list(pipelines)
         self.fingers = len(self.pipelines)
         self._channels = list(channels) or [2] * self.fingers
-        self._held: list[AudioBlock] = []
-        self._due = self._next = 0
-        # A detector without such a gate has nothing to share, and sound waits for none
-        # with events.
-        gates = [
-            getattr(pipeline.detector, "gate", None) for pipeline in self.pipelines
-        ]
-        self._gates: list[ContactGate] = [
-            gate for gate in gates if isinstance(gate, ContactGate)
-        ]
-        self._patient = len(self._gates) == self.fingers and not any(
-            each.has_events for each in self.pipelines
+        # Blocks that wait for the next, and the positions in the stream up to which
+        # they may wait and at which the next block is expected.
+        self._waiting: list[AudioBlock] = []
+        self._due = 0
+        self._next = 0
+        detectors = [pipeline.detector for pipeline in self.pipelines]
+        self._phased = [each for each in detectors if isinstance(each, PhasedDetector)]
+        self._gates = [each.gate for each in self._phased if each.gate]
+        # Events need each block at once, and a detector without a gate cannot say that
+        # a block leads to nothing.
+        self._may_wait = len(self._gates) == self.fingers and not any(
+            pipeline.has_events for pipeline in self.pipelines
         )
-        if (
-            self.fingers > 1
-            and self._patient
-            and len({gate.ear.settings for gate in self._gates}) == 1
-        ):
-            self._ear: Ear | None = self._gates[0].ear.for_fingers(self.fingers)
-            for finger, gate in enumerate(self._gates):
-                gate.share(self._ear, finger)
-            of_finger = enumerate(
-                map(ContactGate.channel_of, self._gates, self._channels)
-            )
-            self._heard = [
-                len(MICROPHONES) * finger + channel for finger, channel in of_finger
-            ]
-        else:
-            self._ear, self._patient = None, self._patient and self.fingers == 1
+        self._levels: LevelMeter | None = None
+        if self.fingers > 1:
+            self._share_levels()
+
+    def _share_levels(self) -> None:
+        """Measure the levels of all fingers in one call, where all are measured alike:
+        five fingers then cost a third less."""
+        alike = len({gate.levels.settings for gate in self._gates}) == 1
+        if not self._may_wait or not alike:
+            self._may_wait = False
+            return
+        self._levels = self._gates[0].levels.for_fingers(self.fingers)
+        self._contact_channels = []
+        for finger, gate in enumerate(self._gates):
+            gate.share(self._levels, finger)
+            own = gate.channel_of(self._channels[finger])
+            self._contact_channels.append(len(MICROPHONES) * finger + own)
 
     def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
         """Process a block of sound of all fingers: their windows together, the rest
@@ -201,61 +206,57 @@ class Hand:
         A short block that leads to nothing waits for the next, with which it is
         processed: then there is no step.
         """
-        self._held.append(block)
-        if (
-            block.end < self._due
-            and block.start == self._next
-            and not block.concealed
-            and self._waits(block)
-        ):
+        self._waiting.append(block)
+        if self._leads_to_nothing(block):
             self._next = block.end
             return
-        held, self._held = self._held, []
-        for part in joined(held):
-            yield from self._process(part)
+        waiting, self._waiting = self._waiting, []
+        for whole in joined(waiting):
+            yield from self._process(whole)
 
-    def _waits(self, block: AudioBlock) -> bool:
-        if self._ear:
-            self._ear.hear_ahead(block.samples.T[self._heard])
+    def _leads_to_nothing(self, block: AudioBlock) -> bool:
+        """Whether a block completes no window and changes no finger's contact, so that
+        it can wait."""
+        completes_nothing = block.end < self._due and block.start == self._next
+        if not completes_nothing or block.concealed:
+            return False
+        if self._levels:
+            self._levels.look_ahead(block.samples.T[self._contact_channels])
         else:
-            self._gates[0].ear.hear_ahead(self._gates[0].heard(block))
-        return all(gate.quiet for gate in self._gates)
+            gate = self._gates[0]
+            gate.levels.look_ahead(gate.own_channel(block))
+        return all(gate.stays_ahead for gate in self._gates)
 
     def _process(self, block: AudioBlock) -> Iterator[PipelineStep]:
-        if self._ear and block.channels == len(MICROPHONES) * self.fingers:
-            if begins_anew(
-                block.start - self._next + self._ear.ahead, block.sample_rate
-            ):
-                self._ear.reset()
-            self._ear.hear(block.samples.T[self._heard])
-        yield from self._steps(block)
-        self._next = block.end
-        detectors: list[Any] = [pipeline.detector for pipeline in self.pipelines]
-        self._due = min(detector.due for detector in detectors) if self._patient else 0
-
-    def _steps(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        """Process a block, and the sound that waited for it."""
         if self.fingers == 1:
             yield self.pipelines[0].push(block)
-            return
+        else:
+            yield from self._process_fingers(block)
+        self._next = block.end
+        if self._may_wait:
+            self._due = min(detector.due for detector in self._phased)
+
+    def _process_fingers(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        if self._levels and block.channels == len(MICROPHONES) * self.fingers:
+            lost = block.start - self._next + self._levels.ahead
+            if begins_anew(lost, block.sample_rate):
+                self._levels.reset()
+            self._levels.push(block.samples.T[self._contact_channels])
         parts = split_fingers(block, self._channels)
         predictions = push_together(
             [pipeline.detector for pipeline in self.pipelines], parts
         )
-        for finger, (pipeline, part, found) in enumerate(
-            zip(self.pipelines, parts, predictions, strict=True)
-        ):
-            step = pipeline.complete(part, found)
-            yield (
-                PipelineStep(step.block, step.predictions, step.commands, finger)
-                if finger
-                else step
-            )
+        for finger, pipeline in enumerate(self.pipelines):
+            step = pipeline.complete(parts[finger], predictions[finger])
+            yield replace(step, finger=finger) if finger else step
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
-        self._held, self._due = [], 0
-        if self._ear:
-            self._ear.reset()
+        self._waiting = []
+        self._due = 0
+        if self._levels:
+            self._levels.reset()
         for pipeline in self.pipelines:
             pipeline.reset()
 

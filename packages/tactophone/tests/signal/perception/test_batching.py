@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock, FloatArray, Prediction
-from tactophone.signal.perception.detector import WindowDetector, process_together
 from tactophone.signal.perception.model_file import Engine, read_model
 from tactophone.signal.perception.models import model_path
+from tactophone.signal.perception.window_detector import (
+    WindowDetector,
+    predict_together,
+)
 from tests.sounds import blocks, strokes
 
 RATE = 48_000
@@ -34,9 +37,8 @@ def together(
 ) -> list[list[Prediction]]:
     found: list[list[Prediction]] = [[] for _ in detectors]
     for parts in zip(*(blocks(each, size) for each in samples), strict=True):
-        new = process_together(
-            [each.process(part) for each, part in zip(detectors, parts, strict=True)]
-        )
+        windows = [each.take(part) for each, part in zip(detectors, parts, strict=True)]
+        new = predict_together(detectors, windows)
         found = [before + after for before, after in zip(found, new, strict=True)]
     return found
 

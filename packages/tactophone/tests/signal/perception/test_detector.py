@@ -6,9 +6,9 @@ import pytest
 
 from tactophone.core.errors import ModelError
 from tactophone.core.types import Detector, Prediction, Touch
-from tactophone.signal.perception.detector import WindowDetector
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
+from tactophone.signal.perception.window_detector import WindowDetector
 from tests.models import write_tiny_model
 from tests.sounds import ODD_SIZES, blocks, noise, tone
 

@@ -159,7 +159,7 @@ def test_a_notice_ends_when_the_sound_fits_again_and_changes_no_prediction() -> 
         open_touch_detector("texture", sample_rate=RATE, follow_floor=True)
         for _ in range(2)
     )
-    plain.detector.fit = None
+    plain.window_detector.fit = None
     codes = []
     for start in range(0, len(sound), 4800):
         block = AudioBlock(sound[start : start + 4800], RATE, start)

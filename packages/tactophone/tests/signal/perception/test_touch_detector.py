@@ -3,10 +3,8 @@ given."""
 
 import itertools
 from collections import Counter
-from collections.abc import Generator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -55,20 +53,11 @@ class Scripted:
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(-40.0), 0.0
 
-    def push(self, block: AudioBlock) -> list[Prediction]:
+    def take(self, block: AudioBlock) -> list[int]:
         first, self._done = self._done, block.end // HOP
-        return [
-            self._predict(number)
-            for number in range(first, min(self._done, len(self._touches)))
-        ]
+        return list(range(first, min(self._done, len(self._touches))))
 
-    def process(
-        self, block: AudioBlock
-    ) -> Generator[Any, list[Prediction], list[Prediction]]:
-        yield from ()
-        return self.push(block)
-
-    def _predict(self, number: int) -> Prediction:
+    def predict(self, number: int) -> Prediction:
         touch, end = self._touches[number], (number + 1) * self.hop
         share = self._smooth if touch is Touch.SMOOTH else 0.5
         return Prediction(

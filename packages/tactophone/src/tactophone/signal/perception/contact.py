@@ -35,7 +35,7 @@ from tactophone.signal.perception.levels import (
     BANDS,
     BANDS_HOP,
     BANDS_WINDOW,
-    Ear,
+    LevelMeter,
     LoudnessRule,
 )
 from tactophone.signal.perception.noise_floor import (
@@ -65,7 +65,7 @@ EARLY = 0.05
 """Seconds from the opening of the level gate in which its word counts alone: the bands'
 windows are 64 ms long."""
 
-PATIENCE = 0.011
+LONGEST_WAIT = 0.011
 """Longest time in s that sound waits while the level says what it said before: a window
 of the shipped models. A change that the bands alone tell, whose windows are six times
 as long, comes with the model's window."""
@@ -109,7 +109,7 @@ class ContactGate:
     - ``hold``: seconds that contact lasts on over silence.
     - ``threshold``: a shared one may take its place.
     - ``microphone``: the channel that it hears, where there are two.
-    - ``patience``: samples that may wait while it is `quiet`.
+    - ``longest_wait``: samples that may wait while `stays_ahead`.
 
     >>> import numpy as np
     >>> gate = ContactGate(-40, sample_rate=48_000)
@@ -129,15 +129,13 @@ class ContactGate:
         bands: bool = False,
         hold: float = 0.0,
     ) -> None:
-        self.ear, self._has_bands = (
-            Ear(rule, sample_rate=sample_rate, bands=bands),
-            bands,
-        )
+        self.levels = LevelMeter(rule, sample_rate=sample_rate, bands=bands)
+        self._has_bands = bands
         self._finger, self._shared = 0, False
-        self._sample_rate, self._step_size = sample_rate, self.ear.steps.step_size
-        count = self.ear.steps.count
+        self._sample_rate, self._step_size = sample_rate, self.levels.steps.step_size
+        count = self.levels.steps.count
         self._hop = count(BANDS_HOP)
-        self.microphone, self.patience = CONTACT, round(PATIENCE * sample_rate)
+        self.microphone, self.longest_wait = CONTACT, round(LONGEST_WAIT * sample_rate)
         self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
         self._early, self._distrust = count(EARLY), count(DISTRUST)
         self._jerk, self._persistent = count(JERK), count(PERSISTENT)
@@ -148,7 +146,7 @@ class ContactGate:
         self.reset()
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
-        power = self.ear.steps.power
+        power = self.levels.steps.power
         self._threshold_dbfs = level_dbfs
         self._clear_from = 10 ** (power * (level_dbfs + CLEAR_DB) / 20)
         self._open_from = 10 ** (power * level_dbfs / 20)
@@ -158,7 +156,7 @@ class ContactGate:
     def reset(self) -> None:
         """Return to the initial state: no contact; the floor is measured anew."""
         if not self._shared:
-            self.ear.reset()
+            self.levels.reset()
         self._steps = self._lasted = self._quiet = self._part = 0
         # Of the level: whether it says contact, and only holds it; whether its word
         # counts before the bands can tell.
@@ -206,12 +204,12 @@ class ContactGate:
                 and self._steps - self._begun < self._persistent
             )
         if not self._shared:
-            self.ear.hear(self.heard(block))
+            self.levels.push(self.own_channel(block))
         self._part += block.size
         steps, self._part = divmod(self._part, self._step_size)
         return self._take(steps)
 
-    def heard(self, block: AudioBlock) -> FloatArray:
+    def own_channel(self, block: AudioBlock) -> FloatArray:
         """Return the channel that the gate hears, ``(1, samples)``."""
         return block.samples.T[self.channel_of(block.channels) :][:1]
 
@@ -220,10 +218,12 @@ class ContactGate:
         one."""
         return min(self.microphone, channels - 1)
 
-    def share(self, ear: Ear, finger: int) -> None:
-        """Take levels of one of the fingers from an ear that hears all, and that others
-        reset and let hear."""
-        self.ear, self._finger, self._shared = ear, finger, True
+    def share(self, levels: LevelMeter, finger: int) -> None:
+        """Take the levels of one finger from a meter that measures all fingers, and to
+        which others push sound."""
+        self.levels = levels
+        self._finger = finger
+        self._shared = True
         self.reset()
 
     @property
@@ -232,9 +232,9 @@ class ContactGate:
         return self._shared
 
     @property
-    def quiet(self) -> bool:
-        """Whether the level says of what was heard and not pushed what it said before;
-        then it may wait `patience`."""
+    def stays_ahead(self) -> bool:
+        """Whether the level says of the sound that it looked ahead at what it said
+        before; then that sound may wait for up to `longest_wait`."""
         plain = (
             self.threshold.dbfs == self._threshold_dbfs
             and self.threshold.follows_floor is self._following
@@ -242,17 +242,17 @@ class ContactGate:
         if self._open and self._lasted < self._early:
             return False  # the bands are about to confirm it, or to end it
         return plain and self._stays(
-            self.ear.slow[self._finger], self.ear.fast[self._finger]
+            self.levels.slow[self._finger], self.levels.fast[self._finger]
         )
 
     def _take(self, steps: int) -> list[Contact]:
         """Evaluate steps one after another, and a row of the bands at each hop; return
         what changed."""
-        finger, ear = self._finger, self.ear
+        finger, levels = self._finger, self.levels
         heard_slow, heard_fast, rows = (
-            ear.slow[finger],
-            ear.fast[finger],
-            ear.bands[finger],
+            levels.slow[finger],
+            levels.fast[finger],
+            levels.bands[finger],
         )
         slow, fast = heard_slow[:steps], heard_fast[:steps]
         del heard_slow[:steps], heard_fast[:steps]
@@ -305,7 +305,7 @@ class ContactGate:
     def _end_hop(self, slow: float, bands: Floats) -> list[Contact]:
         """Ask the bands, and let the floor follow."""
         level_dbfs = (
-            20 / self.ear.steps.power * math.log10(slow) if slow > 0 else math.nan
+            20 / self.levels.steps.power * math.log10(slow) if slow > 0 else math.nan
         )
         if self._by_bands and self.floor:
             self._hear(self.floor, bands)

@@ -11,18 +11,17 @@ all is as before.
 import copy
 import enum
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from msgspec.structs import replace
 
 from tactophone.core.microphones import AIR, CONTACT
 from tactophone.core.types import AudioBlock, Prediction, Touch
-from tactophone.signal.perception.contact import ContactGate
 from tactophone.signal.perception.detector import (
-    Processing,
+    Heard,
+    PhasedDetector,
     TouchDetector,
-    process_together,
 )
 from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.health import (
@@ -98,7 +97,7 @@ _SILENT_KINDS = (FaultKind.DEAD, FaultKind.OPEN)
 """Faults by which no microphone can be told from none."""
 
 
-class FallbackDetector:
+class FallbackDetector(PhasedDetector):
     """A detector that never relies on a faulty microphone.
 
     ``fault_detector`` watches the sound, of so many ``channels``.
@@ -118,6 +117,8 @@ class FallbackDetector:
         self, main: TouchDetector, fault_detector: FaultDetector, *, channels: int = 2
     ) -> None:
         self.main, self._fault_detector = main, fault_detector
+        self.window_detector = main.window_detector
+        self.gate = main.gate
         self._channels = channels
         self.name, self.threshold = main.name, main.threshold
         self.latency, self.bandwidth = main.latency, main.bandwidth
@@ -141,7 +142,7 @@ class FallbackDetector:
 
     def _choose(self) -> None:
         """Choose the fallback for the faults that are present now."""
-        card = self.main.detector.card
+        card = self.window_detector.card
         faults = self._fault_detector.faults
         if self._has_one_microphone_on_the_second_input(faults):
             # Its faults are those of a contact microphone.
@@ -176,7 +177,7 @@ class FallbackDetector:
     def _shares_levels(self) -> bool:
         # The fingers of a hand have their levels measured together, from the contact
         # inputs.
-        return self.main.gate is not None and self.main.gate.is_shared
+        return self.gate is not None and self.gate.is_shared
 
     def _hear_only(self, channel: int | None) -> None:
         """Hear one channel from now on, or both where it is none."""
@@ -193,7 +194,7 @@ class FallbackDetector:
         message = FALLBACK_MESSAGES[self.mode]
         if self._only == AIR:
             return f"{message}, which is on input 2"
-        card = self.main.detector.card
+        card = self.window_detector.card
         air_alone = all(fault.channel == AIR for fault in self.sensor_faults)
         if self.mode is FallbackMode.CONTACT_ONLY and air_alone:
             return f"{message}, as the model {card.name} needs both microphones"
@@ -205,36 +206,66 @@ class FallbackDetector:
         nothing."""
         return self.main.misfit
 
-    def push(self, block: AudioBlock) -> list[Prediction]:
-        """Take sound; return the predictions that it completes, oldest first."""
-        return process_together([self.process(block)])[0]
-
-    def process(self, block: AudioBlock) -> Processing:
-        """Do as :meth:`push`, one of several detectors
-        (`tactophone.signal.perception.detector`)."""
+    def parts(self, block: AudioBlock) -> Sequence[AudioBlock]:
+        """Cut a block where the fault detector measures, so that the mode changes at
+        the same sample at any block size."""
         if block.start != self._next:
+            # Sound was lost, so the measure that has begun is not of one stretch.
             self._fault_detector.reset()
             self._left = self._fault_detector.cell_size
             self._choose()
         self._next = block.end
-        if block.concealed or block.size < self._left:
-            self._left -= 0 if block.concealed else block.size
-            return (yield from self._process(block))
-        predictions = []
-        for part in self._parts(block):
-            predictions += yield from self._process(part)
+        if block.concealed:
+            return (block,)
+        if block.size < self._left:
+            self._left -= block.size
+            return (block,)
+        parts = []
+        start = 0
+        while start < block.size:
+            size = min(self._left, block.size - start)
+            parts.append(block.part(start, start + size))
+            start += size
+            self._left = self._left - size or self._fault_detector.cell_size
+        return parts
+
+    def take(self, part: AudioBlock) -> Heard:
+        if self._only is None:
+            return self.main.take(part)
+        # From here on it is sound of one channel, which the model knows with silence
+        # for the other. Once the fault has healed it gets both again.
+        heard = self.main.take(part.select([self._only]))
+        return heard._replace(block=part)
+
+    def complete(self, heard: Heard, answers: list[Prediction]) -> list[Prediction]:
+        predictions = self.main.complete(heard, answers)
+        if self.mode is not FallbackMode.FULL:
+            predictions = list(map(self._revised, predictions))
+        # The microphones are looked at last, so that what is found holds from the next
+        # part on. Concealment of lost sound says nothing about them.
+        if not heard.block.concealed and self._fault_detector.push(heard.block):
+            self._sounded |= self._fault_detector.sounding
+            self._choose()
+            self._keep_floor()
         return predictions
+
+    def _keep_floor(self) -> None:
+        """While the contact microphone is faulty, let the noise floor stay what it was
+        before the fault was found."""
+        floor = self.main.floor
+        if floor is None:
+            return
+        if self.mode <= FallbackMode.ONE_CHANNEL:
+            self._floors.append(copy.copy(floor))
+        elif self._floors:
+            floor.adopt(self._floors[0])
 
     @property
     def due(self) -> int:
-        """As of `TouchDetector`; only while no microphone is faulty may sound wait."""
+        """As of `TouchDetector`, and only while no microphone is faulty may sound wait."""
         if self.mode is not FallbackMode.FULL:
             return self._next
         return min(self.main.due, self._next + self._left)
-
-    @property
-    def gate(self) -> ContactGate | None:
-        return self.main.gate
 
     def flush(self) -> list[Prediction]:
         return [self._revised(prediction) for prediction in self.main.flush()]
@@ -247,41 +278,6 @@ class FallbackDetector:
         self._left, self._next = self._fault_detector.cell_size, 0
         self._choose()
         self.main.reset()
-
-    def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
-        """Cut a block where the fault detector measures, so that the mode changes at
-        the same sample at any size."""
-        start = 0
-        while start < block.size:
-            size = min(self._left, block.size - start)
-            yield block.part(start, start + size)
-            start += size
-            self._left = self._left - size or self._fault_detector.cell_size
-
-    def _process(self, part: AudioBlock) -> Processing:
-        heard = part
-        if self._only is not None:
-            # From here on it is sound of one channel, which the model knows with
-            # silence for the other. Once the fault has healed it gets both again.
-            heard = part.select([self._only])
-        predictions = yield from self.main.process(heard)
-        revised = (
-            [self._revised(prediction) for prediction in predictions]
-            if self.mode
-            else predictions
-        )
-        # Concealment of lost sound says nothing about the microphones.
-        if not part.concealed and self._fault_detector.push(part):
-            self._sounded |= self._fault_detector.sounding
-            self._choose()
-            # While the contact microphone is faulty, the noise floor stays what it was
-            # before the fault was found.
-            if floor := self.main.floor:
-                if self.mode <= FallbackMode.ONE_CHANNEL:
-                    self._floors.append(copy.copy(floor))
-                elif self._floors:
-                    floor.adopt(self._floors[0])
-        return revised
 
     def _revised(self, prediction: Prediction) -> Prediction:
         if self.mode is FallbackMode.SILENCE:

@@ -326,14 +326,14 @@ class BandLevels:
 
 
 FAST, SLOW = 0.004, 0.032
-"""Seconds that the two levels of `Ear` cover: half a period of 125 Hz, and a period of
-31 Hz."""
+"""Seconds that the two levels of `LevelMeter` cover: half a period of 125 Hz, and a
+period of 31 Hz."""
 
 MOST_STEPS = 64
 """Steps of a longer block that are taken at once."""
 
 
-class Ear:
+class LevelMeter:
     """Measures what the contact gates of all fingers decide by, in one call for all,
     and keeps it until they take it.
 
@@ -341,7 +341,7 @@ class Ear:
     - ``slow``, ``fast``: of each finger, the levels over `SLOW` and `FAST` seconds of
       the steps not taken yet.
     - ``bands``: of each finger, the levels of the bands of the hops not taken yet.
-    - ``ahead``: samples whose steps were heard ahead, and that will be given to `hear`.
+    - ``ahead``: samples whose steps were measured ahead, and that are yet to be pushed.
     """
 
     def __init__(
@@ -377,13 +377,13 @@ class Ear:
         if self._bands:
             self._bands.reset()
 
-    def for_fingers(self, count: int) -> "Ear":
+    def for_fingers(self, count: int) -> "LevelMeter":
         rule, sample_rate, bands = self.settings
-        return Ear(rule, sample_rate=sample_rate, bands=bands, count=count)
+        return LevelMeter(rule, sample_rate=sample_rate, bands=bands, count=count)
 
-    def hear(self, contacts: FloatArray) -> None:
+    def push(self, contacts: FloatArray) -> None:
         """Take samples, shape ``(count, samples)``; the steps of the first `ahead` of
-        them were heard already."""
+        them were measured already."""
         if contacts.shape[1] > self.ahead:
             self._measure(contacts[:, self.ahead :])
         self.ahead = max(0, self.ahead - contacts.shape[1])
@@ -392,9 +392,9 @@ class Ear:
             for queue, row in zip(self.bands, rows.astype(np.float64), strict=True):
                 queue.append(row)
 
-    def hear_ahead(self, contacts: FloatArray) -> None:
-        """Take the steps of samples now that `hear` will be given with those that
-        follow."""
+    def look_ahead(self, contacts: FloatArray) -> None:
+        """Measure the steps of samples now that are pushed later, together with those
+        that follow."""
         self._measure(contacts)
         self.ahead += contacts.shape[1]
 

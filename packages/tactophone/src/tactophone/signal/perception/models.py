@@ -9,7 +9,7 @@ from tactophone.core.plugins import DETECTORS, load, registered
 from tactophone.core.tips import DEFAULT_TIP, TIPS
 from tactophone.core.types import ContactRule, Detector
 from tactophone.signal.perception.contact import ContactGate
-from tactophone.signal.perception.detector import TouchDetector, WindowDetector
+from tactophone.signal.perception.detector import TouchDetector
 from tactophone.signal.perception.fit import FitCheck
 from tactophone.signal.perception.model_file import (
     Model,
@@ -18,6 +18,7 @@ from tactophone.signal.perception.model_file import (
 )
 from tactophone.signal.perception.no_touch import read_no_touch
 from tactophone.signal.perception.noise_floor import SPREAD_DB, TOUCH_HOLD, NoiseFloor
+from tactophone.signal.perception.window_detector import WindowDetector
 
 _FOLDER = Path(str(files("tactophone.signal.perception"))) / "models"
 

@@ -193,6 +193,6 @@ def _set_contact(detector: TouchDetector, options: DetectorOptions) -> None:
             detector.floor.margin_db = margin_db
     elif calibration and not recording:
         # A model whose loudness rule was not calibrated goes on following the noise.
-        level_dbfs = calibration.threshold_for(detector.detector.card.gate.rule)
+        level_dbfs = calibration.threshold_for(detector.window_detector.card.gate.rule)
         if level_dbfs is not None:
             detector.threshold.dbfs = level_dbfs

@@ -21,6 +21,7 @@ full of real sound: the first one ends ``size`` samples into the stream.
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
@@ -174,6 +175,15 @@ def _windows(kept: FloatArray, taps: int, *, hop: int) -> FloatArray:
     return np.ndarray(shape, np.float32, kept, strides=(kept.strides[0], 4 * hop, 4))
 
 
+class Window(NamedTuple):
+    """A window of a stream."""
+
+    end: int
+    """The sample of the stream after its last one."""
+    samples: FloatArray
+    """Its sound, ``(samples, channels)``."""
+
+
 class Windower:
     """Keeps the newest sound and returns each window as soon as it is complete.
 
@@ -200,12 +210,10 @@ class Windower:
         self._first = 0  # index in the stream of the first sample kept
         self._count = 0
 
-    def push(self, samples: FloatArray) -> list[tuple[int, FloatArray]]:
-        """Take sound; return each completed window with the index of the sample after
-        its last.
+    def push(self, samples: FloatArray) -> list[Window]:
+        """Take sound; return each window that it completes, oldest first.
 
-        A window has shape ``(size, channels)`` and is a view: use it before the next
-        push.
+        Their sound is a view: use it before the next push.
         """
         if not len(samples):
             return []
@@ -213,7 +221,7 @@ class Windower:
         windows = []
         while (end := self.next_end) <= self._first + len(self._kept):
             start = end - self._size - self._first
-            windows.append((end, self._kept[start : start + self._size]))
+            windows.append(Window(end, self._kept[start : start + self._size]))
             self._count += 1
         unneeded = max(0, self.next_end - self._size - self._first)
         self._kept = self._kept[unneeded:]
