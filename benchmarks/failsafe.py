@@ -28,7 +28,7 @@ from tactophone.core.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Floa
 from tactophone.live.audio.dummy import DummyServer
 from tactophone.live.audio.jack import JackClient
 from tactophone.live.runtime.pairing import Sides
-from tactophone_lab.measurement.impulses import PEAK, TONE, Graph, running_sides
+from tactophone_lab.measurement.impulses import PEAK, Graph, running_sides
 
 BLOCK = 128
 """Samples of a block of the stroke."""
@@ -45,27 +45,40 @@ AFTERMATH = 0.6
 _LONGEST = 60.0
 """Seconds that are recorded at most."""
 
+STROKE_TONE = 330.0
+"""Hz of the stroke at the contact microphone: between the harmonics of the mains, or
+the check of the microphones would call it hum."""
+
+AIR_TONE = 1_700.0
+"""Hz of the stroke at the air microphone: the same sound at both would be a fault."""
+
+AIR_PEAK = 0.1
+"""Amplitude of the stroke at the air microphone."""
+
 ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
 """Settings for an endless tone: it has no rest in which a noise floor could be
 measured, so the threshold is given."""
 
 
 class EndlessStroke(AlwaysOpen):
-    """A source of an endless tone."""
+    """A source of an endless tone, another one at each microphone, so that the check of
+    the microphones may be on as in use."""
 
     sample_rate, channels = LIVE_SAMPLE_RATE, 2
 
     def __init__(self, _: Settings) -> None:
         times = np.arange(LIVE_SAMPLE_RATE + BLOCK) / LIVE_SAMPLE_RATE
-        self._second = (PEAK * np.sin(2 * np.pi * TONE * times)).astype(np.float32)
+        contact = PEAK * np.sin(2 * np.pi * STROKE_TONE * times)
+        air = AIR_PEAK * np.sin(2 * np.pi * AIR_TONE * times)
+        self._second = np.stack([contact, air], axis=1).astype(np.float32)
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for start in itertools.count(0, BLOCK):
-            phase = (
-                start % LIVE_SAMPLE_RATE
-            )  # a second is a whole number of the tone's periods
-            tone = self._second[phase : phase + BLOCK]
-            yield AudioBlock(np.stack([tone, tone], axis=1), LIVE_SAMPLE_RATE, start)
+            # A second is a whole number of periods of both tones.
+            phase = start % LIVE_SAMPLE_RATE
+            yield AudioBlock(
+                self._second[phase : phase + BLOCK], LIVE_SAMPLE_RATE, start
+            )
 
 
 class PeakRecorder:

@@ -36,6 +36,7 @@ from tactophone_lab.measurement.impulses import (
     ImpulsePlayer,
     measure,
 )
+from tactophone_lab.measurement.port_sounds import Background
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")
@@ -114,18 +115,15 @@ def row(
     quantity: str, measured: ImpulseLatency, *, bound: NDArray[np.float64] | None = None
 ) -> None:
     if not len(measured.end_to_end):
-        print(
-            f"| {quantity} | no vibration | {measured.restarts} restarts |", flush=True
-        )
+        print(f"| {quantity} | no vibration | {measured.incidents} |", flush=True)
         return
     p50, p95, p99 = 1000 * np.percentile(measured.end_to_end, (50, 95, 99))
-    note = f"{measured.impulses} impulses, {measured.missed} missed"
+    note = f"{measured.impulses} impulses, {measured.incidents}"
     note += (
         f"; budget within {1000 * measured.disagreement:.2f} ms"
         if measured.disagreement >= 0
         else ""
     )
-    note += f"; {measured.restarts} restarts" if measured.restarts else ""
     if bound is not None:
         note += "; bound p50 {:.2f}, p95 {:.2f}, p99 {:.2f} ms".format(
             *1000 * np.percentile(bound, (50, 95, 99))
@@ -144,7 +142,9 @@ def run(period: int, changes: tuple[str, ...], impulses: int) -> ImpulseLatency:
 def bound(period: int, changes: tuple[str, ...], impulses: int) -> NDArray[np.float64]:
     """Return the latencies (s) if nothing took any time: what arrives in a period is
     rendered in the next one."""
-    link, player = settings(*changes).link, ImpulsePlayer(impulses)
+    link = settings(*changes).link
+    player = ImpulsePlayer(impulses)
+    background = Background()
     codec = Codec(
         "opus" if link.codec == "opus" else "pcm16",
         packet_size=round(link.packet_duration * RATE),
@@ -155,10 +155,12 @@ def bound(period: int, changes: tuple[str, ...], impulses: int) -> NDArray[np.fl
         Oscillator(),
         0,
     )
-    for start in range(0, len(player.played) - period, period):
+    for start in range(0, len(player.vibration) - period, period):
         oscillator.render(player.vibration[start : start + period])
-        played = np.repeat(player.played[start : start + period, np.newaxis], 2, axis=1)
-        for encoded in encoder.push(AudioBlock(played, RATE, start)):
+        played = player.played[:, start : start + period].copy()
+        for port, sound in enumerate(played):
+            background.add(sound, port, start)
+        for encoded in encoder.push(AudioBlock(played.T.copy(), RATE, start)):
             step = pipeline.push(
                 AudioBlock(decoder.decode(encoded.content), RATE, position)
             )

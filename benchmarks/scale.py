@@ -6,18 +6,22 @@
     operator of one robot costs the robot
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is
-summed over both processes, in percent of one core, as the median of one-second
-stretches, with packets of 5 ms and with the row's own packets; latency is from an
-impulse at all microphones to the vibration of the last finger. The operator's memory is
-what is resident (RSS) without the memory of the JACK server, which maps and locks it
-whole in every client; in brackets with it, and the proportional share (PSS). `ROWS`
-holds further settings: add to it what is to be measured by fingers.
+of both processes together, in percent of one core, the median of one-second stretches,
+with packets of 5 ms and with those of the row. In use, the ports of all microphones
+carry strokes and the check of the microphones is on; ``--sounds`` adds columns of 5 ms
+packets with background noise alone (``air``) and with exact zeros and the check off
+(``silence``), which cost least and tell least. Latency is from an impulse at all
+microphones to the vibration of the last finger, with the check on. The operator's
+memory is what is resident (RSS) without the memory of the JACK server, which maps and
+locks it whole in every client; in brackets with it, and the proportional share (PSS).
+`ROWS` holds further settings: add to it what is to be measured by fingers.
 """
 
 import argparse
 import os
 import statistics
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -45,8 +49,10 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
         Graph,
         ImpulseLatency,
         measure,
+        microphone_ports,
         running_sides,
     )
+    from tactophone_lab.measurement.port_sounds import PORT_SOUNDS, PortSound, playing
 
 OPUS = ("link.codec=opus", "link.packet_duration=0.0025")
 LONG_PACKETS = ("link.codec=opus", "link.packet_duration=0.005")
@@ -74,6 +80,12 @@ def main() -> None:
         "--operators",
         help="numbers of operators of one robot with one finger, in place of fingers",
     )
+    parser.add_argument(
+        "--sounds",
+        default="silence,air,strokes",
+        help="that the ports carry while processor time is measured, of "
+        f"{', '.join(PORT_SOUNDS)} (default: %(default)s)",
+    )
     parser.add_argument("--impulses", type=int, default=60)
     parser.add_argument("--seconds", type=int, default=10, help="of processor time")
     args = parser.parse_args()
@@ -92,39 +104,57 @@ def main() -> None:
                     flush=True,
                 )
         return
+    sounds = [sound for sound in PORT_SOUNDS if sound in args.sounds.split(",")]
+    shares = [f"5 ms packets, {sound}" for sound in sounds]
     print(
-        "| fingers | settings | processor time, both ends, 5 ms packets | as settings "
-        "| p50 / p99 "
-        "| missed | operator | Mbit/s | decisions |"
+        f"| fingers | settings | {' | '.join(shares)} | as settings, {sounds[-1]} "
+        "| p50 / p99 | missed | operator | Mbit/s | decisions | load |"
     )
-    print("|--:|---|--:|--:|--:|--:|--:|--:|---|")
+    print(f"|--:|---|{'--:|' * (len(sounds) + 6)}---|--:|")
     for name in args.rows.split(","):
         for fingers in map(int, args.fingers.split(",")):
             print(
-                row(name, fingers, impulses=args.impulses, seconds=args.seconds),
+                row(
+                    name,
+                    fingers,
+                    sounds,
+                    impulses=args.impulses,
+                    seconds=args.seconds,
+                ),
                 flush=True,
             )
 
 
-def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
+def row(
+    name: str,
+    fingers: int,
+    sounds: "Sequence[PortSound]",
+    *,
+    impulses: int,
+    seconds: int,
+) -> str:
     period, changes = ROWS[name]
     settings = settings_of(fingers, changes)
     with DummyServer(period) as server:
-        with_long_packets = running_cost(
-            settings_of(fingers, LONG_PACKETS), server.name, seconds
-        )
-        cost = running_cost(settings, server.name, seconds)
+        with_long_packets = [
+            running_cost(
+                settings_of(fingers, LONG_PACKETS), server.name, seconds, sound
+            )
+            for sound in sounds
+        ]
+        cost = running_cost(settings, server.name, seconds, sounds[-1])
         measured = measure(settings, Graph(server.name), impulses=impulses)
     cells = [
         str(fingers),
         name,
-        with_long_packets.shares,
+        *(found.shares for found in with_long_packets),
         cost.shares,
         latency(measured),
-        str(measured.missed),
+        measured.incidents,
         cost.memory,
         f"{cost.bitrate:.2f}",
         "equal" if decisions_equal(fingers) else "DIFFERENT",
+        f"{os.getloadavg()[0]:.0f}",
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -193,7 +223,6 @@ def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) ->
         "capture.contact=-",
         "capture.air=-",
         "capture.source=jack",
-        "detector.check_microphones=false",
     ]
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(period))
@@ -218,6 +247,14 @@ def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) ->
             Supervisor(run_robot, robot, name=robot.process.name)
         )
         process, watcher, shares = psutil.Process(side.pid), Watcher(side.name), []
+        stack.enter_context(
+            playing(
+                "strokes",
+                microphone_ports(settings),
+                robot=side.name,
+                server=server.name,
+            )
+        )
         time.sleep(3)
         for _ in range(seconds):
             before, begun = sum(process.cpu_times()[:2]), time.monotonic()
@@ -256,8 +293,18 @@ class RunningCost(NamedTuple):
         )
 
 
-def running_cost(settings: "Settings", server: str, seconds: int) -> RunningCost:
-    with running_sides(settings, Graph(server)) as sides:
+def running_cost(
+    settings: "Settings", server: str, seconds: int, sound: "PortSound"
+) -> RunningCost:
+    if sound == "silence":
+        # Of exact zeros, the check says that the microphones are dead.
+        settings = change(settings, ["detector.check_microphones=false"])
+    with (
+        running_sides(settings, Graph(server)) as sides,
+        playing(
+            sound, microphone_ports(settings), robot=sides.robot.name, server=server
+        ),
+    ):
         processes = [psutil.Process(side.pid) for side in (sides.robot, sides.operator)]
         time.sleep(2)
         shares: list[list[float]] = [[], []]

@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.failsafe import EndlessStroke, PeakRecorder
+from benchmarks.failsafe import STROKE_TONE, EndlessStroke, PeakRecorder
 from tactophone.core.settings import Settings
 
 
@@ -36,4 +36,4 @@ def test_the_stroke_has_no_seam() -> None:
     blocks = list(itertools.islice(EndlessStroke(Settings()), 1000))
     sound = np.concatenate([block.samples[:, 0] for block in blocks])
     assert blocks[-1].end == len(sound)
-    assert np.abs(np.diff(sound)).max() < 0.8 * 2 * np.pi * 300 / 48_000 * 1.01
+    assert np.abs(np.diff(sound)).max() < 0.8 * 2 * np.pi * STROKE_TONE / 48_000 * 1.01

@@ -123,6 +123,10 @@ def run(args: argparse.Namespace) -> int:
     values = {
         "impulses": measured.impulses,
         "missed": measured.missed,
+        "missed_at_s": measured.missed_at,
+        "late_to_rest": measured.late_to_rest,
+        "device_losses": measured.device_losses,
+        "xruns": measured.xruns,
         "period": measured.period,
         "restarts": measured.restarts,
         "disagreement_ms": 1000 * measured.disagreement,
@@ -184,12 +188,16 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
     )
     sent = "predictions only" if link.send_predictions else codec
     words = [
-        f"{measured.impulses} impulses, {measured.missed} without vibration; periods "
+        f"{measured.impulses} impulses, {measured.incidents}; periods "
         f"of {measured.period} samples "
         f"({1000 * measured.period / LIVE_SAMPLE_RATE:.2f} ms); {sent}; encrypted.",
         "The sum and the end-to-end time are measured with different clocks; "
         f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]
+    if measured.late_to_rest:
+        words.append(
+            "Impulses that came while the vibration before had not ended are not judged."
+        )
     if measured.restarts:
         words.append(
             f"A stalled side was restarted {measured.restarts} times and stayed "

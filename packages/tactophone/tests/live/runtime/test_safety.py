@@ -34,7 +34,7 @@ pytestmark = pytest.mark.realtime
 
 SETTINGS = change(
     Settings(),
-    ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"],
+    [*ENDLESS_TONE, "process.name=test-safety"],
 )
 
 
@@ -123,7 +123,9 @@ def test_an_operator_that_was_only_late_is_silent_meanwhile_and_goes_on_by_itsel
 def test_a_sound_server_that_dies_is_shown_and_its_successor_is_silent_then_vibrates(
     jack_server: DummyServer,
 ) -> None:
-    with running_sides(SETTINGS, Graph(jack_server.name)) as sides:
+    # Nothing is played to the ports, which the check would call dead microphones.
+    settings = change(SETTINGS, ["detector.check_microphones=false"])
+    with running_sides(settings, Graph(jack_server.name)) as sides:
         jack_server.kill()
         watcher = Watcher(sides.operator.name)
         assert eventually(
