@@ -49,10 +49,11 @@ STROKE_TONE = 330.0
 """Hz of the stroke at the contact microphone: between the harmonics of the mains, or
 the check of the microphones would call it hum."""
 
-AIR_TONE = 1_700.0
-"""Hz of the stroke at the air microphone: the same sound at both would be a fault."""
+AIR_TONE = 620.0
+"""Hz of the stroke at the air microphone: the same sound at both would be a fault, and
+far brighter sound would be smooth, so that hardly anything vibrated."""
 
-AIR_PEAK = 0.1
+AIR_PEAK = 0.5
 """Amplitude of the stroke at the air microphone."""
 
 ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
