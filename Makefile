@@ -95,9 +95,9 @@ fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the pro
 
 # lerobot asks for another torch: LEROBOT=its/bin/python tests in an environment that has it (integrations/README.md).
 integrations: $(READY)  ## the packages for other programs, those of them that are installed
-	$(PYTEST) -n $(CORES) --dist worksteal integrations/*/tests packages/tactophone-lab/tests/app/test_lerobot_readers.py
+	$(PYTEST) -n $(CORES) --dist worksteal integrations/*/tests
 	$(if $(LEROBOT),PYTHONPATH=packages/tactophone/src:packages/tactophone-lab/src:. OMP_NUM_THREADS=1 $(LEROBOT) -m pytest -p no:cacheprovider \
-	  integrations/lerobot_*/tests packages/tactophone-lab/tests/app/test_lerobot.py packages/tactophone-lab/tests/app/test_lerobot_readers.py)
+	  integrations/lerobot_*/tests)
 
 # A tenth of a minute each, some up to two minutes; the seed decides which. Without --draw all of them, for some hours.
 DRAW ?= 100

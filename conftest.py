@@ -37,7 +37,7 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
 # Programs that make the data need what the tests do not.
-collect_ignore_glob = ["tests/data/*"]
+collect_ignore_glob = ["tests/data/*", "integrations/*/tests/data/*"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

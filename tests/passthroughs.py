@@ -1,7 +1,6 @@
 """Every way to feel the sound itself: the built-in one, and what the plug-in in
 examples/plugins adds."""
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from examples.plugins.tactophone_passthroughs.tactophone_passthroughs import (
 from tactophone.core.plugins import PASSTHROUGHS
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import Passthrough
+from tests.entry_points import write_metadata
 
 ALL_PASSTHROUGHS: dict[str, Callable[[Limits | None], Passthrough]] = {
     "direct": Passthrough,
@@ -29,17 +29,6 @@ def install_plugin(
 ) -> None:
     """Install the plug-in for a test, with the metadata in ``folder`` that pip would
     write, and more entry points such as ``"name = module:object"``."""
-    project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
-    entries = [
-        f"{name} = {target}"
-        for name, target in project["entry-points"][PASSTHROUGHS].items()
-    ]
-    metadata = folder / "tactophone_passthroughs-0.1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: tactophone-passthroughs\nVersion: 0.1.0\n"
-    )
-    lines = "\n".join([f"[{PASSTHROUGHS}]", *entries, *more_entries, ""])
-    (metadata / "entry_points.txt").write_text(lines)
+    write_metadata(PLUGIN, folder, {PASSTHROUGHS: more_entries})
     monkeypatch.syspath_prepend(str(PLUGIN))
     monkeypatch.syspath_prepend(str(folder))

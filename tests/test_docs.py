@@ -8,12 +8,15 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tactophone.cli import _parse, main
+from tactophone.cli.verbs import all_verbs
+from tests.entry_points import write_metadata
 from tests.node import needs_node
 from tests.passthroughs import install_plugin
 
@@ -163,7 +166,11 @@ def test_tests_that_pages_name_without_their_file_exist() -> None:
 
 def files_of_tests() -> list[Path]:
     """Return the tests of the repository and of its packages."""
-    folders = (ROOT / "tests", *ROOT.glob("packages/*/tests"))
+    folders = (
+        ROOT / "tests",
+        *ROOT.glob("packages/*/tests"),
+        *ROOT.glob("integrations/*/tests"),
+    )
     return [path for folder in folders for path in folder.rglob("*.py")]
 
 
@@ -221,6 +228,18 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install_plugin(tmp_path, monkeypatch)
 
 
+@pytest.fixture
+def guest_verbs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Register the verbs of the packages in integrations."""
+    for project in (ROOT / "integrations").glob("*/pyproject.toml"):
+        write_metadata(project.parent, tmp_path)
+        monkeypatch.syspath_prepend(str(project.parent))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    all_verbs.cache_clear()
+    yield
+    all_verbs.cache_clear()
+
+
 def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper(
     plugin: None,
 ) -> None:
@@ -252,7 +271,7 @@ def commands_of(page: Path) -> list[list[str]]:
     ids=lambda page: page.name,
 )
 def test_the_command_line_takes_each_command_that_a_page_shows(
-    page: Path, plugin: None
+    page: Path, plugin: None, guest_verbs: None
 ) -> None:
     for words in commands_of(page):
         assert _parse(words, words[0]).verb == words[0], words

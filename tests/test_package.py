@@ -59,7 +59,6 @@ WORDS = {
     "dataset": ["check", "set"],
     "bench": ["--source", "finger"],
     "fetch": ["cluster", "set", "converted"],
-    "export": ["lerobot", "run.mcap", "--with", "set", "--out", "felt"],
 }
 """Arguments with which each verb gets past parsing."""
 

@@ -60,17 +60,17 @@ def main() -> int:
     guided = find_spec("atheris") is not None and not args.random
     print("guided by coverage (atheris)" if guided else "mutated at random", flush=True)
     crashes = sum(
-        launch(name, share) if guided else attack(name, share, args.seed)
+        launch(name, share) if guided else attack(name, TARGETS[name], share, args.seed)
         for name in names
     )
     print("no crash" if not crashes else f"{crashes} crashes in {FOLDER / 'crashes'}")
     return 1 if crashes else 0
 
 
-def attack(name: str, seconds: float, seed: int) -> int:
-    """Mutate the seeds of one target at random; returns the number of different
+def attack(name: str, target: Target, seconds: float, seed: int) -> int:
+    """Mutate the seeds of a target at random; returns the number of different
     crashes."""
-    seeds, run = TARGETS[name].prepare()
+    seeds, run = target.prepare()
     dice = random.Random(seed)
     crashes = set[str]()
     count = 0
@@ -82,7 +82,7 @@ def attack(name: str, seconds: float, seed: int) -> int:
         begun = time.process_time()
         try:
             run(data)
-        except TARGETS[name].documented:
+        except target.documented:
             pass
         except Exception as error:
             crashes |= keep(name, data, error, crashes)

@@ -41,7 +41,6 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import ModelCard, read_model
 from tactophone.signal.perception.models import default_model, model_path
 from tactophone.signal.perception.onnx_table import check_graph
-from tactophone_lab.app import lerobot
 from tactophone_lab.datasets.biotac import import_biotac
 from tactophone_lab.datasets.open import open_dataset
 from tactophone_lab.datasets.roughness import measure_heights, read_heights
@@ -54,7 +53,7 @@ from .target import Run, Target
 ROOT = Path(__file__).parents[2]
 
 
-def _file(name: str, read: Callable[[Path], object]) -> Run:
+def file_run(name: str, read: Callable[[Path], object]) -> Run:
     """Return a function that writes bytes to a temporary file of this name, with mode
     0600, and reads it."""
     folder = Path(tempfile.mkdtemp(prefix="tactophone-fuzz-"))
@@ -72,7 +71,7 @@ def _file(name: str, read: Callable[[Path], object]) -> Run:
 
 def peers() -> tuple[Sequence[bytes], Run]:
     line = f"{Identity.create('robot').fingerprint} robot\n".encode()
-    return [line, line * 2], _file(
+    return [line, line * 2], file_run(
         PEERS_FILE, lambda path: Peers.load(path.parent).items()
     )
 
@@ -114,7 +113,7 @@ def settings() -> tuple[Sequence[bytes], Run]:
         b'[link]\nport = 48471\npacket_duration = 0.005\nhost = ""\n'
         b"[rendering]\nceiling = 0.5\nmuted = true\n"
     )
-    return [toml], _file("settings.toml", read_settings)
+    return [toml], file_run("settings.toml", read_settings)
 
 
 def assignments() -> tuple[Sequence[bytes], Run]:
@@ -129,7 +128,7 @@ def calibrations() -> tuple[Sequence[bytes], Run]:
         b'made = "2026-01-01"\nsource = "x"\n'
         b"sample_rate = 48000\nthreshold_dbfs = -50.0\n"
     )
-    return [toml], _file("calibration.toml", Calibration.read)
+    return [toml], file_run("calibration.toml", Calibration.read)
 
 
 def cards() -> tuple[Sequence[bytes], Run]:
@@ -146,7 +145,7 @@ def metadata() -> tuple[Sequence[bytes], Run]:
         b"a.wav,slate,rough,contact|air,long,table,d,0.30-5.17=rough 6-7=none\n"
         b"sub/b.wav,glass,smooth,contact,,,,\n"
     )
-    return [table], _file("metadata.csv", lambda path: open_dataset(path.parent))
+    return [table], file_run("metadata.csv", lambda path: open_dataset(path.parent))
 
 
 def takes() -> tuple[Sequence[bytes], Run]:
@@ -160,18 +159,18 @@ def takes() -> tuple[Sequence[bytes], Run]:
         "channels": ["contact"],
         "properties": {},
     }
-    return [json.dumps(entry).encode()], _file("take.json", _read_entry)
+    return [json.dumps(entry).encode()], file_run("take.json", _read_entry)
 
 
 def rounds() -> tuple[Sequence[bytes], Run]:
-    return [b'{"player": "a", "right": true}\n', b"{}\n[]\n"], _file(
+    return [b'{"player": "a", "right": true}\n', b"{}\n[]\n"], file_run(
         "results.jsonl", read_results
     )
 
 
 def timelines() -> tuple[Sequence[bytes], Run]:
     head = b"time,touch,roughness,level_dbfs,amplitude,frequency,none,smooth,rough\n"
-    return [head + b"0.1,rough,0.7,-20,0.5,60,0.1,0.2,0.7\n"], _file(
+    return [head + b"0.1,rough,0.7,-20,0.5,60,0.1,0.2,0.7\n"], file_run(
         "timeline.csv", read_timeline
     )
 
@@ -195,7 +194,7 @@ def recordings() -> tuple[Sequence[bytes], Run]:
             for block in islice(source, 50):
                 assert block.samples.dtype == np.float32
 
-    return seeds, _file("take.wav", read)
+    return seeds, file_run("take.wav", read)
 
 
 def heights() -> tuple[Sequence[bytes], Run]:
@@ -204,7 +203,7 @@ def heights() -> tuple[Sequence[bytes], Run]:
     np.save(plain, roughness)
     np.savez_compressed(packed, heights=roughness[:500], step=1e-5)
     runs = [
-        _file(f"heights{ending}", _measure)
+        file_run(f"heights{ending}", _measure)
         for ending in (".npy", ".npz", ".png", ".csv")
     ]
     seeds = [
@@ -212,9 +211,7 @@ def heights() -> tuple[Sequence[bytes], Run]:
         b"\1" + packed.getvalue(),
         b"\0" + packed.getvalue(),
     ]
-    return [*seeds, b"\3" + "\n".join(map(str, roughness[:300])).encode()], _chosen(
-        runs
-    )
+    return [*seeds, b"\3" + "\n".join(map(str, roughness[:300])).encode()], chosen(runs)
 
 
 def _measure(path: Path) -> None:
@@ -224,7 +221,7 @@ def _measure(path: Path) -> None:
             measure_heights(found, step=step or 1e-5)
 
 
-def _chosen(runs: Sequence[Run]) -> Run:
+def chosen(runs: Sequence[Run]) -> Run:
     """Return a function that gives the input to one of several, by its first byte."""
     return lambda data: runs[data[0] % len(runs)](data[1:]) if data else None
 
@@ -261,7 +258,7 @@ def labs() -> tuple[Sequence[bytes], Run]:
         return run
 
     labels = b"surface,label\nslate,rough\n"
-    return [b"\0" + table.encode(), b"\1" + labels], _chosen(
+    return [b"\0" + table.encode(), b"\1" + labels], chosen(
         [read("slate/a.csv"), read("labels.csv")]
     )
 
@@ -272,7 +269,7 @@ def hands() -> tuple[Sequence[bytes], Run]:
         b"ceiling = 0.4\n[index]\n"
         b'threshold_dbfs = -34\nport = "x"\nchannel = 2\nmodel = "paper"\n'
     )
-    return [toml], _file(
+    return [toml], file_run(
         "hand.toml", lambda path: each_finger(with_fingers(Settings(), str(path)))
     )
 
@@ -282,7 +279,9 @@ def recipes() -> tuple[Sequence[bytes], Run]:
         path.read_bytes()
         for path in sorted((ROOT / "examples/recipes").rglob("*.toml"))
     ]
-    return seeds or [b"hop = 64\nepochs = 1\n"], _file("recipe.toml", RecipeFile.read)
+    return seeds or [b"hop = 64\nepochs = 1\n"], file_run(
+        "recipe.toml", RecipeFile.read
+    )
 
 
 def graphs() -> tuple[Sequence[bytes], Run]:
@@ -299,26 +298,6 @@ def foxglove_requests() -> tuple[Sequence[bytes], Run]:
     return seeds, lambda data: viewer.obey(data.decode(errors="replace"))
 
 
-def robot_frames() -> tuple[Sequence[bytes], Run]:
-    """The files of a robot's data set (LeRobot): its table of features, and the head of
-    its frames."""
-    import pyarrow
-    from pyarrow import parquet
-
-    buffer = io.BytesIO()
-    frames = {
-        "timestamp": np.zeros(30, np.float32),
-        "episode_index": np.zeros(30, np.int64),
-    }
-    parquet.write_table(pyarrow.table(frames), buffer)
-    info = json.dumps({"codebase_version": "v3.0", "fps": 30, "features": {}}).encode()
-    runs = [
-        _file("meta/info.json", lambda path: lerobot._read_info(path.parents[1])),
-        _file("frames.parquet", lambda path: lerobot._count_frames([path])),
-    ]
-    return [b"\0" + info, b"\1" + buffer.getvalue()], _chosen(runs)
-
-
 TARGETS = {
     "heights": Target(heights, (TactophoneError,)),
     "responses": Target(responses, (TactophoneError,)),
@@ -327,7 +306,6 @@ TARGETS = {
     "recipes": Target(recipes, (TactophoneError,)),
     "graphs": Target(graphs, (ValueError,)),
     "foxglove_requests": Target(foxglove_requests),
-    "robot_frames": Target(robot_frames, (TactophoneError,)),
     "peers": Target(peers, (TactophoneError,)),
     "identities": Target(identities, (TactophoneError,)),
     "page_requests": Target(page_requests),

@@ -34,10 +34,9 @@ from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.net.link.events import Connected, PacketReceived, write_event
 from tactophone.net.link.packet import Packet, Payload, PayloadType
-from tactophone_lab.app import lerobot
 from tactophone_lab.game.stone_box import GameSettings
 
-from .file_targets import _chosen, _file
+from .file_targets import chosen, file_run
 from .target import Run, Target
 
 _TOUCH = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.7, -20.0, 0.0, 0.256)
@@ -112,7 +111,6 @@ def _read(path: Path) -> None:
     for reader in (
         lambda: list(Replay(read_log(path)).steps()),
         lambda: write_sound(path, path.parent),
-        lambda: lerobot._read_fingers(path),
     ):
         _in_words(reader)
 
@@ -136,12 +134,12 @@ def logs() -> tuple[Sequence[bytes], Run]:
             ):
                 log.write(Message(topic, 0.0, content))
         seeds = [_plain(_messages()), path.read_bytes()]
-    return seeds, _file("log.mcap", _read)
+    return seeds, file_run("log.mcap", _read)
 
 
 def log_messages() -> tuple[Sequence[bytes], Run]:
     """The JSON of one message, by the first byte."""
-    contents, read = _messages(), _file("log.mcap", _read)
+    contents, read = _messages(), file_run("log.mcap", _read)
 
     def replaced(number: int) -> Run:
         return lambda data: read(
@@ -149,7 +147,7 @@ def log_messages() -> tuple[Sequence[bytes], Run]:
         )
 
     seeds = [bytes([number]) + content for number, content in enumerate(contents)]
-    return seeds, _chosen([replaced(number) for number in range(len(contents))])
+    return seeds, chosen([replaced(number) for number in range(len(contents))])
 
 
 def page_sound() -> tuple[Sequence[bytes], Run]:
@@ -329,7 +327,7 @@ def ros_messages() -> tuple[Sequence[bytes], Run]:
         bytes([place]) + each.serialize()
         for place, each in enumerate((joints, audio, ros_topics.INFO))
     ]
-    return seeds, _chosen([reader(*each) for each in readers])
+    return seeds, chosen([reader(*each) for each in readers])
 
 
 TARGETS = {

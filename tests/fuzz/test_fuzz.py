@@ -34,7 +34,7 @@ def test_random_inputs_crash_no_parser(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert attack(name, SMOKE / len(TARGETS), seed=1) == 0
+    assert attack(name, TARGETS[name], SMOKE / len(TARGETS), seed=1) == 0
 
 
 def test_every_golden_file_belongs_to_a_target() -> None:

@@ -18,7 +18,6 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import Gate
 from tactophone_lab.training.onnx_export import make_card, write_model
 from tactophone_lab.training.paper_network import PaperNetwork, weights_of
-from tests.app.robot_data import robot_data
 from tests.folders import audiofolder
 from tests.live.log.recorded_run import record
 from tests.models import write_tiny_model
@@ -46,7 +45,6 @@ VERBS = {
         "{disk}/new",
     ),
     "demo": ("demo --out {disk}/demo", "{disk}/demo/microphones.wav"),
-    "export": ("export lerobot {log} --with {robot} --out {disk}/felt", "{disk}/felt"),
     "finetune": (
         "finetune {paper} {data} --general {data} --anyway --out {disk}/old.onnx",
         "{disk}/old.onnx",
@@ -170,18 +168,8 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
         "tactophone_lab.training.finetuning.train_on_both",
         lambda *_, **__: weights_of(PaperNetwork()),
     )
-    if "{robot}" in command:
-        robot_data(tmp_path / "robot")
     before = old(disk)
-    assert (
-        main(
-            [
-                word.format(disk=disk, robot=tmp_path / "robot", **places)
-                for word in command.split()
-            ]
-        )
-        == 1
-    )
+    assert main([word.format(disk=disk, **places) for word in command.split()]) == 1
     line = capsys.readouterr().err.replace("\n", " ")
     assert named.format(disk=disk) in line
     assert (
@@ -197,7 +185,7 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_there(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("verb", ["feel", "replay", "demo", "export", "simulate hand"])
+@pytest.mark.parametrize("verb", ["feel", "replay", "demo", "simulate hand"])
 def test_a_disk_that_fills_on_the_way_holds_the_old_results_and_no_half_ones(
     disk: Path,
     tmp_path: Path,
@@ -209,15 +197,8 @@ def test_a_disk_that_fills_on_the_way_holds_the_old_results_and_no_half_ones(
     os.truncate(disk / "filler", (disk / "filler").stat().st_size - ROOM)
     (disk / "00_0.haptic.wav").write_text("old")
     before = old(disk)
-    robot = robot_data(tmp_path / "robot") if verb == "export" else tmp_path
     assert (
-        main(
-            [
-                word.format(disk=disk, robot=robot, **places)
-                for word in VERBS[verb][0].split()
-            ]
-        )
-        == 1
+        main([word.format(disk=disk, **places) for word in VERBS[verb][0].split()]) == 1
     )
     assert old(disk) == before
 

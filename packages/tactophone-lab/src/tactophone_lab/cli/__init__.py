@@ -60,14 +60,6 @@ VERBS = (
         special=True,
     ),
     Verb(
-        "export",
-        "tactophone_lab.cli.export",
-        "sound",
-        "write a recorded run beside a robot's own data: LeRobot",
-        ("lerobot", "link", "record"),
-        special=True,
-    ),
-    Verb(
         "dataset",
         "tactophone_lab.cli.dataset",
         "sound",

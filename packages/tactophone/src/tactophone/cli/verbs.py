@@ -179,7 +179,6 @@ LABORATORY = (
     "dataset",
     "demo",
     "evaluate",
-    "export",
     "fetch",
     "finetune",
     "import-model",

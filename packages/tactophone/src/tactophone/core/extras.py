@@ -25,7 +25,6 @@ _MODULES = {
 _LAB_MODULES = {
     "heights": ("PIL",),
     "sim": ("numba", "scipy"),
-    "lerobot": ("pyarrow",),
     "train": ("torch", "onnx", "sklearn"),
     "ray": ("ray",),
 }

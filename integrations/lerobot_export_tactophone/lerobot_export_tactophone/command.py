@@ -1,4 +1,4 @@
-"""``tactophone export``: a recorded run in the formats of other fields."""
+"""``tactophone export-lerobot``: a recorded run beside a robot's own data."""
 
 import argparse
 from pathlib import Path
@@ -6,22 +6,16 @@ from pathlib import Path
 from tactophone.cli import options, output
 
 EXAMPLES = (
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data",
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data --episode 3 "
+    "tactophone export-lerobot run.mcap --with robot-data --out felt-data",
+    "tactophone export-lerobot run.mcap --with robot-data --out felt-data --episode 3 "
     "--start 1767225600.25",
-    "tactophone export lerobot run.mcap --with robot-data --out felt-data "
+    "tactophone export-lerobot run.mcap --with robot-data --out felt-data "
     "--into-state roughness,contact",
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add(
-        "format",
-        choices=("lerobot",),
-        metavar="FORMAT",
-        help="lerobot: LeRobotDataset v3.0",
-    )
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
     words = "folder of the robot's own data set"
     add(
@@ -66,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone_lab.app.lerobot import export
+    from lerobot_export_tactophone.export import export
 
     found = export(
         args.log,

@@ -7,30 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from lerobot_export_tactophone import export
+from lerobot_export_tactophone.export import LEROBOT_VALUES
 
 from tactophone.cli import main
 from tactophone.live.log.mcap import LogEnd, read_messages
-from tactophone_lab.app import lerobot
-from tactophone_lab.app.lerobot import LEROBOT_VALUES
-from tests.app.robot_data import FPS, FRAMES, robot_data
-from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 
-pytest.importorskip("mcap")
 FEATURE = "observation.tactile.index"
+FPS, FRAMES = 30, 45
+"""Of each episode of the data set."""
+
 parquet = pytest.importorskip("pyarrow.parquet")
 pandas = pytest.importorskip("pandas")
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("lerobot")
-    return record(folder / "run.mcap", write_tiny_model(folder / "tiny.onnx"))
-
-
-@pytest.fixture
-def dataset(tmp_path: Path) -> Path:
-    return robot_data(tmp_path / "robot")
 
 
 def read_episode(root: Path, episode: int) -> "pandas.DataFrame":
@@ -67,8 +55,7 @@ def test_every_prediction_stands_beside_the_frames_of_its_episode(
     assert (
         main(
             [
-                "export",
-                "lerobot",
+                "export-lerobot",
                 str(log),
                 "--with",
                 str(dataset),
@@ -140,8 +127,7 @@ def test_the_sound_of_an_episode_is_found_by_the_path_of_the_data_set(
     assert (
         main(
             [
-                "export",
-                "lerobot",
+                "export-lerobot",
                 str(log),
                 "--with",
                 str(dataset),
@@ -180,8 +166,7 @@ def test_the_newest_values_join_the_state_with_names_and_statistics(
 ) -> None:
     out = tmp_path / "felt"
     command = [
-        "export",
-        "lerobot",
+        "export-lerobot",
         str(log),
         "--with",
         str(dataset),
@@ -228,8 +213,7 @@ def test_what_does_not_fit_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     command = [
-        "export",
-        "lerobot",
+        "export-lerobot",
         str(log),
         "--with",
         str(dataset),
@@ -249,7 +233,7 @@ def test_a_link_in_a_data_set_overwrites_no_file_elsewhere(
     sound = dataset / "audio/unsorted/run.wav"
     sound.parent.mkdir(parents=True)
     sound.symlink_to(victim)
-    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out"]
+    command = ["export-lerobot", str(log), "--with", str(dataset), "--out"]
     assert main([*command, str(tmp_path / "linked")]) == 1
     assert "a link" in capsys.readouterr().err
     sound.unlink()
@@ -284,8 +268,7 @@ def test_a_file_of_endless_frames_is_refused_by_its_header(
     assert (
         main(
             [
-                "export",
-                "lerobot",
+                "export-lerobot",
                 str(log),
                 "--with",
                 str(dataset),
@@ -307,7 +290,7 @@ def test_a_frame_of_endless_values_is_refused_by_its_header(
 ) -> None:
     import pyarrow
 
-    monkeypatch.setattr(lerobot, "MOST_VALUES", 1_000_000)
+    monkeypatch.setattr(export, "MOST_VALUES", 1_000_000)
     zeros = pyarrow.nulls(1_000_001, pyarrow.uint8()).fill_null(0)
     columns = {
         "timestamp": pyarrow.array([0.0]),
@@ -320,8 +303,7 @@ def test_a_frame_of_endless_values_is_refused_by_its_header(
         assert (
             main(
                 [
-                    "export",
-                    "lerobot",
+                    "export-lerobot",
                     str(log),
                     "--with",
                     str(dataset),
@@ -344,17 +326,16 @@ def test_frames_with_long_words_are_read_a_few_at_a_time(
     path = dataset / "data/chunk-000/file-000.parquet"
     table = parquet.read_table(path)
     word = ["A" * 1_000_000] * len(table)
-    monkeypatch.setattr(lerobot, "BATCH_BYTES", 4_000_000)
+    monkeypatch.setattr(export, "BATCH_BYTES", 4_000_000)
     parquet.write_table(
         table.append_column("word", pyarrow.chunked_array([word])), path
     )
-    assert lerobot._batch_size(parquet.read_metadata(path)) < 5
+    assert export.batch_size(parquet.read_metadata(path)) < 5
     out = tmp_path / "out"
     assert (
         main(
             [
-                "export",
-                "lerobot",
+                "export-lerobot",
                 str(log),
                 "--with",
                 str(dataset),
@@ -374,7 +355,7 @@ def test_frames_with_long_words_are_read_a_few_at_a_time(
 def test_a_second_episode_leaves_the_first_ones_touch_sound_and_state(
     log: Path, dataset: Path, tmp_path: Path
 ) -> None:
-    command = ["export", "lerobot", str(log), "--into-state", "roughness,contact"]
+    command = ["export-lerobot", str(log), "--into-state", "roughness,contact"]
     once, twice = tmp_path / "once", tmp_path / "twice"
     assert (
         main([*command, "--with", str(dataset), "--out", str(once), "--episode", "0"])
@@ -410,8 +391,7 @@ def test_another_choice_of_values_does_not_shift_the_state(
 ) -> None:
     once = tmp_path / "once"
     command = [
-        "export",
-        "lerobot",
+        "export-lerobot",
         str(log),
         "--with",
         str(dataset),
@@ -422,8 +402,7 @@ def test_another_choice_of_values_does_not_shift_the_state(
     ]
     assert main(command) == 0
     command = [
-        "export",
-        "lerobot",
+        "export-lerobot",
         str(log),
         "--with",
         str(once),

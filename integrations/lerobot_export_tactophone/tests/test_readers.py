@@ -5,6 +5,7 @@ each is skipped where its package is not installed.
 """
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,12 +14,14 @@ from typing import Any
 import pytest
 
 from tactophone.cli import main
-from tests.app.robot_data import FRAMES, robot_data
-from tests.live.log.recorded_run import record
-from tests.models import write_tiny_model
 
-pytest.importorskip("mcap")
+pytest.importorskip("pyarrow")
+
 FEATURE = "observation.tactile.index"
+ROBOT = Path(__file__).parent / "data/robot"
+FRAMES = 45
+"""Of each of the three episodes."""
+
 CHECKERS = {
     "lerobot_doctor": "lerobot_doctor.cli check",
     "lerobot_lint": "lerobot_lint.cli check",
@@ -27,16 +30,14 @@ CHECKERS = {
 
 
 @pytest.fixture(scope="module")
-def felt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def felt(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data set with touch in all of its episodes; the original stands beside it."""
     folder = tmp_path_factory.mktemp("readers")
-    log = record(folder / "run.mcap", write_tiny_model(folder / "tiny.onnx"))
-    before = robot_data(folder / "orig")
+    before = Path(shutil.copytree(ROBOT, folder / "orig"))
     for episode in range(3):
         out = folder / f"fel{episode}"
         command = [
-            "export",
-            "lerobot",
+            "export-lerobot",
             str(log),
             "--with",
             str(before),

@@ -139,16 +139,16 @@ def export(
 
     if out.exists():
         raise ConfigError(f"--out {out}: exists already; name a new folder")
-    info = _read_info(dataset)
-    fingers, lead = _read_fingers(log)
+    info = read_info(dataset)
+    fingers, lead = read_fingers(log)
     held, state = _extended_state(into_state, info, dataset, fingers)
     begin = (
         min(float(finger.times[0]) for finger in fingers) if start is None else start
     )
     _refuse_links(dataset)
     paths = sorted((dataset / "data").rglob("*.parquet"))
-    frames = _count_frames(paths)
-    _count_frames((dataset / "meta/episodes").rglob("*.parquet"))
+    frames = count_frames(paths)
+    count_frames((dataset / "meta/episodes").rglob("*.parquet"))
     tables = (
         parquet.read_table(path, columns=["timestamp", "episode_index"])
         for path in paths
@@ -218,7 +218,7 @@ def export(
     )
 
 
-def _read_info(dataset: Path) -> dict[str, Any]:
+def read_info(dataset: Path) -> dict[str, Any]:
     try:
         info: dict[str, Any] = json.loads((dataset / "meta/info.json").read_bytes())
         if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
@@ -241,7 +241,7 @@ def _read_info(dataset: Path) -> dict[str, Any]:
     return info
 
 
-def _read_fingers(log: Path) -> tuple[list[Finger], float]:
+def read_fingers(log: Path) -> tuple[list[Finger], float]:
     """Return the predictions of each finger, and the time of the beginning of the
     sound, in s since 1970."""
     found: dict[str, list[tuple[float, float, list[float]]]] = {}
@@ -376,7 +376,7 @@ def _write_frames(
         target.unlink()  # it may be a link to the original
         with parquet.ParquetFile(path) as file, ExitStack() as stack:
             writer = None
-            for batch in file.iter_batches(_batch_size(file.metadata)):
+            for batch in file.iter_batches(batch_size(file.metadata)):
                 table = pyarrow.Table.from_batches([batch])
                 columns = dict(zip(table.column_names, table.columns, strict=True))
                 for name, values in features(table).items():
@@ -399,7 +399,7 @@ def _column_chunks(head: Any) -> Iterator[Any]:
         yield from map(group.column, range(group.num_columns))
 
 
-def _batch_size(head: Any) -> int:
+def batch_size(head: Any) -> int:
     """Return how many frames are read at once: one value of a dictionary may stand in
     all of them."""
     sizes = [
@@ -559,7 +559,7 @@ def _refuse_links(dataset: Path) -> None:
             raise DatasetError(f"{path}: a link; copy the data set with `cp -rL` first")
 
 
-def _count_frames(paths: Iterable[Path]) -> int:
+def count_frames(paths: Iterable[Path]) -> int:
     """Return the number of frames by the heads of the files, before anything is read;
     raises `DatasetError`."""
     import pyarrow
