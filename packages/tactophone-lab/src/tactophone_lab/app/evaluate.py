@@ -269,7 +269,7 @@ def recording_predictor(model: str | Model) -> Predictor:
     `tactophone feel` does."""
 
     def predict(recording: Recording) -> TakePredictions:
-        opened = open_recording(recording.path, model)
+        opened = open_recording(recording.path, model, channels=recording.picked)
         card = opened.card
         if card and (opened.channels > 1 or card.kind not in SUPPORTS_MISSING_CHANNEL):
             # Raises where the manifest says that the file holds other microphones than

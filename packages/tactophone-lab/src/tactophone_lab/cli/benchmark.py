@@ -12,11 +12,12 @@ from tactophone.cli import options, output
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.cli.data import (
-    add_filter,
     add_folds,
     add_kin,
+    add_selection,
     cache_of,
     open_filtered,
+    reading_of,
 )
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "simulated sound never mix (default: a "
         "small simulated one, rendered first)",
     )
-    add_filter(parser)
+    add_selection(parser)
+    options.add_recorded_channels(parser)
     add_kin(parser)
     add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
     words = (
@@ -104,7 +106,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
     folders = args.data or [_simulated(cache.folder / "simulated", args.workers)]
-    return [open_filtered(folder, args.filter, kin=args.kin) for folder in folders]
+    return [
+        open_filtered(folder, args.filter, kin=args.kin, reading=reading_of(args))
+        for folder in folders
+    ]
 
 
 def _simulated(folder: Path, workers: int) -> Path:

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from tactophone_lab.datasets.checks import (
     nothing_usable,
     usable,
     with_channels,
+    with_picked_channels,
 )
 from tactophone_lab.datasets.open import open_dataset, phone_sounds
 from tactophone_lab.datasets.splits import with_kin
@@ -24,7 +26,17 @@ if TYPE_CHECKING:
     from tactophone_lab.benchmark.folds import Cache
 
 
-def add_filter(parser: argparse.ArgumentParser) -> None:
+def add_follow_links(parser: options.Container) -> None:
+    words = (
+        "also read sound outside of DIR that a link in DIR leads to (default: it is "
+        "named and left out); it is never copied"
+    )
+    parser.add_argument("--follow-links", action="store_true", help=words)
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """Add which recordings of a data set are read."""
+    add_follow_links(parser)
     words = (
         "keep only recordings whose tier, surface, scenario or other key has one "
         "of these values; repeatable"
@@ -40,6 +52,33 @@ def add_labels(parser: argparse.ArgumentParser) -> None:
         "the data card beside them)"
     )
     parser.add_argument("--labels", metavar="N=NAME[,...]", help=words)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How the files of a data set are read.
+
+    ``places`` are the channels of contact and air in files of more than two, counted
+    from 0; ``follow_links`` as for `open_dataset`.
+    """
+
+    places: tuple[int, ...] = ()
+    follow_links: bool = False
+
+
+def reading_of(args: argparse.Namespace) -> Reading:
+    """Return how the options of a verb say that files are read."""
+    # `train` also takes a count of microphones as --channels.
+    places = args.channels if isinstance(args.channels, tuple) else ()
+    return Reading(places, args.follow_links)
+
+
+def open_as(
+    folder: Path, reading: Reading, *, labels: Mapping[str, str] | None = None
+) -> Dataset:
+    """Open a data set, read as the options say; errors as `open_dataset`."""
+    dataset = open_dataset(folder, labels=labels, follow_links=reading.follow_links)
+    return with_picked_channels(dataset, reading.places)
 
 
 def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
@@ -98,6 +137,7 @@ def open_filtered(
     kin: Path | None = None,
     segments: bool = False,
     labels: Mapping[str, str] | None = None,
+    reading: Reading = Reading(),
 ) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported
     on stderr.
@@ -106,7 +146,7 @@ def open_filtered(
     ``segments``, recordings with several labels are kept. Raises `DatasetError` if
     nothing is left.
     """
-    dataset = open_dataset(folder, labels=labels)
+    dataset = open_as(folder, reading, labels=labels)
     for text in filters or ():
         dataset = _filtered(dataset, text)
     kept, problems = usable(dataset)
@@ -132,9 +172,9 @@ def report_left_out(folder: Path | str, problems: Sequence[Problem]) -> None:
         output.note(f"left out: {unread}")
 
 
-def is_mono(folder: Path) -> bool:
+def is_mono(folder: Path, reading: Reading) -> bool:
     """Return whether the recordings of a data set have one channel alone."""
-    return channels_of_all(open_dataset(folder)) == 1
+    return channels_of_all(open_as(folder, reading)) == 1
 
 
 @contextmanager

@@ -24,7 +24,14 @@ from tactophone.core.recordings.sound_file import sound_info
 from tactophone.core.recordings.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.live.log.mcap import is_mcap
 from tactophone.signal.perception.calibration import Calibration
-from tactophone_lab.cli.data import add_labels, labels_of, report_left_out
+from tactophone_lab.cli.data import (
+    add_follow_links,
+    add_labels,
+    labels_of,
+    open_as,
+    reading_of,
+    report_left_out,
+)
 from tactophone_lab.datasets.checks import (
     DEFAULT_CONTACT_DBFS,
     check,
@@ -75,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{DEFAULT_CONTACT_DBFS:g} dBFS)",
     )
     add_labels(sub)
+    add_follow_links(sub)
     options.add_recorded_channels(sub)
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
@@ -84,6 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "spectrograms",
     )
     sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
+    add_follow_links(sub)
+    options.add_recorded_channels(sub)
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
         "split",
@@ -135,8 +145,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    dataset = open_dataset(args.folder, labels=labels_of(args))
-    dataset = with_picked_channels(dataset, args.channels)
+    dataset = open_as(args.folder, reading_of(args), labels=labels_of(args))
     threshold_dbfs = (
         Calibration.read(args.calibration).window_dbfs
         if args.calibration
@@ -198,7 +207,7 @@ def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
 
 
 def _show(args: argparse.Namespace) -> int:
-    dataset = open_dataset(args.folder)
+    dataset = open_as(args.folder, reading_of(args))
     if args.plot:
         draw_dataset(args.plot, dataset)
     surfaces = _surfaces(dataset)

@@ -22,12 +22,13 @@ from tactophone_lab.app.evaluate import (
     note_scores,
 )
 from tactophone_lab.cli.data import (
-    add_filter,
     add_folds,
     add_kin,
+    add_selection,
     bars,
     cache_of,
     open_filtered,
+    reading_of,
 )
 from tactophone_lab.cli.train import add_recipe, recipe_for, recipe_of
 from tactophone_lab.datasets.shared_sound import leak_warnings
@@ -76,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="a data set, or class folders rough/ and smooth/",
     )
-    add_filter(parser)
+    add_selection(parser)
     add_kin(parser)
     add(
         "--by-recording",
@@ -129,7 +130,13 @@ def run(args: argparse.Namespace) -> int:
         if args.model
         else recipe.configured().channels
     )
-    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    dataset = open_filtered(
+        args.data,
+        args.filter,
+        channels=channels,
+        kin=args.kin,
+        reading=reading_of(args),
+    )
     with bars() as report:
         if args.model:
             found, warnings = evaluate_model(args.model, dataset, report=report)
@@ -271,7 +278,13 @@ def _vary(args: argparse.Namespace) -> int:
         name = ", ".join(f"{key} {value}" for key, value in changes.items())
         recipes[name] = recipe_of(args).changed(changes, where=f"--vary, {name}")
     channels = max(recipe.configured().channels for recipe in recipes.values())
-    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
+    dataset = open_filtered(
+        args.data,
+        args.filter,
+        channels=channels,
+        kin=args.kin,
+        reading=reading_of(args),
+    )
     for warning in leak_warnings(dataset, split(dataset, args.split or "5-fold")):
         output.note(warning)
     with bars() as report:

@@ -12,7 +12,7 @@ from tactophone.cli.options import SEED
 from tactophone.signal.perception.calibration import Calibration
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.cli.data import add_filter, bars, open_filtered
+from tactophone_lab.cli.data import add_selection, bars, open_filtered, reading_of
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -80,7 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--seed", type=SEED, default=0, metavar="N", help="random seed, %(type)s")
     options.add_json(parser, "print JSON instead of a table")
-    add_filter(parser)
+    add_selection(parser)
+    options.add_recorded_channels(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,8 +89,12 @@ def run(args: argparse.Namespace) -> int:
 
     start = model_path(args.model)
     channels = read_model(start).card.channels
-    new = open_filtered(args.new, args.filter, channels=channels)
-    general = open_filtered(args.general, None, channels=channels)
+    new = open_filtered(
+        args.new, args.filter, channels=channels, reading=reading_of(args)
+    )
+    general = open_filtered(
+        args.general, None, channels=channels, reading=reading_of(args)
+    )
     calibration = Calibration.read(args.calibration) if args.calibration else None
     with bars() as report:
         tuned = finetune_model(

@@ -10,7 +10,7 @@ from tactophone.cli import options, output
 from tactophone.cli.options import Within, per_minute
 from tactophone.signal.perception.model_file import read_model
 from tactophone.signal.perception.models import model_path
-from tactophone_lab.cli.data import add_filter, bars, open_filtered
+from tactophone_lab.cli.data import add_selection, bars, open_filtered, reading_of
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -35,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="validation recordings, none of them trained on",
     )
-    add_filter(parser)
+    add_selection(parser)
+    options.add_recorded_channels(parser)
     goal = parser.add_mutually_exclusive_group(required=True)
     words = (
         "false bumps to allow: rough predicted on smooth, over 0 to 600 a minute "
@@ -85,7 +86,13 @@ def run(args: argparse.Namespace) -> int:
     from tactophone_lab.app.set_threshold import set_threshold
 
     channels = read_model(model_path(args.model)).card.channels
-    dataset = open_filtered(args.data, args.filter, channels=channels, segments=True)
+    dataset = open_filtered(
+        args.data,
+        args.filter,
+        channels=channels,
+        segments=True,
+        reading=reading_of(args),
+    )
     with bars() as report:
         choice = set_threshold(
             args.model,

@@ -9,11 +9,12 @@ from tactophone.core.tips import TIP_NAMES
 from tactophone.signal.perception.calibration import Calibration
 from tactophone_lab.app.train import train_model
 from tactophone_lab.cli.data import (
-    add_filter,
     add_labels,
+    add_selection,
     is_mono,
     labels_of,
     open_filtered,
+    reading_of,
 )
 from tactophone_lab.training.recipes import RECIPES, RecipeFile
 
@@ -37,11 +38,11 @@ def add_recipe(parser: options.Container) -> None:
     )
     add(
         "--channels",
-        type=int,
-        choices=(1, 2),
-        help="microphones to use (default: as many as the recordings have); the "
-        "recipes paper and paper-fast take "
-        "them from variant",
+        type=options.microphones,
+        metavar="N|N,N",
+        help="how many microphones to use, 1 or 2 (default: as many as the recordings "
+        "have); the recipes paper and paper-fast take them from variant. Two numbers, "
+        "such as 3,4, are the channels of contact and air in files of more than two",
     )
     words = (
         "tip that the model is for (recipes on features; default: the recordings' own)"
@@ -63,11 +64,9 @@ def recipe_of(args: argparse.Namespace) -> RecipeFile:
         recipe = RecipeFile.read(Path(args.recipe))
     else:
         recipe = RecipeFile().changed({"recipe": args.recipe}, where="--recipe")
-    given = {
-        name: value
-        for name in ("channels", "tip")
-        if (value := getattr(args, name)) is not None
-    }
+    given = {"tip": args.tip} if args.tip else {}
+    if isinstance(args.channels, int):
+        given["channels"] = args.channels
     return recipe.changed(given | options.assigned(args.set), where="--set")
 
 
@@ -82,7 +81,7 @@ def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
     chosen = args.channels or any(
         text.startswith(("channels=", "variant=")) for text in args.set
     )
-    if chosen or args.recipe.endswith(".toml") or not is_mono(folder):
+    if chosen or args.recipe.endswith(".toml") or not is_mono(folder, reading_of(args)):
         return recipe
     change = {"variant": "one-channel"} if is_network else {"channels": 1}
     return recipe.changed(change, where="the recordings have one channel")
@@ -111,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="train on this data set too, all of it that is labelled; repeatable",
     )
-    add_filter(parser)
+    add_selection(parser)
     add_labels(parser)
     add_recipe(parser)
     add(
@@ -144,9 +143,19 @@ def run(args: argparse.Namespace) -> int:
     )
     labels = labels_of(args)
     channels = recipe.channels
-    datasets = [open_filtered(args.data, args.filter, channels=channels, labels=labels)]
+    datasets = [
+        open_filtered(
+            args.data,
+            args.filter,
+            channels=channels,
+            labels=labels,
+            reading=reading_of(args),
+        )
+    ]
     for folder in args.also:
-        datasets.append(open_filtered(folder, None, channels=channels))
+        datasets.append(
+            open_filtered(folder, None, channels=channels, reading=reading_of(args))
+        )
     with output.progress("training") as update:
         trained = train_model(
             recipe,

@@ -19,7 +19,7 @@ from tactophone.core.recordings.label_tracks import (
     read_track,
 )
 from tactophone.core.recordings.layouts import sounds_in, surface_and_take
-from tactophone.core.recordings.links import foreign_target
+from tactophone.core.recordings.links import link_fault
 from tactophone.core.recordings.metadata import PARTS
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
@@ -41,9 +41,6 @@ MICROPHONE_WORDS: Mapping[str, str] = {
 }
 """Words for a microphone in the names of folders and files, and the channel that each
 is."""
-
-OUTSIDE = "put the file itself there, as `cp -rL` does"
-"""What to do about a link to another folder."""
 
 _MICROPHONE_AT_END = re.compile(
     rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE
@@ -89,8 +86,9 @@ class _Name:
         )
 
 
-def read_lab_folder(folder: Path) -> LabFolder:
-    """Find recordings, labels and pairs by the names below a folder.
+def read_lab_folder(folder: Path, *, follow_links: bool = False) -> LabFolder:
+    """Find recordings, labels and pairs by the names below a folder; ``follow_links``
+    as for `read_metadata`.
 
     The folder is searched to any depth. Without a label in any name
     ``dataset.recordings`` is empty.
@@ -100,12 +98,13 @@ def read_lab_folder(folder: Path) -> LabFolder:
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
     sounds = sounds_in(folder)
-    timed = dict(read_events(folder, sounds, problems))
+    timed = dict(read_events(folder, sounds, problems, follow_links=follow_links))
     for path in sounds:
-        timed.setdefault(path, read_track(path, problems))
-        if target := foreign_target(path, folder):
-            problems.append(Problem(path, "link", f"leads to {target}; {OUTSIDE}"))
+        if fault := link_fault(path, folder, follow=follow_links):
+            problems.append(Problem(path, "link", fault))
             continue
+        if path not in timed:
+            timed[path] = read_track(path, folder, problems, follow_links=follow_links)
         name = _parse_name(path.relative_to(folder))
         if timed[path] and not name.label:
             name = replace(name, label=label_of(timed[path]))

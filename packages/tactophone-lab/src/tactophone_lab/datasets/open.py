@@ -14,13 +14,17 @@ from tactophone_lab.datasets.lab_folders import LabFolder, read_lab_folder
 
 
 def open_dataset(
-    path: Path | str, *, labels: Mapping[str, str] | None = None
+    path: Path | str,
+    *,
+    labels: Mapping[str, str] | None = None,
+    follow_links: bool = False,
 ) -> Dataset:
     """Read a data set in any layout, by its folder or the CSV file in it.
 
     A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names
     what numbers in the column ``label`` mean; by default ``labels.toml`` or the class
-    names in a Hugging Face data card do.
+    names in a Hugging Face data card do. With ``follow_links``, sound outside of the
+    folder is read too, where a link in the folder leads to it.
 
     Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise:
     they are in ``Dataset.problems``.
@@ -33,14 +37,16 @@ def open_dataset(
             f"{FILE_NAME}"
         )
     if manifests_in(folder):
-        return read_metadata(folder, surface_of=surface_of, labels=labels)
+        return read_metadata(
+            folder, surface_of=surface_of, labels=labels, follow_links=follow_links
+        )
     if read := layout_of(folder):
-        return read(folder)
+        return read(folder, follow_links=follow_links)
     if inner := _inner(folder):
         raise DatasetError(
             f"{folder}: holds several data sets; name one: {', '.join(inner)}"
         )
-    found = read_lab_folder(folder)
+    found = read_lab_folder(folder, follow_links=follow_links)
     if found.air_of:
         raise DatasetError(
             f"{folder}: each microphone is in a file of its own; "

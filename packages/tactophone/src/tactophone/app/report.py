@@ -3,7 +3,7 @@ first."""
 
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -34,7 +34,11 @@ said."""
 
 
 def report_lines(
-    settings: Settings, *, log: Path | None = None, recording: Path | None = None
+    settings: Settings,
+    *,
+    log: Path | None = None,
+    recording: Path | None = None,
+    channels: Sequence[int] = (),
 ) -> Iterator[str]:
     """Yield the report's lines: versions, sound devices, changed settings, a log's
     summary and a recording's notes.
@@ -54,7 +58,7 @@ def report_lines(
         ("Sound devices", _devices(settings)),
         ("Changed settings", _settings(settings)),
         ("Log", _log(log)),
-        ("Notes on the recording", _notes(recording, settings)),
+        ("Notes on the recording", _notes(recording, settings, channels)),
     ):
         yield ""
         yield f"## {heading}"
@@ -131,12 +135,14 @@ def _log(log: Path | None) -> Iterator[str]:
         yield f"- {summary.channels[number].topic}: {count}"
 
 
-def _notes(recording: Path | None, settings: Settings) -> Iterator[str]:
+def _notes(
+    recording: Path | None, settings: Settings, channels: Sequence[int]
+) -> Iterator[str]:
     if recording is None:
         yield "none; `tactophone report --recording finger.wav` adds what `feel` notes"
         return
     try:
-        opened = open_recording_for(recording, settings)
+        opened = open_recording_for(recording, settings, channels=channels)
         for _ in opened.steps():
             pass
     except TactophoneError as error:

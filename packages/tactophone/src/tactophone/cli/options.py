@@ -425,6 +425,22 @@ def add_recorded_channels(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def microphones(text: str) -> int | tuple[int, ...]:
+    """Parse how many microphones to use, or which two channels of a file they are.
+
+    >>> microphones("1"), microphones("3,4")
+    (1, (2, 3))
+    """
+    if text in ("1", "2"):
+        return int(text)
+    if "," in text:
+        return recorded_channels(text)
+    raise argparse.ArgumentTypeError(
+        f"{text}: write 1 or 2 for how many microphones to use, or two channels such "
+        "as 3,4"
+    )
+
+
 def recorded_channels(text: str) -> tuple[int, ...]:
     """Parse the channels of a recording, counted from 1, into places counted from 0.
 

@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="file to write (default: %(default)s)",
     )
+    options.add_recorded_channels(parser)
     options.add_settings(parser, "report")
 
 
@@ -42,7 +43,9 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.app.report import report_lines
 
     settings = options.settings_of(args)
-    lines = report_lines(settings, log=args.log, recording=args.recording)
+    lines = report_lines(
+        settings, log=args.log, recording=args.recording, channels=args.channels
+    )
     with atomic_write(args.out) as unfinished:
         unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(args.out)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.links import name_below
+from tactophone.core.recordings.links import link_fault, name_below
 from tactophone.core.recordings.metadata import parse_label, rows
 from tactophone.core.recordings.sound_file import is_hidden
 from tactophone.core.recordings.values import (
@@ -35,10 +35,15 @@ EVENT_COLUMNS = ("onset", "offset")
 """Columns, in seconds, by which a table of events is known."""
 
 
-def read_track(sound: Path, problems: list[Problem]) -> tuple[Segment, ...]:
-    """Return the segments of the Audacity label track beside a sound file; empty if the
-    file has no track."""
+def read_track(
+    sound: Path, folder: Path, problems: list[Problem], *, follow_links: bool = False
+) -> tuple[Segment, ...]:
+    """Return the segments of the Audacity label track beside a sound file in a data
+    set's folder; empty if the file has no track."""
     track = sound.with_suffix(TRACK_SUFFIX)
+    if fault := link_fault(track, folder, follow=follow_links):
+        problems.append(Problem(track, "link", fault))
+        return ()
     try:
         lines = track.read_text("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -72,7 +77,11 @@ def find_event_tables(folder: Path) -> list[Path]:
 
 
 def read_events(
-    folder: Path, sounds: Iterable[Path], problems: list[Problem]
+    folder: Path,
+    sounds: Iterable[Path],
+    problems: list[Problem],
+    *,
+    follow_links: bool = False,
 ) -> Mapping[Path, tuple[Segment, ...]]:
     """Return the segments of each sound file by the folder's tables of events, which
     name files without the folders that they lie in."""
@@ -81,6 +90,9 @@ def read_events(
         by_name[path.name].append(path)
     segments: dict[Path, list[Segment]] = defaultdict(list)
     for table in find_event_tables(folder):
+        if fault := link_fault(table, folder, follow=follow_links):
+            problems.append(Problem(table, "link", fault))
+            continue
         for line, row in rows(table, required=("file_name", "label", *EVENT_COLUMNS)):
             name = row["file_name"].replace("\\", "/").rpartition("/")[2]
             found = by_name.get(name, [])

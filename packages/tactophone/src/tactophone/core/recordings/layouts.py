@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tactophone.core.microphones import MICROPHONES
+from tactophone.core.recordings.links import link_fault, refuse_to_read
 from tactophone.core.recordings.metadata import named_file, parse_label, rows
 from tactophone.core.recordings.sound_file import SOUND_SUFFIXES, is_hidden
 from tactophone.core.recordings.values import (
@@ -76,10 +77,12 @@ _COLUMNS = (
 )
 
 
-def read_manifest(folder: Path) -> Dataset:
+def read_manifest(folder: Path, *, follow_links: bool = False) -> Dataset:
     """Read a folder with ``manifest.csv`` and, where labels change in time,
-    ``segments.csv``."""
+    ``segments.csv``; ``follow_links`` as for `read_metadata`."""
     problems: list[Problem] = []
+    for table in (MANIFEST, SEGMENTS):
+        refuse_to_read(folder / table, folder, follow=follow_links)
     segments = _segments(folder, problems)
     recordings = []
     for line, row in rows(folder / MANIFEST, required=("file", "surface", "label")):
@@ -89,6 +92,7 @@ def read_manifest(folder: Path) -> Dataset:
             manifest=folder / MANIFEST,
             line=line,
             problems=problems,
+            follow_links=follow_links,
         )
         if path is None:
             continue
@@ -122,9 +126,9 @@ def read_manifest(folder: Path) -> Dataset:
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
-def read_authors(folder: Path) -> Dataset:
+def read_authors(folder: Path, *, follow_links: bool = False) -> Dataset:
     """Read the authors' layout; a file whose name does not fit is reported and left
-    out."""
+    out. ``follow_links`` as for `read_metadata`."""
     problems: list[Problem] = []
     recordings = []
     for place, pattern, describe, wanted in (
@@ -143,7 +147,9 @@ def read_authors(folder: Path) -> Dataset:
         ),
     ):
         for path in sorted((folder / place).glob("[!.]*.wav")):
-            if match := pattern.fullmatch(path.stem):
+            if fault := link_fault(path, folder, follow=follow_links):
+                problems.append(Problem(path, "link", fault))
+            elif match := pattern.fullmatch(path.stem):
                 recordings.append(describe(path, match))
             else:
                 problems.append(

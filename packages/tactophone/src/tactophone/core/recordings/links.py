@@ -4,7 +4,9 @@ A manifest comes from another machine: written on Windows, unpacked on a Mac, ty
 person. Its names are found as a person would find them. A data set comes from a
 stranger: a link in it must not lead a reader to the reader's own files, nor a writer
 through it. One kind of link is ordinary: the client of Hugging Face keeps every file in
-``blobs/`` and fills ``snapshots/REVISION/`` with links to them.
+``blobs/`` and fills ``snapshots/REVISION/`` with links to them. Any other link that
+leaves the folder is foreign. What it leads to is read only by a reader who asked for
+it, who may have made the link; it is never copied, and nothing is written through it.
 """
 
 import os
@@ -90,13 +92,35 @@ def _blobs_of(folder: Path) -> Path | None:
     return None
 
 
+def link_fault(path: Path, folder: Path, *, follow: bool = False) -> str:
+    """Say where a path below a folder leads and what to do, where it may not be read;
+    empty where it may.
+
+    ``follow``: the reader asked for what foreign links lead to.
+    """
+    target = None if follow else foreign_target(path, folder)
+    if target is None:
+        return ""
+    return (
+        f"a link to {target}, outside {folder}; put the file itself there, as `cp -rL` "
+        "does, or read it where it is with --follow-links"
+    )
+
+
+def refuse_to_read(path: Path, folder: Path, *, follow: bool = False) -> None:
+    """Raise `DatasetError` if a table below a folder may not be read, as for
+    `link_fault`."""
+    if fault := link_fault(path, folder, follow=follow):
+        raise DatasetError(f"{path}: {fault}")
+
+
 def refuse_foreign(path: Path, folder: Path) -> None:
     """Raise `DatasetError` if a path below a folder leads to a file that is not the
-    folder's, and would be read."""
+    folder's, and would be copied."""
     if target := foreign_target(path, folder):
         raise DatasetError(
-            f"{path}: a link to {target}, outside {folder}; put the file itself there, "
-            "as `cp -rL` does"
+            f"{path}: a link to {target}, outside {folder}, which is not copied; put "
+            "the file itself there, as `cp -rL` does"
         )
 
 

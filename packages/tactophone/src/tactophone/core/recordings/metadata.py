@@ -17,7 +17,12 @@ from pathlib import Path
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.processes import atomic_write
-from tactophone.core.recordings.links import find_file, foreign_target, name_below
+from tactophone.core.recordings.links import (
+    find_file,
+    link_fault,
+    name_below,
+    refuse_to_read,
+)
 from tactophone.core.recordings.values import (
     LABEL_NAMES,
     Dataset,
@@ -54,18 +59,23 @@ def read_metadata(
     *,
     surface_of: Callable[[Path], str] | None = None,
     labels: Mapping[str, str] | None = None,
+    follow_links: bool = False,
 ) -> Dataset:
     """Read a folder's ``metadata.csv``, or the ones in its sub-folders ``train``,
     ``validation`` and ``test``.
 
     ``surface_of`` names the surface of a file, by its path from the folder, where the
-    manifest has no column ``surface``, which is required without it. Raises
-    `DatasetError` if a required column is missing.
+    manifest has no column ``surface``, which is required without it. With
+    ``follow_links``, recordings that lie elsewhere and are linked to are read too.
+    Raises `DatasetError` if a required column is missing.
     """
     recordings: list[Recording] = []
     problems: list[Problem] = []
-    names = label_names(folder) if labels is None else labels
+    names = labels
+    if names is None:
+        names = label_names(folder, follow_links=follow_links)
     for manifest in manifests_in(folder):
+        refuse_to_read(manifest, folder, follow=follow_links)
         for line, cells in rows(
             manifest,
             required=("file_name",) if surface_of else ("file_name", "surface"),
@@ -74,18 +84,33 @@ def read_metadata(
             if surface_of and not row.get("surface"):
                 row["surface"] = surface_of(Path(row["file_name"]))
             row["label"] = names.get(row.get("label", ""), row.get("label", ""))
-            if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
-                recordings.append(parsed)
+            path = named_file(
+                manifest.parent,
+                row["file_name"],
+                manifest=manifest,
+                line=line,
+                problems=problems,
+                follow_links=follow_links,
+            )
+            if path:
+                recordings.append(
+                    _parse(row, path, part=manifest.parent.name, problems=problems)
+                )
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
-def label_names(folder: Path) -> Mapping[str, str]:
+def label_names(folder: Path, *, follow_links: bool = False) -> Mapping[str, str]:
     """Return what numbered labels of a folder mean: by its ``labels.toml``, or its
     Hugging Face data card.
 
-    Raises `DatasetError` if ``labels.toml`` is no table of numbers and names.
+    Raises `DatasetError` if ``labels.toml`` is no table of numbers and names, or a
+    link to another folder; `read_metadata` says what ``follow_links`` does.
     """
-    if (own := folder / LABELS_FILE).is_file():
+    own = folder / LABELS_FILE
+    card = folder / "README.md"
+    for path in (own, card):
+        refuse_to_read(path, folder, follow=follow_links)
+    if own.is_file():
         try:
             return {
                 key: str(name)
@@ -95,7 +120,6 @@ def label_names(folder: Path) -> Mapping[str, str]:
             raise DatasetError(
                 f'{own}: {error}; write a line such as 0 = "smooth" for each label'
             ) from error
-    card = folder / "README.md"
     text = card.read_text("utf-8", errors="replace") if card.is_file() else ""
     match = re.search(
         r"class_label:\s*names:\s*((?:\s*['\"]?\d+['\"]?: *[^\n]+\n)+)", text
@@ -237,16 +261,12 @@ def manifests_in(folder: Path) -> list[Path]:
 
 
 def _parse(
-    row: Mapping[str, str], *, manifest: Path, line: int, problems: list[Problem]
-) -> Recording | None:
-    name = row["file_name"]
-    folder = manifest.parent
-    path = named_file(folder, name, manifest=manifest, line=line, problems=problems)
-    if path is None:
-        return None
+    row: Mapping[str, str], path: Path, *, part: str, problems: list[Problem]
+) -> Recording:
+    """Return the recording that a line describes; ``part`` is the manifest's folder."""
     extra = {key: value for key, value in row.items() if key not in _COLUMNS and value}
-    if folder.name in PARTS:
-        extra.setdefault("split", folder.name)
+    if part in PARTS:
+        extra.setdefault("split", part)
     return Recording(
         path,
         row["surface"] or path.stem,
@@ -259,7 +279,13 @@ def _parse(
 
 
 def named_file(
-    folder: Path, name: str, *, manifest: Path, line: int, problems: list[Problem]
+    folder: Path,
+    name: str,
+    *,
+    manifest: Path,
+    line: int,
+    problems: list[Problem],
+    follow_links: bool = False,
 ) -> Path | None:
     """Return the file that a line of a manifest names; where it may not be read, add a
     problem and return nothing."""
@@ -270,12 +296,8 @@ def named_file(
             "write its path from there"
         )
         problems.append(Problem(manifest, "file_name", message))
-    elif target := foreign_target(path, folder):
-        message = (
-            f"line {line}: {name!r} is a link to {target}, outside {folder}; "
-            "put the file itself there, as `cp -rL` does"
-        )
-        problems.append(Problem(manifest, "link", message))
+    elif fault := link_fault(path, folder, follow=follow_links):
+        problems.append(Problem(manifest, "link", f"line {line}: {name!r} is {fault}"))
         return None
     return path
 

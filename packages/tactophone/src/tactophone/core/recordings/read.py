@@ -2,9 +2,9 @@
 
 import functools
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.layouts import (
@@ -61,7 +61,8 @@ def ground_truth(path: Path | str, *, duration: float) -> tuple[Segment, ...]:
 def _by_path(folder: Path) -> dict[Path, Recording]:
     try:
         read = layout_of(folder)
-        recordings = read(folder).recordings if read else ()
+        # Only the manifest is read here; the sound was named by whoever asks.
+        recordings = read(folder, follow_links=True).recordings if read else ()
         by_target = {recording.path.resolve(): recording for recording in recordings}
         return by_target | {
             Path(os.path.abspath(recording.path)): recording for recording in recordings
@@ -70,7 +71,13 @@ def _by_path(folder: Path) -> dict[Path, Recording]:
         return {}  # a metadata.csv of some other program: the file simply has no label
 
 
-def layout_of(folder: Path) -> Callable[[Path], Dataset] | None:
+class ReadLayout(Protocol):
+    """Reads a folder of one layout."""
+
+    def __call__(self, folder: Path, /, *, follow_links: bool = False) -> Dataset: ...
+
+
+def layout_of(folder: Path) -> ReadLayout | None:
     """Return what reads a folder of one of the known layouts; ``None`` for any
     other."""
     if manifests_in(folder):
