@@ -4,12 +4,13 @@ given."""
 import itertools
 from collections import Counter
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tactophone.core.types import AudioBlock, ContactThreshold, Prediction, Touch
+from tactophone.signal.perception import contact_state, touch_state
 from tactophone.signal.perception.contact import Contact, ContactGate
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.detector import (
@@ -24,7 +25,6 @@ from tactophone.signal.perception.touch_state import (
     RULES,
     Moment,
     TouchState,
-    describe,
     next_state,
 )
 
@@ -219,8 +219,11 @@ def test_nothing_but_a_full_window_of_a_touch_that_has_landed_is_rough() -> None
                 assert not moment.paused
 
 
-def test_the_page_about_the_detector_shows_the_states_as_they_are() -> None:
+@pytest.mark.parametrize("machine", [contact_state, touch_state])
+def test_the_page_about_the_detector_shows_the_states_as_they_are(
+    machine: ModuleType,
+) -> None:
     page = Path(__file__).parents[5] / "docs" / "reference" / "detector.md"
-    assert describe() in page.read_text(encoding="utf-8"), (
+    assert machine.describe() in page.read_text(encoding="utf-8"), (
         "run `python scripts/touch_states.py`"
     )

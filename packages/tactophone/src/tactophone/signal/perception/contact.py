@@ -31,6 +31,16 @@ import numpy as np
 
 from tactophone.core.microphones import CONTACT
 from tactophone.core.types import AudioBlock, ContactThreshold, FloatArray
+from tactophone.signal.perception.contact_state import (
+    Durations,
+    Level,
+    LevelMachine,
+    Persistence,
+    PersistenceMachine,
+    Thresholds,
+    TrustMachine,
+    contact_of,
+)
 from tactophone.signal.perception.levels import (
     BANDS,
     BANDS_HOP,
@@ -62,7 +72,7 @@ BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
 ends it."""
 
 EARLY = 0.05
-"""Seconds from the opening of the level gate in which its word counts alone: the bands'
+"""Seconds from the opening of the level gate in which it is trusted alone: the bands'
 windows are 64 ms long."""
 
 LONGEST_WAIT = 0.011
@@ -129,80 +139,82 @@ class ContactGate:
         bands: bool = False,
         hold: float = 0.0,
     ) -> None:
+        self.microphone = CONTACT
+        self.longest_wait = round(LONGEST_WAIT * sample_rate)
         self.levels = LevelMeter(rule, sample_rate=sample_rate, bands=bands)
+        self.floor = floor
+        self.threshold = ContactThreshold(
+            threshold_dbfs, follows_floor=floor is not None
+        )
+        self._sample_rate = sample_rate
         self._has_bands = bands
-        self._finger, self._shared = 0, False
-        self._sample_rate, self._step_size = sample_rate, self.levels.steps.step_size
+        # Of a hand, the finger whose levels these are, and whether others push sound.
+        self._finger = 0
+        self._shared = False
         count = self.levels.steps.count
+        self._step_size = self.levels.steps.step_size
         self._hop = count(BANDS_HOP)
-        self.microphone, self.longest_wait = CONTACT, round(LONGEST_WAIT * sample_rate)
-        self._shortest, self._hold = count(SHORTEST_GATED_TOUCH), count(hold)
-        self._early, self._distrust = count(EARLY), count(DISTRUST)
-        self._jerk, self._persistent = count(JERK), count(PERSISTENT)
-        self.threshold, self.floor = (
-            ContactThreshold(threshold_dbfs, follows_floor=floor is not None),
-            floor,
+        self._durations = Durations(
+            shortest=count(SHORTEST_GATED_TOUCH),
+            hold=count(hold),
+            early=count(EARLY),
+            distrust=count(DISTRUST),
+            jerk=count(JERK),
+            persistent=count(PERSISTENT),
         )
         self.reset()
 
-    def _set(self, level_dbfs: float, release_dbfs: float) -> None:
+    def _compare_with(self, level_dbfs: float, release_dbfs: float) -> None:
+        """Compare with these levels from now on."""
         power = self.levels.steps.power
         self._threshold_dbfs = level_dbfs
-        self._clear_from = 10 ** (power * (level_dbfs + CLEAR_DB) / 20)
-        self._open_from = 10 ** (power * level_dbfs / 20)
-        self._close_under = 10 ** (power * release_dbfs / 20)
+        self._thresholds = Thresholds(
+            open_from=10 ** (power * level_dbfs / 20),
+            clear_from=10 ** (power * (level_dbfs + CLEAR_DB) / 20),
+            close_under=10 ** (power * release_dbfs / 20),
+        )
         self._following = self.threshold.follows_floor
 
     def reset(self) -> None:
         """Return to the initial state: no contact; the floor is measured anew."""
         if not self._shared:
             self.levels.reset()
-        self._steps = self._lasted = self._quiet = self._part = 0
-        # Of the level: whether it says contact, and only holds it; whether its word
-        # counts before the bands can tell.
-        self._open = self._held = False
-        self._believed, self._believed_from = False, 0
-        # Of the bands: whether they are loud now, and the steps since.
-        self._heard, self._silent_for = False, self._hold + 1
-        self._reported = False, False
-        # Of a robot's starts and stops: until when contact has to last, since when it
-        # does, whether it still has to.
-        self._moving, self._jerk_until, self._begun, self._waits = False, 0, -1, False
+        # Steps taken so far, and samples of the next one.
+        self._steps = 0
+        self._part = 0
+        self._level = LevelMachine(self._durations)
+        self._trust = TrustMachine(self._durations)
+        self._persistence = PersistenceMachine(self._durations)
+        # Whether the bands are loud now, and for how many steps they have not been.
+        self._bands_loud = False
+        self._bands_silent_for = self._durations.hold + 1
+        self._moving = False
+        # What was last told: whether there is contact, and whether it is only held.
+        self._reported = (False, False)
         if self.floor:
             self.floor.reset()
-        self._set(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
+        self._compare_with(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
         if self.floor and self.threshold.follows_floor:
-            self._move(self.floor)
+            self._follow(self.floor)
 
     def begin(self, recording: RecordingFloor) -> None:
         """Begin at the floor of a recording; where it has none or the level decides,
         with its threshold."""
         if self.floor and self._has_bands and recording.known:
             self.floor.begin(recording)
-            self._move(self.floor)
+            self._follow(self.floor)
         else:
             self.threshold.dbfs = recording.threshold_dbfs
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every second
         hop."""
-        threshold = self.threshold
-        if (
-            threshold.dbfs != self._threshold_dbfs
-            or threshold.follows_floor is not self._following
-        ):
-            self._set(
-                threshold.dbfs, threshold.dbfs - RELEASE_DB
-            )  # another was assigned
+        if not self._compares_with_threshold:
+            # Another was assigned.
+            self._compare_with(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
         if block.moving is not self._moving:
-            self._moving, self._jerk_until = block.moving, self._steps + self._jerk
-            # What begins at rest and is as young is the start itself; a landing that
-            # stops the robot is none.
-            self._waits |= (
-                block.moving
-                and self._begun >= 0
-                and self._steps - self._begun < self._persistent
-            )
+            self._moving = block.moving
+            self._persistence.jerk(self._steps, starts=block.moving)
         if not self._shared:
             self.levels.push(self.own_channel(block))
         self._part += block.size
@@ -235,71 +247,58 @@ class ContactGate:
     def stays_ahead(self) -> bool:
         """Whether the level says of the sound that it looked ahead at what it said
         before; then that sound may wait for up to `longest_wait`."""
-        plain = (
-            self.threshold.dbfs == self._threshold_dbfs
-            and self.threshold.follows_floor is self._following
+        is_early = (
+            self._level.state is not Level.CLOSED
+            and self._level.open_for < self._durations.early
         )
-        if self._open and self._lasted < self._early:
+        if is_early:
             return False  # the bands are about to confirm it, or to end it
-        return plain and self._stays(
-            self.levels.slow[self._finger], self.levels.fast[self._finger]
+        slow = self.levels.slow[self._finger]
+        fast = self.levels.fast[self._finger]
+        return self._compares_with_threshold and self._level.stays(
+            slow, fast, self._thresholds
+        )
+
+    @property
+    def _compares_with_threshold(self) -> bool:
+        """Whether nobody has assigned another threshold since it was last compared
+        with."""
+        threshold = self.threshold
+        return (
+            threshold.dbfs == self._threshold_dbfs
+            and threshold.follows_floor is self._following
         )
 
     def _take(self, steps: int) -> list[Contact]:
         """Evaluate steps one after another, and a row of the bands at each hop; return
         what changed."""
-        finger, levels = self._finger, self.levels
-        heard_slow, heard_fast, rows = (
-            levels.slow[finger],
-            levels.fast[finger],
-            levels.bands[finger],
-        )
-        slow, fast = heard_slow[:steps], heard_fast[:steps]
-        del heard_slow[:steps], heard_fast[:steps]
-        contacts, start, count = list[Contact](), 0, steps
-        while start < count:
-            end = min(count, start + self._hop - self._steps % self._hop)
-            if self._stays(slow[start:end], fast[start:end]):
+        measured_slow = self.levels.slow[self._finger]
+        measured_fast = self.levels.fast[self._finger]
+        rows = self.levels.bands[self._finger]
+        slow = measured_slow[:steps]
+        fast = measured_fast[:steps]
+        del measured_slow[:steps], measured_fast[:steps]
+        contacts: list[Contact] = []
+        start = 0
+        while start < steps:
+            # Up to the end of the hop of the bands, or of what was measured.
+            end = min(steps, start + self._hop - self._steps % self._hop)
+            if self._level.stays(slow[start:end], fast[start:end], self._thresholds):
+                self._level.pass_over(end - start)
                 self._steps += end - start
-                self._lasted += end - start
-                self._quiet = 0 if self._open else self._quiet + end - start
             else:
-                for each in map(self._step, slow[start:end], fast[start:end]):
-                    contacts += each
+                for each in range(start, end):
+                    contacts += self._step(slow[each], fast[each])
             if self._steps % self._hop == 0:
-                contacts += self._end_hop(
-                    slow[end - 1], rows.pop(0) if rows else _NO_BANDS
-                )
+                bands = rows.pop(0) if rows else _NO_BANDS
+                contacts += self._end_hop(slow[end - 1], bands)
             start = end
         return contacts
 
-    def _stays(self, slow: list[float], fast: list[float]) -> bool:
-        """Whether the level plainly says of these steps what it said before, so that
-        none needs a look of its own."""
-        if self._held:
-            return False
-        if not slow:
-            return True
-        if self._open:
-            return min(slow) >= self._close_under
-        return max(slow) < self._open_from and max(fast) < self._clear_from
-
     def _step(self, slow: float, fast: float) -> list[Contact]:
-        was_open, held = self._open, self._held
         self._steps += 1
-        self._lasted += 1
-        loud = slow >= self._open_from or fast >= self._clear_from
-        if not loud and was_open and not held:
-            # Hysteresis: an open gate closes at a lower level, and a touch lasts for
-            # `SHORTEST_GATED_TOUCH` at least.
-            loud = slow >= self._close_under or self._lasted < self._shortest
-        self._quiet = 0 if loud else self._quiet + 1
-        # A finger that has just landed, or that turns, lies still: a short silence does
-        # not end a touch.
-        self._held = not loud and was_open and self._quiet <= self._hold
-        self._open = loud or self._held
-        if self._open and not was_open:
-            self._lasted, self._believed = 0, self._steps >= self._believed_from
+        if self._level.step(slow, fast, self._thresholds):
+            self._trust.open(self._steps)
         return self._report()
 
     def _end_hop(self, slow: float, bands: Floats) -> list[Contact]:
@@ -308,7 +307,7 @@ class ContactGate:
             20 / self.levels.steps.power * math.log10(slow) if slow > 0 else math.nan
         )
         if self._by_bands and self.floor:
-            self._hear(self.floor, bands)
+            self._ask_bands(self.floor, bands)
         touching, _ = self._decide()
         if self.floor and self._following:
             # Until the windows are full of sound, part of the levels is that of their
@@ -318,25 +317,25 @@ class ContactGate:
                 level_dbfs if full else math.nan,
                 bands,
                 touching=touching,
-                loud=self._open,
+                loud=self._level.state is not Level.CLOSED,
             )
             if self.floor.threshold_dbfs != self._threshold_dbfs:
-                self._move(self.floor)
+                self._follow(self.floor)
         return self._report(due=self._steps % (2 * self._hop) == 0)
 
-    def _hear(self, floor: NoiseFloor, bands: Floats) -> None:
-        over = (
-            float(np.add.reduce(np.maximum(bands - floor.bands - floor.margin_db, 0.0)))
-            / BANDS
-        )  # their mean
-        self._heard = over >= (BANDS_OFF_DB if self._heard else BANDS_ON_DB)
-        self._silent_for = 0 if self._heard else self._silent_for + self._hop
-        if self._open and self._believed and self._lasted >= self._early:
-            self._believed = False
-            if self._silent_for > self._hold:
-                # The level said contact, and no band agreed: its next word counts for
-                # nothing.
-                self._believed_from = self._steps + self._distrust
+    def _ask_bands(self, floor: NoiseFloor, bands: Floats) -> None:
+        excess = np.maximum(bands - floor.bands - floor.margin_db, 0.0)
+        mean_excess = float(np.add.reduce(excess)) / BANDS
+        loud_from = BANDS_OFF_DB if self._bands_loud else BANDS_ON_DB
+        self._bands_loud = mean_excess >= loud_from
+        self._bands_silent_for = (
+            0 if self._bands_loud else self._bands_silent_for + self._hop
+        )
+        self._trust.check(self._level, self._steps, confirmed=self._bands_recent)
+
+    @property
+    def _bands_recent(self) -> bool:
+        return self._bands_silent_for <= self._durations.hold
 
     @property
     def _by_bands(self) -> bool:
@@ -350,41 +349,29 @@ class ContactGate:
         return known and self._has_bands and self._following
 
     def _decide(self) -> tuple[bool, bool]:
-        """Return whether there is contact, and whether it is only held: by the level,
-        as the bands lag by a window."""
-        if not self._by_bands:
-            return self._open, self._held
-        touching = (self._open and self._believed) or self._silent_for <= self._hold
-        return touching, touching and (self._held or not self._open)
+        """Return whether there is contact, and whether it is only held."""
+        return contact_of(
+            self._level.state,
+            self._trust.state,
+            by_bands=self._by_bands,
+            bands_recent=self._bands_recent,
+        )
 
     def _report(self, *, due: bool = False) -> list[Contact]:
         """Return the state if it changed or a heartbeat is due."""
-        decided = self._wait(*self._decide())
-        if decided == self._reported and not due:
+        touching, held = self._decide()
+        self._persistence.update(self._steps, touching=touching, held=held)
+        if self._persistence.state is Persistence.PENDING:
+            touching, held = False, False
+        if (touching, held) == self._reported and not due:
             return []
-        self._reported = decided
-        return [
-            Contact(
-                self._steps * self._step_size / self._sample_rate,
-                *decided,
-                self._threshold_dbfs,
-            )
-        ]
+        self._reported = (touching, held)
+        time = self._steps * self._step_size / self._sample_rate
+        return [Contact(time, touching, held, self._threshold_dbfs)]
 
-    def _wait(self, touching: bool, held: bool) -> tuple[bool, bool]:
-        """Return a decision as it counts: not yet, where a robot starts or stops and
-        the contact is young."""
-        if not touching:
-            self._begun, self._waits = -1, False
-        elif self._begun < 0:
-            self._begun, self._waits = self._steps, self._steps < self._jerk_until
-        elif self._waits and not held:
-            self._waits = self._steps - self._begun < self._persistent
-        return (False, False) if self._waits else (touching, held)
-
-    def _move(self, floor: NoiseFloor) -> None:
+    def _follow(self, floor: NoiseFloor) -> None:
         self.threshold.follow(floor.threshold_dbfs)
-        self._set(floor.threshold_dbfs, floor.release_dbfs)
+        self._compare_with(floor.threshold_dbfs, floor.release_dbfs)
 
 
 _NO_BANDS = np.zeros(0)

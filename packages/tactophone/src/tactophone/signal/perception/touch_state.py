@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from tactophone.core.types import Touch
+from tactophone.signal.perception.state_table import describe_states, name_of
 
 
 class TouchState(enum.Enum):
@@ -142,13 +143,8 @@ def describe() -> str:
         "| first of these that holds | state | what is felt |",
         "|---|---|---|",
         *(
-            f"| {rule.when} | {rule.state.name.lower()} | {ANSWERS[rule.state].value} |"
+            f"| {rule.when} | {name_of(rule.state)} | {ANSWERS[rule.state].value} |"
             for rule in RULES
         ),
     ]
-    states = [
-        "| state | what it means |",
-        "|---|---|",
-        *(f"| {state.name.lower()} | {state.value} |" for state in TouchState),
-    ]
-    return "\n".join([*rules, "", *states]) + "\n"
+    return "\n".join([*rules, "", describe_states(TouchState)])
