@@ -35,6 +35,8 @@ COLOURS = {
     "MEMS board": "#5aa36f",
     "stick adapter": "#b9a6d3",
     "pouring jig": "#d9a7a0",
+    "ball guide": "#d9a7a0",
+    "weight yoke": "#e0b45a",
     "case": "#4c8ed9",
     "voice coil": "#d9a441",
     "lid": "#8a93a1",
@@ -400,6 +402,14 @@ def main() -> None:
         (6, 3.6),
         ("", view(mounted, ("MEMS board", "stick adapter"))),
     )
+    on_the_bench = tuple(
+        (
+            "",
+            view(pad_up(whole | {name: in_the_finger(part)}), (name,)),
+        )
+        for name, part in (("ball guide", "ball_guide"), ("weight yoke", "weight_yoke"))
+    )
+    save(folder / "finger-bench.png", (6, 9), *on_the_bench)
     save(folder / "coil-case.png", (8, 4), ("", view(operator(5))))
 
 
@@ -414,6 +424,13 @@ def apart(parts: dict[str, Manifold], shifts: dict[str, float]) -> dict[str, Man
     return {
         name: parts[name].translate(tuple(by * FINGER.axis))
         for name, by in shown.items()
+    }
+
+
+def pad_up(parts: dict[str, Manifold]) -> dict[str, Manifold]:
+    """Turn the finger so that the pad looks up, as on the bench."""
+    return {
+        name: part.rotate((FINGER.lean + 180, 0, 0)) for name, part in parts.items()
     }
 
 
