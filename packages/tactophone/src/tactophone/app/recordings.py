@@ -6,12 +6,15 @@ A recording is read before it is processed: what is wrong with its sound is corr
 from there as in a live run.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import BinaryIO
 
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
+from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger
 from tactophone.core.recordings.read import find_recording
 from tactophone.core.settings import FingerSettings, Settings
@@ -23,6 +26,13 @@ from tactophone.core.types import (
     PipelineStep,
     Source,
 )
+from tactophone.live.audio.arrays import (
+    ArraySource,
+    SupportsArray,
+    is_open_file,
+    source_of_array,
+    source_of_open_file,
+)
 from tactophone.live.audio.files import CombinedSource, FileSource
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.passthrough import is_passthrough
@@ -33,6 +43,9 @@ from tactophone.signal.perception.noise_floor import RecordingFloor, measure_flo
 from tactophone.signal.perception.opening import DetectorOptions, options_from
 from tactophone.signal.pipeline import Pipeline, make_pipeline
 
+Sound = str | os.PathLike[str] | BinaryIO | SupportsArray
+"""What can be opened: a path, a file open for reading bytes, or an array."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenRecording:
@@ -42,15 +55,15 @@ class OpenRecording:
     Attributes
     ----------
     path
-        The file.
+        The file; ``None`` for an array or an open file.
     sound
         Its corrected sound, a `Source`.
     pipeline
         With the contact threshold of this recording.
     size
-        Samples in the file.
+        Samples in the recording.
     channels
-        Of the file; ``sound`` may have fewer.
+        Of the recording; ``sound`` may have fewer.
     floor
         What the recording shows of its noise; ``None`` where a threshold was given, or
         the detector is no model.
@@ -58,7 +71,7 @@ class OpenRecording:
         Of the model; ``None`` for a detector of another package.
     """
 
-    path: Path
+    path: Path | None
     sound: Source
     pipeline: Pipeline
     size: int
@@ -100,9 +113,10 @@ class OpenRecording:
 
 
 def open_recording(
-    path: str | Path,
+    sound: Sound,
     model: str | Model = "",
     *,
+    sample_rate: float | None = None,
     profile: str = "graded",
     limits: Limits | None = None,
     contact: ContactRule = "bands",
@@ -118,12 +132,18 @@ def open_recording(
 
     Parameters
     ----------
-    path
-        A WAV or FLAC file. Channel 0 is the contact microphone and channel 1 (if there
-        is one) the air microphone, unless the manifest of a data set around it says
-        otherwise.
+    sound
+        The path of a WAV or FLAC file; such a file, open for reading bytes; or an array
+        of shape ``(samples, channels)``, with ``sample_rate``. All are decided alike.
+        Channel 0 is the contact microphone and channel 1 (if there is one) the air
+        microphone, unless the manifest of a data set around a path says otherwise.
+
+        An array is NumPy's, or anything that NumPy makes one of, such as a tensor:
+        floats in [-1, 1], or integers of 16 or 32 bits.
     model
         As for `open_pipeline`, like the parameters after it.
+    sample_rate
+        Of an array, in Hz.
     threshold_dbfs
         Level from which there is contact, in dB of full scale; by default just over the
         recording's noise floor.
@@ -140,11 +160,11 @@ def open_recording(
     Raises
     ------
     DatasetError
-        If the file is missing or damaged.
+        If the file is missing or damaged, or an array is no sound.
     ModelError
         If there is no such model, or it does not fit the sound.
     ConfigError
-        If there is no such profile.
+        If there is no such profile, or ``sample_rate`` is missing.
 
     Examples
     --------
@@ -155,9 +175,11 @@ def open_recording(
             for prediction in step.predictions:
                 print(prediction.end, prediction.touch.name)
         print(recording.notes)
+
+        samples, rate = soundfile.read("finger.wav")
+        recording = open_recording(samples, sample_rate=rate)
     """
-    picked = _picked(path, channels)
-    file = FileSource(path, block_size=block_size, channels=picked)
+    file = _source_of(sound, sample_rate, block_size=block_size, channels=channels)
     options = DetectorOptions(
         sample_rate=file.sample_rate,
         channels=file.channels,
@@ -194,6 +216,34 @@ def open_recording_for(
     )
 
 
+def _source_of(
+    sound: Sound,
+    sample_rate: float | None,
+    *,
+    block_size: int,
+    channels: Sequence[int],
+) -> FileSource | ArraySource:
+    """Return what a caller gave as a source."""
+    if isinstance(sound, SupportsArray):
+        return source_of_array(
+            sound, sample_rate, block_size=block_size, channels=channels
+        )
+    if sample_rate is not None:
+        raise ConfigError(
+            f"sample_rate={sample_rate:g}: a file says its rate itself; leave it out"
+        )
+    if isinstance(sound, str | os.PathLike):
+        path = Path(sound)
+        picked = _picked(path, channels)
+        return FileSource(path, block_size=block_size, channels=picked)
+    if is_open_file(sound):
+        return source_of_open_file(sound, block_size=block_size, channels=channels)
+    raise ConfigError(
+        f"a {type(sound).__name__} is no sound: give a path, a file open for reading "
+        "bytes, or an array with sample_rate="
+    )
+
+
 def _picked(path: str | Path, channels: Sequence[int]) -> Sequence[int]:
     """Return the places of contact and air: as asked for, or as a manifest says of a
     file that has others beside them; else empty."""
@@ -202,7 +252,7 @@ def _picked(path: str | Path, channels: Sequence[int]) -> Sequence[int]:
 
 
 def _open(
-    file: FileSource,
+    file: FileSource | ArraySource,
     options: DetectorOptions,
     *,
     profile: str,
@@ -214,7 +264,7 @@ def _open(
     ``chosen``: the user said which channels to take, whatever a manifest says.
     """
     card = options.card
-    known = find_recording(file.path)
+    known = find_recording(file.path) if file.path else None
     source = (
         _Exchanged(file)
         if known and known.channels == ("air", "contact") and not chosen
@@ -281,13 +331,17 @@ class _Exchanged(ChangedSource):
 def corrected_source(settings: Settings) -> Source:
     """Open the recordings of all fingers as one live source, corrected as
     `open_recording` does."""
+    fingers = each_finger(settings)
     opened = [
         open_recording_for(
             own.capture.device, own, block_size=settings.capture.block_size
         )
-        for own in each_finger(settings)
+        for own in fingers
     ]
-    sources = [recorded(each.sound, each.path, each.duration) for each in opened]
+    sources = [
+        recorded(each.sound, Path(own.capture.device), each.duration)
+        for own, each in zip(fingers, opened, strict=True)
+    ]
     return CombinedSource(sources) if settings.is_hand else sources[0]
 
 

@@ -1,5 +1,6 @@
 """A recording as a table, in one call."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -7,19 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.app.recordings import open_recording
+from tactophone.app.recordings import Sound, open_recording
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, did_you_mean
-from tactophone.core.prediction_fields import PREDICTION_FIELDS
+from tactophone.core.prediction_fields import PREDICTION_FIELDS, entries_of
 from tactophone.core.tips import DEFAULT_TIP
 from tactophone.core.types import HapticCommand, Prediction, Touch, TouchEvent
 from tactophone.live.telemetry.layout import PREDICTION_RECORD
 from tactophone.live.telemetry.timeline import TimelineWriter
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Table:
     """The predictions of a recording, in order, with the vibration that each led to.
+
+    Its rows are mappings by the names of the columns, so that ``pandas.DataFrame``,
+    ``csv.DictWriter`` and the like take a table as it is.
 
     Attributes
     ----------
@@ -38,6 +42,16 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.predictions)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Yield a row for each prediction; ``touch`` and ``event`` are words."""
+        for prediction, command in zip(self.predictions, self.commands, strict=True):
+            row = entries_of(prediction, command)
+            yield row | {"contact": bool(row["contact"])}
+
+    def __repr__(self) -> str:
+        end = self.predictions[-1].end if self.predictions else 0.0
+        return f"<Table of {len(self)} predictions up to {end:.1f} s>"
 
     def column(self, name: str) -> NDArray[Any]:
         """Return one number of each prediction; names as in the CSV file, such as
@@ -88,15 +102,8 @@ class Table:
         """
         import pandas
 
-        frame = pandas.DataFrame(
-            {field.name: self.column(field.name) for field in PREDICTION_FIELDS}
-        )
-        frame["touch"] = [Touch(number).name.lower() for number in self.touch]
-        frame["event"] = [
-            prediction.events[-1].kind if prediction.events else ""
-            for prediction in self.predictions
-        ]
-        return frame
+        names = [field.name for field in PREDICTION_FIELDS]
+        return pandas.DataFrame(list(self), columns=names)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the CSV file that ``tactophone feel`` writes."""
@@ -130,9 +137,10 @@ class Table:
 
 
 def classify(
-    path: str | Path,
+    sound: Sound,
     model: str = "",
     *,
+    sample_rate: float | None = None,
     profile: str = "graded",
     events: bool = False,
     tip: str = DEFAULT_TIP,
@@ -142,12 +150,13 @@ def classify(
 
     Parameters
     ----------
-    path, model, profile, events, tip, threshold_dbfs
+    sound, model, sample_rate, profile, events, tip, threshold_dbfs
         As for `open_recording`, which also says what it raises.
     """
     recording = open_recording(
-        path,
+        sound,
         model,
+        sample_rate=sample_rate,
         profile=profile,
         events=events,
         tip=tip,

@@ -16,8 +16,11 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
+import numpy as np
 import soundfile
+from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 
@@ -124,7 +127,7 @@ def open_file(path: Path) -> soundfile.SoundFile:
         found = "a folder" if path.is_dir() else "no such file"
         raise DatasetError(f"{path}: {found}; give a WAV or FLAC recording")
     try:
-        corrections = _walk(path).corrections
+        corrections = _walk_file(path).corrections
         if not corrections:
             return soundfile.SoundFile(native_name(path))
         corrected = io.BufferedReader(_CorrectedFile(path, corrections))
@@ -133,6 +136,28 @@ def open_file(path: Path) -> soundfile.SoundFile:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
         raise DatasetError(
             f"{path}: cannot be read as sound ({reason}); {_next_step(path)}"
+        ) from error
+
+
+def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, Length]:
+    """Return the samples, the rate and the length of a sound file in memory, as from
+    disk.
+
+    Raises `DatasetError`, with ``name`` for the file, if it cannot be read as sound.
+    """
+    container = _walk(io.BytesIO(content), len(content))
+    corrected = bytearray(content)
+    for place, correction in container.corrections:
+        corrected[place : place + len(correction)] = correction
+    try:
+        with soundfile.SoundFile(io.BytesIO(corrected)) as file:
+            samples = file.read(dtype="float32", always_2d=True)
+            return samples, int(file.samplerate), container.length
+    except soundfile.SoundFileError as error:
+        reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
+        raise DatasetError(
+            f"{name}: cannot be read as sound ({reason}); give a WAV or FLAC file, "
+            "open at its beginning"
         ) from error
 
 
@@ -163,7 +188,7 @@ def length_of(path: Path) -> Length:
     A file without a length of its own, such as MP3, or of an unknown kind, is taken as
     whole. Raises `OSError` if it cannot be read.
     """
-    return _walk(path).length
+    return _walk_file(path).length
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,26 +263,29 @@ class _CorrectedFile(io.FileIO):
         return count
 
 
-def _walk(path: Path) -> _Container:
-    """Find the sound in a container by its first bytes; what is unknown is whole."""
+def _walk_file(path: Path) -> _Container:
     with path.open("rb") as file:
-        size = path.stat().st_size
-        head = file.read(16)
-        if head[:4] in (b"RIFF", b"RIFX", b"RF64", b"BW64"):
-            return _walk_riff(file, head, size)
-        if head[:4] == b"FORM" and head[8:12] in (b"AIFF", b"AIFC"):
-            return _walk_aiff(file, size)
-        if head[:4] == b"riff":
-            return _walk_w64(file, size)
-        if head[:4] == b"caff":
-            return _walk_caf(file, size)
-        if head[:4] == b".snd":
-            return _walk_au(head, size)
-        if head[:4] == b"fLaC":
-            return _walk_flac(file, size)
-        if head[:4] == b"OggS":
-            return _walk_ogg(file, size)
-        return _Container(Length(size, size))
+        return _walk(file, path.stat().st_size)
+
+
+def _walk(file: BinaryIO, size: int) -> _Container:
+    """Find the sound in a container by its first bytes; what is unknown is whole."""
+    head = file.read(16)
+    if head[:4] in (b"RIFF", b"RIFX", b"RF64", b"BW64"):
+        return _walk_riff(file, head, size)
+    if head[:4] == b"FORM" and head[8:12] in (b"AIFF", b"AIFC"):
+        return _walk_aiff(file, size)
+    if head[:4] == b"riff":
+        return _walk_w64(file, size)
+    if head[:4] == b"caff":
+        return _walk_caf(file, size)
+    if head[:4] == b".snd":
+        return _walk_au(head, size)
+    if head[:4] == b"fLaC":
+        return _walk_flac(file, size)
+    if head[:4] == b"OggS":
+        return _walk_ogg(file, size)
+    return _Container(Length(size, size))
 
 
 OPEN_SIZES = frozenset({0, 0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF})
@@ -274,7 +302,7 @@ def _is_open(claimed: int, held: int, *, bits: int = 32) -> bool:
     return bits == 32 and claimed >= LARGEST_PIPED > held
 
 
-def _walk_riff(file: io.BufferedReader, head: bytes, size: int) -> _Container:
+def _walk_riff(file: BinaryIO, head: bytes, size: int) -> _Container:
     """WAV, and its kin of more than 4 GB, whose chunk ``ds64`` has the true size."""
     order = ">" if head[:4] == b"RIFX" else "<"
     large = 0
@@ -295,7 +323,7 @@ def _walk_riff(file: io.BufferedReader, head: bytes, size: int) -> _Container:
     return _Container(Length(0, 0))
 
 
-def _walk_aiff(file: io.BufferedReader, size: int) -> _Container:
+def _walk_aiff(file: BinaryIO, size: int) -> _Container:
     for name, place, claimed in _chunks(file, 12, size, ">4sI", padding=2):
         if name == b"SSND":
             held = size - place
@@ -305,7 +333,7 @@ def _walk_aiff(file: io.BufferedReader, size: int) -> _Container:
     return _Container(Length(0, 0))
 
 
-def _walk_w64(file: io.BufferedReader, size: int) -> _Container:
+def _walk_w64(file: BinaryIO, size: int) -> _Container:
     # A chunk's size counts its own head of 24 bytes here.
     for name, place, claimed in _chunks(file, 40, size, "<16sQ", padding=8, own=24):
         if name[:4] == b"data":
@@ -313,7 +341,7 @@ def _walk_w64(file: io.BufferedReader, size: int) -> _Container:
     return _Container(Length(0, 0))
 
 
-def _walk_caf(file: io.BufferedReader, size: int) -> _Container:
+def _walk_caf(file: BinaryIO, size: int) -> _Container:
     for name, place, claimed in _chunks(file, 8, size, ">4sQ", padding=1):
         if name == b"data":
             held = size - place
@@ -343,7 +371,7 @@ OGG_END = 0x04
 """Flag of a stream's last page, in the sixth byte of its head."""
 
 
-def _walk_ogg(file: io.BufferedReader, size: int) -> _Container:
+def _walk_ogg(file: BinaryIO, size: int) -> _Container:
     file.seek(max(0, size - OGG_PAGE))
     tail = file.read()
     last = tail.rfind(b"OggS")
@@ -356,7 +384,7 @@ MOST_CHUNKS = 10_000
 
 
 def _chunks(
-    file: io.BufferedReader,
+    file: BinaryIO,
     place: int,
     size: int,
     layout: str,
@@ -386,7 +414,7 @@ FLAC_TAIL = 1 << 20
 two channels in 24 bits has under 400 kB."""
 
 
-def _walk_flac(file: io.BufferedReader, size: int) -> _Container:
+def _walk_flac(file: BinaryIO, size: int) -> _Container:
     """FLAC, whose last frame says how many samples come before it."""
     file.seek(FLAC_TOTAL)
     packed = int.from_bytes(file.read(5).ljust(5, b"\0"), "big")
@@ -407,7 +435,7 @@ def _walk_flac(file: io.BufferedReader, size: int) -> _Container:
     return _Container(Length(claimed, held), (correction,))
 
 
-def _end_of_metadata(file: io.BufferedReader) -> int:
+def _end_of_metadata(file: BinaryIO) -> int:
     place = 4
     last = False
     while not last:
