@@ -34,6 +34,7 @@ from tactophone.signal.perception.detector import (
     push_together,
 )
 from tactophone.signal.perception.events import EventDetector, EventMerger
+from tactophone.signal.perception.fallback import FallbackDetector
 from tactophone.signal.perception.levels import LevelMeter
 from tactophone.signal.perception.model_file import Model
 from tactophone.signal.perception.opening import DetectorOptions, open_detector
@@ -146,7 +147,8 @@ class Hand:
     each comes out.
 
     Every finger has its own detector, profile and limits, and classifies as it would
-    alone: in a batch, P(rough) may differ by 1e-5. One finger is a hand too: its sound
+    alone: in a batch, P(rough) may differ by 1e-5. The microphones of the fingers are
+    checked in turn, a hop of 11 ms after each other. One finger is a hand too: its sound
     passes as it is.
 
     - ``pipelines``: one for each finger, in the order of the channels.
@@ -182,6 +184,9 @@ class Hand:
             pipeline.has_events for pipeline in self.pipelines
         )
         self._levels: LevelMeter | None = None
+        for finger, detector in enumerate(detectors):
+            if isinstance(detector, FallbackDetector):
+                detector.take_turn(finger)
         if self.fingers > 1:
             self._share_levels()
 

@@ -20,6 +20,7 @@ from tactophone.signal.perception.health import (
 )
 from tactophone.signal.perception.model_file import ModelCard, read_model
 from tactophone.signal.perception.models import model_path, open_touch_detector
+from tactophone.signal.pipeline import Hand, open_pipeline
 from tactophone_lab.simulation.catalogue import find
 from tactophone_lab.simulation.faults import CODES, FaultSpan, FaultySource
 from tactophone_lab.simulation.motion import single
@@ -28,6 +29,7 @@ from tactophone_lab.simulation.strokes import take_moves
 from tactophone_lab.simulation.takes import TAKES
 
 RATE = 48_000
+HOP = 512
 REFERENCE = Reference(
     threshold_dbfs=-25.0,
     floor_dbfs=(-28.0, -60.0),
@@ -111,14 +113,16 @@ def test_without_the_air_microphone_a_model_that_needs_it_tells_contact_alone() 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
 def test_blocks_of_any_size_give_the_same_predictions(size: int) -> None:
-    samples = sound("air-hum").samples[RATE * 5 // 2 :]
+    # A check comes with the end of a window, up to a hop after its cell is full.
+    known = RATE * 5 // 2 + HOP
+    samples = sound("air-hum").samples[known:]
     seconds = 0.2 if size == 1 else 1.0
     pair = [open_checked(), open_checked()]
     for detector in pair:
-        detector.push(AudioBlock(sound("air-hum").samples[: RATE * 5 // 2], RATE))
+        detector.push(AudioBlock(sound("air-hum").samples[:known], RATE))
     assert pair[0].sensor_faults
     parts = [
-        AudioBlock(samples[at : at + size], RATE, RATE * 5 // 2 + at)
+        AudioBlock(samples[at : at + size], RATE, known + at)
         for at in range(0, int(seconds * RATE), size)
     ]
     whole = AudioBlock(
@@ -179,3 +183,40 @@ def test_lost_sound_resets_the_fault_detector() -> None:
     assert detector.sensor_faults
     detector.push(AudioBlock(sound("").samples[:480], RATE, 10 * RATE))
     assert detector.sensor_faults == ()
+
+
+def checks_of(hand: Hand, *, packet: int = 120, seconds: float = 1.5) -> list[set[int]]:
+    """Return which fingers were checked with each packet."""
+    rng = np.random.default_rng(0)
+    checked: list[set[int]] = []
+    fallbacks = [pipeline.detector for pipeline in hand.pipelines]
+
+    def watch(finger: int, detector: FaultDetector) -> None:
+        push = detector.push
+
+        def pushed(block: AudioBlock) -> bool:
+            checked[-1].add(finger)
+            return push(block)
+
+        detector.push = pushed  # type: ignore[method-assign]
+
+    for finger, detector in enumerate(fallbacks):
+        assert isinstance(detector, FallbackDetector)
+        watch(finger, detector.fault_detector)
+    for start in range(0, round(seconds * RATE), packet):
+        noise = rng.normal(0, 0.001, (packet, 2 * hand.fingers)).astype(np.float32)
+        checked.append(set())
+        steps = list(hand.push(AudioBlock(noise, RATE, start)))
+        predicted = any(step.predictions for step in steps)
+        assert predicted or not checked[-1], "a check breaks the wait of a packet"
+    return checked
+
+
+@pytest.mark.parametrize("fingers", [1, 2, 10])
+def test_the_checks_of_all_fingers_take_turns_and_come_with_a_window(
+    fingers: int,
+) -> None:
+    hand = Hand([open_pipeline(sample_rate=RATE, channels=2) for _ in range(fingers)])
+    checked = [found for found in checks_of(hand) if found]
+    assert {finger for found in checked for finger in found} == set(range(fingers))
+    assert max(map(len, checked)) == 1

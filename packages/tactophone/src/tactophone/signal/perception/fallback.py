@@ -10,6 +10,7 @@ all is as before.
 
 import copy
 import enum
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -17,11 +18,12 @@ from types import MappingProxyType
 from msgspec.structs import replace
 
 from tactophone.core.microphones import AIR, CONTACT
-from tactophone.core.types import AudioBlock, Prediction, Touch
+from tactophone.core.types import AudioBlock, Prediction, Touch, joined
 from tactophone.signal.perception.detector import (
     Heard,
     PhasedDetector,
     TouchDetector,
+    begins_anew,
 )
 from tactophone.signal.perception.fit import Misfit
 from tactophone.signal.perception.health import (
@@ -108,7 +110,7 @@ class FallbackDetector(PhasedDetector):
     that has sounded and fell silent is broken, and then the air microphone never takes
     its place: it hears people talk.
 
-    - ``main``: the detector of the model.
+    - ``main``, ``fault_detector``: the detector of the model, and what looks for faults.
     - ``mode``, ``sensor_faults``: the fallback in use, and the faults of the
       microphones now.
     """
@@ -116,7 +118,7 @@ class FallbackDetector(PhasedDetector):
     def __init__(
         self, main: TouchDetector, fault_detector: FaultDetector, *, channels: int = 2
     ) -> None:
-        self.main, self._fault_detector = main, fault_detector
+        self.main, self.fault_detector = main, fault_detector
         self.window_detector = main.window_detector
         self.gate = main.gate
         self._channels = channels
@@ -126,14 +128,25 @@ class FallbackDetector(PhasedDetector):
         # Copies of the noise floor as it was at the newest measures without a fault of
         # the contact microphone, oldest first.
         self._floors: deque[NoiseFloor] = deque(maxlen=REMEMBERED_CELLS)
-        # Samples until the fault detector measures again, and the sample that is due.
-        self._left = fault_detector.cell_size
+        card = self.window_detector.card
+        # The grid of the checks: windows end on it too.
+        self._hop = max(
+            1, round(card.hop * fault_detector.sample_rate / card.sample_rate)
+        )
+        self._turn = 0
         self._next = 0
+        self._begin_cell()
         # Channels that have ever sounded, so that a microphone must be there; and the
         # only channel that is heard, where it is one.
         self._sounded: frozenset[int] = frozenset()
         self._only: int | None = None
         self._choose()
+
+    def take_turn(self, turn: int) -> None:
+        """Check so many hops after the first of several fingers, each at its own turn,
+        as all checks at once would hold up the sound."""
+        self._turn = turn
+        self.reset()
 
     @property
     def floor(self) -> NoiseFloor | None:
@@ -143,7 +156,7 @@ class FallbackDetector(PhasedDetector):
     def _choose(self) -> None:
         """Choose the fallback for the faults that are present now."""
         card = self.window_detector.card
-        faults = self._fault_detector.faults
+        faults = self.fault_detector.faults
         if self._has_one_microphone_on_the_second_input(faults):
             # Its faults are those of a contact microphone.
             own = [
@@ -168,7 +181,7 @@ class FallbackDetector(PhasedDetector):
     def _has_one_microphone_on_the_second_input(
         self, faults: Iterable[SensorFault]
     ) -> bool:
-        if self._fault_detector.calibrated or self._shares_levels:
+        if self.fault_detector.calibrated or self._shares_levels:
             return False
         silent = {fault.channel for fault in faults if fault.kind in _SILENT_KINDS}
         return CONTACT in silent and self._sounded == {AIR}
@@ -206,27 +219,54 @@ class FallbackDetector(PhasedDetector):
         nothing."""
         return self.main.misfit
 
+    def _begin_cell(self, *, anew: bool = False) -> None:
+        """Begin a cell of the fault detector, and forget what belongs to none; the
+        windows begin anew too, or go on."""
+        self.fault_detector.reset()
+        # Samples of the stream that are not looked at, until it is this finger's turn.
+        self._passed_over = self._turn * self._hop
+        # Samples until the cell is full. Lost sound that was concealed fills none.
+        self._cell_left = self._passed_over + self.fault_detector.cell_size
+        # Samples until the next place of the grid.
+        missing = 0 if anew else self.window_detector.missing
+        self._hop_left = (missing - 1) % self._hop + 1
+        # Where the blocks that were cut end at a check, and the sound since the last.
+        self._checks: deque[int] = deque()
+        self._unchecked: list[AudioBlock] = []
+
+    @property
+    def _until_check(self) -> int:
+        """Samples until the next check: at the first place of the grid where the cell
+        is full. A window ends there, so that the check comes with work that cannot wait
+        either, and breaks no wait of a packet that has none."""
+        beyond = max(0, self._cell_left - self._hop_left)
+        return self._hop_left + math.ceil(beyond / self._hop) * self._hop
+
     def parts(self, block: AudioBlock) -> Sequence[AudioBlock]:
-        """Cut a block where the fault detector measures, so that the mode changes at
+        """Cut a block where the microphones are checked, so that the mode changes at
         the same sample at any block size."""
         if block.start != self._next:
             # Sound was lost, so the measure that has begun is not of one stretch.
-            self._fault_detector.reset()
-            self._left = self._fault_detector.cell_size
+            lost = block.start - self._next
+            self._begin_cell(anew=begins_anew(lost, block.sample_rate))
             self._choose()
         self._next = block.end
         if block.concealed:
-            return (block,)
-        if block.size < self._left:
-            self._left -= block.size
+            self._hop_left = (self._hop_left - block.size - 1) % self._hop + 1
             return (block,)
         parts = []
         start = 0
-        while start < block.size:
-            size = min(self._left, block.size - start)
+        while block.size - start >= self._until_check:
+            size = self._until_check
             parts.append(block.part(start, start + size))
             start += size
-            self._left = self._left - size or self._fault_detector.cell_size
+            self._checks.append(parts[-1].end)
+            self._cell_left += self.fault_detector.cell_size - size
+            self._hop_left = self._hop
+        if rest := block.size - start:
+            parts.append(block.part(start, block.size) if start else block)
+            self._cell_left -= rest
+            self._hop_left = (self._hop_left - rest - 1) % self._hop + 1
         return parts
 
     def take(self, part: AudioBlock) -> Heard:
@@ -243,11 +283,23 @@ class FallbackDetector(PhasedDetector):
             predictions = list(map(self._revised, predictions))
         # The microphones are looked at last, so that what is found holds from the next
         # part on. Concealment of lost sound says nothing about them.
-        if not heard.block.concealed and self._fault_detector.push(heard.block):
-            self._sounded |= self._fault_detector.sounding
-            self._choose()
-            self._keep_floor()
+        if not heard.block.concealed:
+            self._unchecked.append(heard.block)
+            if self._checks and heard.block.end == self._checks[0]:
+                self._checks.popleft()
+                self._check()
         return predictions
+
+    def _check(self) -> None:
+        """Look for faults in the sound since the last check."""
+        for block in joined(self._unchecked):
+            passed_over = min(self._passed_over, block.size)
+            self._passed_over -= passed_over
+            self.fault_detector.push(block.part(passed_over, block.size))
+        self._unchecked = []
+        self._sounded |= self.fault_detector.sounding
+        self._choose()
+        self._keep_floor()
 
     def _keep_floor(self) -> None:
         """While the contact microphone is faulty, let the noise floor stay what it was
@@ -265,19 +317,19 @@ class FallbackDetector(PhasedDetector):
         """As of `TouchDetector`, and only while no microphone is faulty may sound wait."""
         if self.mode is not FallbackMode.FULL:
             return self._next
-        return min(self.main.due, self._next + self._left)
+        return min(self.main.due, self._next + self._until_check)
 
     def flush(self) -> list[Prediction]:
         return [self._revised(prediction) for prediction in self.main.flush()]
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
-        self._fault_detector.reset()
         self._floors.clear()
         self._sounded = frozenset()
-        self._left, self._next = self._fault_detector.cell_size, 0
-        self._choose()
+        self._next = 0
         self.main.reset()
+        self._begin_cell()
+        self._choose()
 
     def _revised(self, prediction: Prediction) -> Prediction:
         if self.mode is FallbackMode.SILENCE:
