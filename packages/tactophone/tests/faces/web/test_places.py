@@ -2,16 +2,18 @@
 connections, not in seconds."""
 
 import asyncio
+import errno
 import socket
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from aiohttp import web
 
-from tactophone.faces.web.connections import MOST, Acceptor, listen
+from tactophone.faces.web.connections import KEPT_PLACES, MOST, RUNNER, Acceptor, listen
 from tests.faces.web.test_strangers import certificate
 
 __all__ = ["certificate"]
@@ -165,3 +167,74 @@ def test_a_crowd_from_one_address_takes_no_place_of_another() -> None:
                 other.close()
 
     run(work)
+
+
+@pytest.mark.skipif(
+    not hasattr(socket, "SO_PEERCRED"), reason="only Linux has the host 127.0.0.2"
+)
+def test_a_known_address_keeps_its_places_among_strangers_of_one_place_each() -> None:
+    """Whoever has many addresses crowds nobody out by having one place at each."""
+
+    async def work() -> None:
+        async with serving() as server:
+            viewer = "127.0.0.2"
+            reader, writer = await server.stranger(
+                b"GET /token HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n",
+                host=viewer,
+            )
+            assert (await reader.readline()).split()[1] == b"200"
+            own = [
+                await server.stranger(b"GET / HTTP/1.1\r\n", host=viewer)
+                for _ in range(KEPT_PLACES)
+            ]
+            crowd = [
+                await server.stranger(b"GET", host=f"127.0.1.{place + 1}")
+                for place in range(CROWD)
+            ]
+            for reader, writer in own:
+                writer.write(b"Host: a\r\n\r\n")
+                assert (await reader.readline()).split()[1:2] == [b"200"]
+            for _, other in crowd:
+                other.close()
+
+    run(work)
+
+
+def test_without_descriptors_a_stranger_goes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Something else in the process has taken them all."""
+
+    async def work() -> None:
+        async with serving() as server:
+            loop = asyncio.get_running_loop()
+            accept = loop.sock_accept
+            failures = [OSError(errno.EMFILE, "no descriptor is left")]
+
+            async def fail_once(listener: socket.socket) -> Any:
+                if failures and server.acceptor.accepted == 2:
+                    raise failures.pop()
+                return await accept(listener)
+
+            monkeypatch.setattr(loop, "sock_accept", fail_once)
+            strangers = [await server.stranger(b"GET") for _ in range(2)]
+            ends = [asyncio.ensure_future(reader.read()) for reader, _ in strangers]
+            ended, waiting = await asyncio.wait(ends, return_when="FIRST_COMPLETED")
+            assert (len(ended), len(waiting)) == (1, 1)
+            assert not failures
+            for each in (*ended, *waiting):
+                each.cancel()
+
+    run(work)
+
+
+def test_a_fault_that_repeats_is_logged_at_each_power_of_ten_with_its_count(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    for _ in range(100):
+        RUNNER["logger"].warning("a fault of ours")
+    assert caplog.messages == [
+        "a fault of ours",
+        "a fault of ours (10 times until now)",
+        "a fault of ours (100 times until now)",
+    ]

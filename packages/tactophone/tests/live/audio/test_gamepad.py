@@ -177,3 +177,20 @@ def test_a_virtual_pad_of_the_kernel_receives_the_effects() -> None:
         assert eventually(lambda: len(uploaded) > 3)
         played.close()
     assert max(uploaded) == pytest.approx(0.5 * 65535, abs=1)
+
+
+def test_an_effect_is_refreshed_often_enough_and_not_with_every_period() -> None:
+    """Each refresh is a call of the kernel, which writes to the pad over USB or
+    radio."""
+    pad, level = RecordedPad(), Level(0.5)
+    periods: list[int] = []
+
+    def process(inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+        periods.append(pad.started)
+        level(inputs, outputs)
+
+    played = device(pad, process)
+    played.open()
+    assert eventually(lambda: pad.started > 6)
+    played.close()
+    assert len(periods) > 4 * pad.started

@@ -41,3 +41,17 @@ def test_a_page_process_that_ends_is_a_fault_and_no_error() -> None:
         outbox.close()
         time.sleep(0.05)
         assert "Use this microphone" in source.device.fault
+
+
+def test_a_process_that_closes_its_own_device_is_not_waited_for() -> None:
+    inbox, outbox = Pipe(duplex=False)
+    closed: list[str] = []
+
+    def close(inputs: list[np.ndarray], _: list[np.ndarray]) -> None:
+        device.close()
+        closed.append("in order")
+
+    device = StreamDevice(inbox, close, absent="nobody")
+    device.open()
+    outbox.send_bytes(message(0, np.ones(8)))
+    assert eventually(lambda: closed == ["in order"])

@@ -30,6 +30,7 @@ from tactophone.core.types import (
 from tactophone.live.log.log_topics import TOPICS, Message, Topic
 from tactophone.live.log.mcap import (
     CHUNK_INTERVAL,
+    LOG_READ_INTERVAL,
     LogEnd,
     LogFile,
     LoggedPrediction,
@@ -584,3 +585,7 @@ def test_a_log_is_written_through_no_link_and_only_its_user_reads_it(
         assert victim.read_text() == "mine"
         assert path.stat().st_mode & 0o777 == 0o600
         path.unlink()
+
+
+def test_the_disk_lacks_less_than_a_second_after_a_kill() -> None:
+    assert LOG_READ_INTERVAL * CHUNK_INTERVAL < 1.0

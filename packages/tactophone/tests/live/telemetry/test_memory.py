@@ -243,3 +243,12 @@ def test_a_name_that_another_user_took_is_one_line_and_never_waits(
         assert os.path.lexists(path)
     finally:
         path.rmdir() if path.is_dir() else path.unlink()
+
+
+def test_the_memory_of_a_run_that_was_cut_off_is_refused(name: str) -> None:
+    """Whoever read beyond its end would be ended by the system."""
+    with Telemetry(name):
+        path = folder() / f"{PREFIX}{name}"
+        os.truncate(path, path.stat().st_size - 4096)
+        with pytest.raises(TactophoneError, match="another version"):
+            Memory(name, create=False)

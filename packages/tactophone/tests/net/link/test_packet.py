@@ -20,6 +20,9 @@ from tactophone.net.link.packet import (
     Payload,
     PayloadType,
     ahead,
+    is_dtls,
+    is_report,
+    is_srtp,
     parse_packet,
 )
 
@@ -143,3 +146,11 @@ def test_the_largest_packet_fits_a_datagram_while_the_robot_moves() -> None:
         moving=True,
     )
     assert len(bytes(packet)) + SRTP_OVERHEAD == MAX_DATAGRAM
+
+
+def test_an_empty_datagram_is_of_no_kind() -> None:
+    """UDP may carry nothing at all."""
+    assert not is_dtls(b"")
+    assert not is_srtp(b"")
+    assert not is_report(b"")
+    assert not is_report(b"\x80")

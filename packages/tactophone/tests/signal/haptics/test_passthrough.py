@@ -169,3 +169,11 @@ def test_feel_renders_what_a_plug_in_adds(plugin: Path) -> None:
 def test_without_the_plug_in_its_names_are_refused_with_those_there_are() -> None:
     with pytest.raises(ConfigError, match="no passthrough 'pitch'; there are direct"):
         open_passthrough("pitch")
+
+
+def test_a_whole_sound_is_rendered_as_if_nothing_came_before() -> None:
+    before = Passthrough(limits=FULL)
+    before.push(tone(100))
+    sound = tone(200)
+    fresh = Passthrough(limits=FULL).render_whole(sound)
+    assert (before.render_whole(sound) == fresh).all()
