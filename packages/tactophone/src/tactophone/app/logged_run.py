@@ -12,7 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import soundfile
@@ -40,7 +40,6 @@ from tactophone.net.endpoints import OperatorEndpoint
 from tactophone.net.link.events import Connected, LoggedSession
 from tactophone.net.link.packet import Address
 from tactophone.net.link.receive import ReceiveSession
-from tactophone.net.link.session import Session
 from tactophone.net.link.stream import DecodedAudio
 from tactophone.signal.haptics.limits import Limits
 from tactophone.signal.haptics.oscillator import Oscillator
@@ -110,7 +109,7 @@ def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
 
 def _open_session() -> tuple[LoggedSession, ReceiveSession]:
     logged = LoggedSession()
-    return logged, ReceiveSession(cast(Session, logged))
+    return logged, ReceiveSession(logged)
 
 
 class LoggedEndpoint:

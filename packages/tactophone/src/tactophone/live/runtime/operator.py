@@ -119,9 +119,8 @@ class Operator(Side):
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
-        self._session = ReceiveSession(
-            wiring.open_session(settings, in_call=agent is not None)
-        )
+        self._dtls_session = wiring.open_session(settings, in_call=agent is not None)
+        self._session = ReceiveSession(self._dtls_session)
         info.progress("opening the models")
         self._endpoint = wiring.open_endpoint(settings, self._session)
         # A process that replaces a failed one never vibrates by itself: its predecessor
@@ -180,7 +179,7 @@ class Operator(Side):
             link = self._settings.link
             self._socket: UdpSocket | CallSocket = (
                 wiring.open_call(
-                    self._agent, self._session.session, restarts=self._info.restarts
+                    self._agent, self._dtls_session, restarts=self._info.restarts
                 )
                 if self._agent
                 else UdpSocket(link.host, link.port)
@@ -200,8 +199,8 @@ class Operator(Side):
         self._thread.join(1.0)
         if not self._thread.is_alive():
             self._recorder.write()
-        self._session.session.hang_up()
-        wiring.send_outgoing(self._session.session, self._socket)
+        self._dtls_session.hang_up()
+        wiring.send_outgoing(self._dtls_session, self._socket)
         self._resources.close()
 
     def stop(self) -> None:
@@ -235,7 +234,7 @@ class Operator(Side):
     @property
     def _hung_up(self) -> str:
         """Name of the robot that has ended the call; empty while nobody has."""
-        return self._session.session.hung_up if self._agent else ""
+        return self._dtls_session.hung_up if self._agent else ""
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns
@@ -324,11 +323,11 @@ class Operator(Side):
             if reason:
                 yield Fault("silence", reason)
         elif silent > LONGEST_CALL and not self._hung_up:
-            reason = self._session.session.failure or self._why_absent()
+            reason = self._dtls_session.failure or self._why_absent()
             yield Fault("link", f"no robot is connected: {reason}")
-        if conflict := self._session.session.version_conflict:
+        if conflict := self._dtls_session.version_conflict:
             yield Fault("version", conflict)
-        sent_away = self._session.session.sent_away
+        sent_away = self._dtls_session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
             yield Fault(
                 "second_robot",
@@ -405,13 +404,13 @@ class Operator(Side):
                 self._received_at = received
                 decoded = time.monotonic()
             if self._endpoint.refusal and self._session.peer:
-                self._session.session.hang_up(
+                self._dtls_session.hang_up(
                     f"the operator cannot use this sound: {self._endpoint.refusal}"
                 )
             # Sound is not answered; what else there is to send after sound may wait for
             # the next poll.
             if polled or (step is None and not waited):
-                wiring.send_outgoing(self._session.session, self._socket)
+                wiring.send_outgoing(self._dtls_session, self._socket)
             # What the commands did not need is written now, when the thread would only
             # wait for the next packet.
             if self._recorder.due(received):

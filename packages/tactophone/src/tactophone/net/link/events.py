@@ -102,9 +102,8 @@ class LoggedSession:
     ``polled``: events, encoded, that the next `poll` returns.
     """
 
-    refused = 0
-
     def __init__(self) -> None:
+        self.refused = 0
         self.peer: str | None = None
         self.polled: list[bytes] = []
 
@@ -118,6 +117,11 @@ class LoggedSession:
 
     def send(self, packet: bytes) -> None:
         """Drop the packet: nobody listens."""
+
+    def contain(self, error: Exception, *, now: float) -> list[Event]:
+        """Pass over an error that ended the session that was logged: the log says so
+        next."""
+        return []
 
     def _followed(self, event: Event) -> Event:
         if isinstance(event, Connected | Disconnected):

@@ -3,7 +3,7 @@ or clock."""
 
 from collections import Counter, deque
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import msgspec
 
@@ -18,6 +18,7 @@ from tactophone.net.link.events import (
 )
 from tactophone.net.link.packet import (
     CLOCK_RATE,
+    Address,
     Packet,
     Payload,
     PayloadType,
@@ -28,7 +29,6 @@ from tactophone.net.link.packet import (
 from tactophone.net.link.playout import Playout
 from tactophone.net.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.net.link.send import REPORT_INTERVAL, Datagrams
-from tactophone.net.link.session import Session
 from tactophone.net.link.stats import MinDelayFilter, StreamStats
 from tactophone.net.link.stream import SOUND_STALE_AFTER, DecodedAudio, Depacketizer
 
@@ -66,6 +66,32 @@ class PredictionReceived(msgspec.Struct, frozen=True):
 ReceiveEvent: TypeAlias = DecodedAudio | PredictionReceived | Connected | Disconnected
 
 
+class EventSession(Protocol):
+    """A session as far as its receiver needs it: datagrams and the time go in, events
+    come out. It is a `Session`, or a `LoggedSession`, which repeats one."""
+
+    @property
+    def peer(self) -> str | None:
+        """Name of the connected peer; ``None`` without a connection."""
+
+    @property
+    def refused(self) -> int:
+        """Number of datagrams that belong to no session."""
+
+    def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
+        """Take a datagram; return the events that it leads to."""
+
+    def poll(self, now: float) -> list[Event]:
+        """Let time pass; return the events that it leads to."""
+
+    def send(self, packet: bytes) -> None:
+        """Send a packet to the peer."""
+
+    def contain(self, error: Exception, *, now: float) -> list[Event]:
+        """End the session with a peer whose authentic packets made something raise;
+        return the events that this leads to."""
+
+
 class ReceiveSession:
     """Receives sound or predictions, oldest first, and reports on the stream.
 
@@ -81,7 +107,7 @@ class ReceiveSession:
       (`tactophone.net.link.events`).
     """
 
-    def __init__(self, session: Session, *, reorder: int = 1) -> None:
+    def __init__(self, session: EventSession, *, reorder: int = 1) -> None:
         self.session = session
         self.tap: Callable[[float, list[Event], bool], None] = (
             lambda now, events, polled: None

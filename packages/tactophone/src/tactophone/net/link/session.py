@@ -27,9 +27,8 @@ the stream continues (`Renewed`). The first byte of a datagram gives its protoco
 
 import logging
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from types import MappingProxyType
 from typing import Literal
 
 import pylibsrtp
@@ -75,17 +74,6 @@ CONFIRM_TIMEOUT = 10.0
 repeats its last flight."""
 
 SessionState = Literal["idle", "handshaking", "connected", "rehandshaking"]
-
-TRANSITIONS: Mapping[SessionState, frozenset[SessionState]] = MappingProxyType(
-    {
-        "idle": frozenset({"handshaking"}),
-        "handshaking": frozenset({"connected", "idle"}),
-        "connected": frozenset({"rehandshaking", "idle"}),
-        "rehandshaking": frozenset({"connected", "handshaking"}),
-    }
-)
-"""The table above, as `packages/tactophone/tests/net/link/test_session_states.py` walks
-it."""
 
 _LAST_SAFE_SEQUENCE = 0xC000
 """Sequence number from which keys are not renewed: the receiver of a new stream takes
@@ -295,7 +283,8 @@ class Session:
 
     @property
     def state(self) -> SessionState:
-        """Where the session stands in the table at the head of this file."""
+        """Where the session stands in the table at the head of this file: it follows
+        from the keys and handshakes that there are, and so cannot contradict them."""
         if self._keys.current:
             return "rehandshaking" if self._pending else "connected"
         return "handshaking" if self._pending else "idle"
