@@ -2,12 +2,16 @@ import gc
 import os
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 from tactophone.live.runtime.priority import (
+    AWAKE_WITHIN,
     COLLECTION_INTERVAL,
     collect_garbage,
+    cores_awake,
+    follow_period,
     prepare_passing,
     prioritize_thread,
     settle,
@@ -85,3 +89,33 @@ def test_a_call_waits_for_no_other_program_but_for_the_sound(
     gc.unfreeze()
     sys.setswitchinterval(before)
     assert asked == given
+
+
+@pytest.mark.parametrize(
+    ("samples", "milliseconds"),
+    [(0, 0.1), (16, 0.1), (32, 0.133), (64, 0.267), (128, 0.533), (512, 1.0)],
+)
+def test_threads_take_turns_five_times_a_period(
+    samples: int, milliseconds: float
+) -> None:
+    before = sys.getswitchinterval()
+    try:
+        follow_period(samples / 48_000)
+        assert 1e3 * sys.getswitchinterval() == pytest.approx(milliseconds, abs=0.01)
+    finally:
+        sys.setswitchinterval(before)
+
+
+def test_the_cores_are_held_awake_where_the_system_permits_it(tmp_path: Path) -> None:
+    file = tmp_path / "latency"
+    file.touch()
+    with cores_awake(file) as held:
+        assert held
+        assert int.from_bytes(file.read_bytes(), sys.byteorder) == AWAKE_WITHIN
+        assert any(
+            os.readlink(each) == str(file)
+            for each in Path("/proc/self/fd").iterdir()
+            if each.is_symlink()
+        )
+    with cores_awake(tmp_path / "nothing" / "here") as held:
+        assert not held

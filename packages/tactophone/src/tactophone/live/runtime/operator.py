@@ -209,6 +209,10 @@ class Operator(Side):
         for finger in self._fingers:
             finger.stop()
 
+    @property
+    def period(self) -> float:
+        return self._period / LIVE_SAMPLE_RATE
+
     def housekeep(self, now: float) -> None:
         requests = self._telemetry.requests(now)
         refused = {
@@ -472,7 +476,7 @@ class Operator(Side):
         telemetry.count("callbacks")
         if len(outs[0]) != self._period:
             self._period = len(outs[0])
-            telemetry.gauge("device_period", self._period / LIVE_SAMPLE_RATE)
+            telemetry.gauge("device_period", self.period)
         if submitted != self._rendered:
             self._rendered = submitted
             telemetry.mark((_RENDERED, submitted, time.monotonic()))

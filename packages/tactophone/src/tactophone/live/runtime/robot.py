@@ -170,6 +170,12 @@ class Robot(Side):
             self._send_outgoing()
         self._resources.close()
 
+    @property
+    def period(self) -> float:
+        return (
+            self._source.device.latency if isinstance(self._source, LiveSource) else 0.0
+        )
+
     def housekeep(self, now: float) -> None:
         for request in self._telemetry.requests(now):
             if request.action == "moving":

@@ -39,6 +39,8 @@ from tactophone.live.audio.jack import disconnect_from_jack
 from tactophone.live.runtime.priority import (
     MAIN_PRIORITY,
     collect_garbage,
+    cores_awake,
+    follow_period,
     name_thread,
     prioritize_thread,
     settle,
@@ -436,6 +438,11 @@ class Side:
         self._budgeted_at = 0.0
         self._ends_at = math.inf
 
+    @property
+    def period(self) -> float:
+        """Seconds of a period of the sound device; 0 where there is none."""
+        raise NotImplementedError
+
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; ``now`` is in s of the monotonic
         clock."""
@@ -449,10 +456,14 @@ class Side:
         """
         settle()
         collected = time.monotonic()
-        prioritize_thread(min(MAIN_PRIORITY, self._settings.process.priority))
+        priority = self._settings.process.priority
+        prioritize_thread(min(MAIN_PRIORITY, priority))
+        if priority:
+            self._resources.enter_context(cores_awake())
         while not (terminated.is_set() or self.ended.is_set() or orphaned()):
             now = time.monotonic()
             self.housekeep(now)
+            follow_period(self.period)
             collected = collect_garbage(collected, now)
             self.ended.wait(self.interval)
         if self.failure is not None:
