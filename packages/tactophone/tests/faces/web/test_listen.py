@@ -7,10 +7,12 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import aiohttp
 import numpy as np
 import pytest
+import soundfile
 from selenium.webdriver.common.by import By
 
 from tactophone.faces.web.devices import FINGERTIPS
@@ -181,6 +183,46 @@ def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(
 
     assert asyncio.run(flood())[0] == FLOOD
     assert run.state.armed
+
+
+@pytest.mark.parametrize("rate", [8000, 44_100, 48_000])
+def test_a_microphone_of_any_rate_is_heard_at_48_khz(
+    page: Page, run: Run, sound: Connection, tmp_path: Path, rate: int
+) -> None:
+    time = np.arange(20 * 48_000) / 48_000
+    tone = tmp_path / "tone.wav"
+    soundfile.write(tone, 0.5 * np.sin(2 * np.pi * 1000 * time), 48_000)
+    run.state = replace(run.state, source="browser")
+    browser = start_chromium(
+        "--use-fake-ui-for-media-stream",
+        "--use-fake-device-for-media-stream",
+        f"--use-file-for-fake-audio-capture={tone}",
+    )
+    # As in Firefox: a context has the rate of its device, and refuses another.
+    script = (
+        "const Real = AudioContext; window.AudioContext = function (options) {"
+        " if (options?.sampleRate) throw new DOMException('another sample rate');"
+        f" return new Real({{ ...options, sampleRate: {rate} }}); }}"
+    )
+    try:
+        browser.execute_cdp_cmd(
+            "Page.addScriptToEvaluateOnNewDocument", {"source": script}
+        )
+        browser.get(f"{page.url}try")
+        wait(browser, lambda: text(browser, "life") == "live")
+        browser.find_element(By.ID, "listen").click()
+        wait(browser, lambda: sound.poll() or "cannot" in text(browser, "listen-state"))
+        assert "is live" in text(browser, "listen-state")
+        heard = []
+        while sum(map(len, heard)) < 48_000:
+            assert sound.poll(5)
+            heard.append(np.frombuffer(sound.recv_bytes(), "<f4", offset=4))
+    finally:
+        browser.quit()
+        while sound.poll(0.2):
+            sound.recv_bytes()
+    spectrum = np.abs(np.fft.rfft(np.concatenate(heard)[-32_768:] * np.hanning(32_768)))
+    assert np.argmax(spectrum) * 48_000 / 32_768 == pytest.approx(1000, abs=3)
 
 
 @pytest.mark.parametrize(
