@@ -26,7 +26,10 @@ STATIC = TELEPHONE / "faces" / "web" / "static"
 PARTS = (
     *(HERE / name for name in ("index.html", "page.css", "page.js", "model.js")),
     STATIC.parents[2] / "core" / "palette.css",
-    *(STATIC / name for name in ("capture.js", "fingertip.js", "resampler.js", "speaker.js")),
+    *(
+        STATIC / name
+        for name in ("capture.js", "fingertip.js", "resampler.js", "speaker.js")
+    ),
     TELEPHONE / "signal" / "perception" / "models" / "stylus.onnx",
     *(
         RUNTIME / name
