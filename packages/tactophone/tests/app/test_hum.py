@@ -79,3 +79,17 @@ def test_what_is_no_hum_is_none() -> None:
     assert measured(mains(50, rate, duration=2)[:, None], rate) is None, (
         "too short to tell hum from a tone"
     )
+
+
+@pytest.mark.parametrize("frequency", [50.0, 50.08])
+def test_a_loud_stroke_leaves_no_hum_in_the_silence_beside_it(frequency: float) -> None:
+    rate = 16_000
+    wanted = mains(frequency, rate, duration=6, harmonics=(1, 2, 3, 5, 7)) / 2
+    sound = noise(level_dbfs=-60, duration=6, channels=1)[: len(wanted)]
+    stroke = slice(2 * rate, 4 * rate)
+    sound[stroke] = noise(level_dbfs=-20, duration=2, channels=1)[: 2 * rate]
+    hum = measured(wanted[:, None] + sound, rate)
+    assert hum
+    left = hum.waveform(0, len(wanted))[:, 0] - wanted
+    left[stroke] = 0
+    assert 20 * np.log10(np.abs(left).std()) < -75, "15 dB under the silence"

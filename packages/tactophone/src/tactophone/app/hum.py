@@ -6,6 +6,12 @@ bands and flattens its crest (docs/research/contact.md). Its lines are narrower 
 Hz and last as long as the recording; a stroke's sound is broad and comes and goes. So
 each line is measured over 1 s, twice a second, and what is subtracted takes about 2 Hz
 of the sound with it.
+
+A second that is full of a stroke says little about the line beneath it, and hum hardly
+changes. So each frame counts by how little other sound it has beside the line, and
+borrows the rest from its neighbours in time. Otherwise a part of the stroke would be
+taken for hum and, as a frame reaches over the stroke's ends, be added to the silence
+beside it.
 """
 
 from dataclasses import dataclass
@@ -37,7 +43,20 @@ last."""
 LEAST_FRAMES = 4
 """Fewest frames from which hum is told, 2.5 s."""
 
+CHANGE = 0.01
+"""Share of its mean amplitude by which a line is expected to change from one frame to
+the next, 0.5 s, under a stroke. In a pause a faster change is followed too, as nothing
+hides it there."""
+
+QUIETEST = 1e-20
+"""Power beside a line, -200 dBFS, that is taken for no noise at all."""
+
+TURNS = 4
+"""Rounds in which the frequency is found: a line that is off by 0.3 Hz turns by a
+radian from frame to frame, and its amplitudes can be averaged only after that."""
+
 Amplitudes = NDArray[np.complex64]
+Powers = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +114,7 @@ class HumMeter:
         self._window = np.hanning(sample_rate + 1)[:-1, None].astype(np.float32)
         self._lines = LINES[LINES + APART[-1] < self._hop]
         self._frames: list[Amplitudes] = []
+        self._around: list[Powers] = []
         self._over: list[NDArray[np.bool_]] = []
 
     def push(self, samples: FloatArray) -> None:
@@ -115,7 +135,9 @@ class HumMeter:
         # (frames, lines, channels) to (lines, channels, frames), without what is no
         # line of its channel.
         amplitude = np.moveaxis(np.array(self._frames)[:, lines] * found[lines], 0, -1)
-        return _tracked(self._rate, self._lines[lines, None] * found[lines], amplitude)
+        noise = np.moveaxis(np.array(self._around)[:, lines], 0, -1)
+        nominal = self._lines[lines, None] * found[lines]
+        return _tracked(self._rate, nominal, amplitude, noise)
 
     def _measure(self, frame: FloatArray) -> None:
         # A bin is 1 Hz wide, as a frame lasts 1 s; a cosine of amplitude 1 gives 1 at
@@ -125,13 +147,16 @@ class HumMeter:
         )
         power = np.square(np.abs(spectrum))
         around = np.median(power[self._lines[:, None] + APART], axis=1)
+        self._around.append(around.astype(np.float32))
         self._frames.append(spectrum[self._lines].astype(np.complex64))
         self._over.append(power[self._lines] > around * 10 ** (OVER_DB / 10))
 
 
-def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hum:
+def _tracked(
+    rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes, noise: Powers
+) -> Hum:
     """Return the hum at its true frequencies, at which the amplitude stands still on
-    average.
+    average; ``noise`` is the power beside each line.
 
     The mains frequency and the recorder's clock are a little off, which shifts the
     harmonics by up to some tenths of a hertz.
@@ -140,17 +165,44 @@ def _tracked(rate: int, nominal: NDArray[np.int64], amplitude: Amplitudes) -> Hu
     frames = np.arange(amplitude.shape[-1])
     # From each frame's start back to the recording's, at the nominal frequency.
     still = amplitude * np.exp(-2j * np.pi * nominal[..., None] * hop * frames)
-    turn = np.angle((still[..., 1:] * still[..., :-1].conj()).sum(axis=-1))
+    turn = np.zeros(nominal.shape)
+    steady = _steadied(still, noise)
+    for _ in range(TURNS):
+        pairs = steady[..., 1:] * steady[..., :-1].conj()
+        turn = turn + np.angle(pairs.sum(axis=-1))
+        turned = np.exp(-1j * turn[..., None] * frames)
+        steady = _steadied(still * turned, noise)
     off = turn / (2 * np.pi * hop)
     # The window weighs a line that is off by d Hz with sinc(d) / (1 - d^2), and turns
     # it by half a frame.
     loss = np.sinc(off) / np.where(np.abs(off) > 0.999, np.inf, 1 - off * off)
-    middle = (
-        np.exp(-1j * (turn[..., None] * frames + np.pi * off[..., None]))
-        / np.maximum(loss, 0.5)[..., None]
-    )
+    middle = np.exp(-1j * np.pi * off) / np.maximum(loss, 0.5)
     return Hum(
         rate,
         np.where(nominal, nominal + off, 0.0),
-        (still * middle).astype(np.complex64),
+        (steady * middle[..., None]).astype(np.complex64),
     )
+
+
+def _steadied(amplitude: NDArray[np.complex128], noise: Powers) -> Amplitudes:
+    """Return the likeliest amplitudes, where a measured one is off by the noise beside
+    its line and a line changes by `CHANGE` from frame to frame.
+
+    This is Rauch, Tung and Striebel's smoother of a random walk (AIAA J. 3, 1445,
+    1965): one pass forwards, in which each frame corrects what came before, and one
+    back.
+    """
+    off = noise.astype(np.float64) + QUIETEST
+    power = np.average(np.square(np.abs(amplitude)), axis=-1, weights=1 / off)
+    change = CHANGE**2 * power
+    best = [amplitude[..., 0]]
+    variance = [off[..., 0]]
+    for frame in range(1, amplitude.shape[-1]):
+        expected = variance[-1] + change
+        gain = expected / (expected + off[..., frame])
+        best.append(best[-1] + gain * (amplitude[..., frame] - best[-1]))
+        variance.append(gain * off[..., frame])
+    for frame in reversed(range(len(best) - 1)):
+        share = variance[frame] / (variance[frame] + change)
+        best[frame] = best[frame] + share * (best[frame + 1] - best[frame])
+    return np.stack(best, axis=-1)
