@@ -35,6 +35,25 @@ def test_the_terminal_says_why_there_is_no_link_once(
     assert capsys.readouterr().err.splitlines() == [f"! {refused.text}", "calling"]
 
 
+def test_the_terminal_says_when_a_fault_is_over(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    gone = Fault("actuator", "the JACK server is gone: start it again")
+    late = Fault("actuator", "the JACK server stands still")
+    other = Fault("link", "no robot is connected: refused")
+    with Telemetry("test-console") as telemetry:
+        view = _ConsoleView("test-console")
+        for faults in ((gone, other), (late, other), (other,), (other,)):
+            telemetry.update(RunState(faults=faults), now=time.monotonic())
+            view.update()
+    assert capsys.readouterr().err.splitlines() == [
+        f"! {gone.text}",
+        f"! {other.text}",
+        f"! {late.text}",
+        f"over: {late.text}",
+    ]
+
+
 def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> None:
     block = AudioBlock(np.zeros((480, 2), np.float32), 48_000)
     with Telemetry("test-strip") as telemetry:

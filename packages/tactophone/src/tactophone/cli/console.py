@@ -19,7 +19,7 @@ from rich.text import Text
 from tactophone.cli import output
 from tactophone.core.settings import DEFAULT_CEILING
 from tactophone.core.types import Touch
-from tactophone.live.telemetry.layout import Action, RunState
+from tactophone.live.telemetry.layout import Action, Fault, RunState, ended_faults
 from tactophone.live.telemetry.watcher import Snapshot, Watcher
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
@@ -116,6 +116,7 @@ class _ConsoleView:
         self._name = name
         self._watcher: Watcher | None = None
         self._printed: dict[str, str] = {}
+        self._faults: tuple[Fault, ...] = ()
         self._felt: deque[tuple[Touch, float]] = deque(
             [(Touch.NONE, 0.0)] * STRIP, STRIP
         )
@@ -156,10 +157,16 @@ class _ConsoleView:
         if state.role == "operator":
             cause = state.muted_because.removeprefix("muted: ")
             messages["muted"] = f"muted: {cause}" if cause else "armed"
-        for subject, text in messages.items():
-            if text and self._printed.get(subject) != text:
-                output.log().print(text[:MOST_WORDS], soft_wrap=True)
+        new = [
+            text
+            for subject, text in messages.items()
+            if text and self._printed.get(subject) != text
+        ]
+        over = [fault.end for fault in ended_faults(self._faults, state.faults)]
+        for text in (*new, *over):
+            output.log().print(text[:MOST_WORDS], soft_wrap=True)
         self._printed = messages
+        self._faults = state.faults
 
 
 def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:

@@ -87,7 +87,7 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(
     wait(browser, lambda: run.finger.profile == "plain")
 
 
-def test_faults_are_shown_and_removed(
+def test_a_fault_is_shown_and_then_its_end(
     browser: webdriver.Chrome, page: Page, run: Run
 ) -> None:
     open_page(browser, page)
@@ -98,7 +98,9 @@ def test_faults_are_shown_and_removed(
     )
     wait(browser, lambda: "one-channel" in text(browser, "faults"))
     run.fail()
-    wait(browser, lambda: text(browser, "faults") == "")
+    wait(browser, lambda: text(browser, "faults").startswith("Over: Air microphone"))
+    run.fail(Fault("air_silent", "Air microphone silent for 5 s."))
+    wait(browser, lambda: text(browser, "faults") == "Air microphone silent for 5 s.")
 
 
 def test_the_budget_and_the_link_are_shown_as_numbers(

@@ -41,7 +41,12 @@ from tactophone.live.log.mcap import (
 )
 from tactophone.live.log.reader import encoded
 from tactophone.live.telemetry import layout
-from tactophone.live.telemetry.layout import PREDICTION_RECORD, FingerState, RunState
+from tactophone.live.telemetry.layout import (
+    PREDICTION_RECORD,
+    Fault,
+    FingerState,
+    RunState,
+)
 from tactophone.live.telemetry.writer import Telemetry
 from tactophone.net.impairment import NetworkProfile
 from tactophone.net.link.codec import Codec, open_decoder
@@ -265,6 +270,24 @@ def test_events_and_state_can_be_read(tmp_path: Path, log: Path) -> None:
     assert run["role"] == "operator"
     assert len(next(iter(run["models"].values()))) == 64
     assert {"tactophone", "numpy", "onnxruntime"} <= set(run["versions"])
+
+
+def test_the_end_of_a_fault_is_an_event_for_logs_and_bridges(tmp_path: Path) -> None:
+    name = f"test-{tmp_path.name}"
+    gone = Fault("actuator", "the JACK server is gone")
+    with Telemetry(name) as telemetry, McapLog(name, tmp_path / "a.mcap") as log:
+        for faults in ((gone,), (gone,), (), ()):
+            telemetry.update(RunState("operator", faults=faults), now=0.0)
+            log.read()
+    events = [
+        json.loads(data) for data in messages(tmp_path / "a.mcap", "/tactophone/events")
+    ]
+    found = [(each["level"], each["message"]) for each in events]
+    warning, info = 3, 2
+    assert [each for each in found if "JACK" in each[1]] == [
+        (warning, "the JACK server is gone"),
+        (info, "over: the JACK server is gone"),
+    ]
 
 
 def test_a_threshold_that_follows_the_noise_floor_is_no_event_at_each_read(

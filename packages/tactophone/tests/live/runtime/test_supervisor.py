@@ -156,6 +156,7 @@ def test_the_reason_of_a_restart_is_reported_and_restarts_back_off(name: str) ->
     assert "the model needs two channels" in first
     assert first.endswith("starts again in 0.5 s")
     assert second.endswith("starts again in 1 s")
+    assert lines[lines.index(first) + 1] == f"{name} runs again"
 
 
 def start_slowly(settings: Settings, info: ProcessInfo) -> None:

@@ -69,7 +69,7 @@ def verdicts(pulses: list[Pulse]) -> dict[Verdict, list[float]]:
     """Times of the checks at which something was found."""
     watchdog, found = (
         Watchdog(),
-        {Verdict.LATE: [], Verdict.STALLED: [], Verdict.ALIVE: []},
+        {verdict: [] for verdict in Verdict},
     )
     for index, pulse in enumerate(pulses):
         found[watchdog.check(pulse, now=index * CHECK_INTERVAL)].append(
@@ -91,6 +91,7 @@ def test_a_process_that_goes_on_can_be_late_again() -> None:
     )
     found = verdicts(late + going + [going[-1]] * 100)
     assert len(found[Verdict.LATE]) == 2
+    assert found[Verdict.RESUMED] == [pytest.approx(100 * CHECK_INTERVAL)]
     assert not found[Verdict.STALLED]
 
 

@@ -14,7 +14,7 @@ from tactophone.core.prediction_fields import entries_of, prediction_of
 from tactophone.core.types import HapticCommand, Prediction, Touch
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, of_finger
-from tactophone.live.telemetry.layout import FingerState, RunState
+from tactophone.live.telemetry.layout import FingerState, RunState, ended_faults
 from tactophone.live.telemetry.records import EventBatch, RunStart, read_records
 from tactophone.live.telemetry.watcher import Watcher
 
@@ -192,6 +192,8 @@ class RunReader:
         for fault in state.faults:
             if known.get(fault.code) != fault.text:
                 yield self._event(now, fault.text, _WARNING)
+        for fault in ended_faults(before.faults, state.faults):
+            yield self._event(now, fault.end, _INFO)
 
     def _health(self, now: float) -> Iterator[Message]:
         if now - self._health_at >= HEALTH_INTERVAL:

@@ -331,6 +331,7 @@ class Supervisor:
                 if watcher:
                     self._started = time.monotonic()
                     self._enter("running")
+                    self._report(f"{self.name} runs again")
                 continue
             if not self._settings.process.watchdog:
                 continue
@@ -353,6 +354,8 @@ class Supervisor:
                 # It stays, and goes on by itself once it can: it joins the JACK server
                 # again and waits for fresh sound.
                 self._report(f"! {self.name} was late and is silent until it goes on")
+            case Verdict.RESUMED:
+                self._report(f"{self.name} goes on")
             case Verdict.STALLED:
                 return False
         return True

@@ -39,6 +39,8 @@ class Verdict(Enum):
     """It shows no sign of life while it vibrates."""
     STALLED = 2
     """It has shown no sign of life for `SILENT_TIMEOUT`."""
+    RESUMED = 3
+    """It was late, and shows signs of life again."""
 
 
 class Watchdog:
@@ -64,8 +66,8 @@ class Watchdog:
         self._reported = False
 
     def check(self, pulse: Pulse, *, now: float) -> Verdict:
-        """Compare a pulse with the one before; reports `Verdict.LATE` once, and not
-        again until the process resumes."""
+        """Compare a pulse with the one before; reports `Verdict.LATE` once, then
+        `Verdict.RESUMED` once, after which the process may be late again."""
         # A late check counts as two intervals at most: the time beyond was lost to the
         # machine, not to the process.
         passed = 0.0
@@ -81,9 +83,12 @@ class Watchdog:
         self._beat = pulse.beat
         # A process that resumes after it was silenced may be late again, and is then
         # reported again.
+        resumed = self._reported and moved
         self._reported &= not moved
         if self._without_beat > SILENT_TIMEOUT:
             return Verdict.STALLED
+        if resumed:
+            return Verdict.RESUMED
         if pulse.amplitude > 0.0 and not self._reported:
             late = max(self._late_after, LATE_PERIODS * max(0.0, pulse.period))
             self._reported = self._without_callback > late

@@ -22,6 +22,7 @@ beforehand.
 import functools
 import json
 import zlib
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Literal, Self, TypeAlias, get_args
 
@@ -151,6 +152,23 @@ class Fault:
 
     code: str
     text: str
+
+    @property
+    def end(self) -> str:
+        """What to tell people once it is no longer present."""
+        return f"over: {self.text}"
+
+
+def ended_faults(before: Iterable[Fault], now: Iterable[Fault]) -> Iterator[Fault]:
+    """Yield the faults that are no longer present; one whose text alone has changed
+    still is.
+
+    >>> gone, other = Fault("actuator", "the device is gone"), Fault("link", "no robot")
+    >>> [fault.end for fault in ended_faults([gone, other], [other])]
+    ['over: the device is gone']
+    """
+    present = {fault.code for fault in now}
+    return (fault for fault in before if fault.code not in present)
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,16 +46,33 @@ export function putWords(node, text) {
   node.replaceChildren(...text.split("`").map((part, k) => (k % 2 ? Object.assign(document.createElement("code"), { textContent: part }) : part)));
 }
 
-/** Faults as texts with the next step; empty without faults. */
+const SHOWN_AFTER = 10_000; // ms for which the end of a fault is shown
+
+/** Faults as texts with the next step, and for a while the end of each; empty without faults. */
 export function showFaults(node, faults) {
+  const present = new Set(faults.map((fault) => fault.code));
+  for (const { code, text } of node.faults ?? []) {
+    if (!present.has(code)) node.append(endOf(code, text));
+  }
   const texts = faults.map((fault) => fault.text);
+  node.faults = faults;
   if (node.dataset.texts === texts.join("\n")) return;
   node.dataset.texts = texts.join("\n");
-  node.replaceChildren(...texts.map((text) => {
+  const lines = texts.map((text) => {
     const line = document.createElement("p");
     putWords(line, text);
     return line;
-  }));
+  });
+  const over = [...node.querySelectorAll(".over")].filter((line) => !present.has(line.dataset.code));
+  node.replaceChildren(...lines, ...over);
+}
+
+function endOf(code, text) {
+  const line = Object.assign(document.createElement("p"), { className: "over" });
+  line.dataset.code = code;
+  putWords(line, `Over: ${text}`);
+  setTimeout(() => line.remove(), SHOWN_AFTER);
+  return line;
 }
 
 /** Write a command line that breaks between its words alone. */
