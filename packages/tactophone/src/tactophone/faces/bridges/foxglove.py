@@ -172,7 +172,12 @@ class FoxgloveBridge:
                 text=f"{FOXGLOVE_VIEWERS} viewers are connected already: close one.\n",
             )
         view = web.WebSocketResponse(
-            protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20, autoping=False
+            protocols=PROTOCOLS,
+            max_msg_size=1 << 16,
+            heartbeat=20,
+            autoping=False,
+            # Sound shrinks by 7 % for 1.3 % of a core and viewer.
+            compress=False,
         )
         await view.prepare(request)
         if view.ws_protocol is None:
