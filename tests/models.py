@@ -18,7 +18,12 @@ from tactophone.signal.perception.model_file import (
     Gate,
     ModelCard,
 )
-from tactophone_lab.training.onnx_export import join, magnitudes
+from tactophone_lab.training.onnx_export import (
+    BLOCKED_IR_VERSION,
+    BLOCKED_OPSET,
+    join,
+    magnitudes,
+)
 
 CARD = ModelCard(
     name="tiny",
@@ -55,7 +60,9 @@ def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Pat
         [numpy_helper.from_array(weights, "weights")],
     )
     classifier = helper.make_model(
-        graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+        graph,
+        opset_imports=[helper.make_opsetid("", BLOCKED_OPSET)],
+        ir_version=BLOCKED_IR_VERSION,
     )
     model = join(magnitudes(card.channels), classifier)
     helper.set_model_props(model, {CARD_KEY: card.to_json()})

@@ -9,12 +9,14 @@ stands for sound unlike the training data.
 
 The paper's network is written node by node: an exporter's graph is longer and harder to
 quantise. Its weights may be stored in 8 bits, a scale for each output: ``W = int8 *
-scale``. ONNX Runtime's operator ``MatMulNBits`` multiplies them as they are, which
-reads a quarter of the memory that float32 takes. An update comes every 10.67 ms, by
-when the weights have left the processor's caches, so that reading them is most of its
-time. The operator rounds a layer's input to 8 bits too, block by block, each by the
-block's own maximum. Blocks of the spectrum are short, 32 bins of 3.9 Hz, so that mains
-hum (under 125 Hz) does not round all other bins to zero.
+scale``. The graph says so in standard operators, `DequantizeLinear` in blocks and
+`MatMul`, so that any runtime computes it, in float32. ONNX Runtime from 1.26 on makes
+its own operator ``MatMulNBits`` of each pair while loading. That one multiplies the
+bytes as they are, and reads a quarter of the memory that float32 takes. An update comes
+every 10.67 ms, by when the weights have left the processor's caches, so that reading
+them is most of its time. The operator rounds a layer's input to 8 bits too, block by
+block, each by the block's own maximum. Blocks of the spectrum are short, 32 bins of 3.9
+Hz, so that mains hum (under 125 Hz) does not round all other bins to zero.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,10 +33,14 @@ from tactophone.core.errors import ModelError
 from tactophone.core.processes import atomic_write
 from tactophone.core.recordings.values import Dataset, Recording
 from tactophone.core.types import FloatArray, Touch
+from tactophone.core.version import __version__
 from tactophone.signal.perception.decision import DecisionRule
 from tactophone.signal.perception.model_file import (
     CARD_KEY,
+    CLASSES,
+    CONTACT_INPUT,
     FEATURES,
+    FORMAT_VERSION,
     LOG_PROBABILITIES,
     SOUND,
     STATE,
@@ -63,6 +69,13 @@ OPSET = 17
 IR_VERSION = 9
 """Version of the ONNX file format that goes with it."""
 
+BLOCKED_OPSET = 21
+"""ONNX operator set of the paper's network, from 2024: the first one whose
+`DequantizeLinear` has a scale for each block. ONNX Runtime reads it since 1.18."""
+
+BLOCKED_IR_VERSION = 10
+"""Version of the file format that goes with it."""
+
 UNTESTED = "none in training; untested, unless a score below names a real set"
 """What a card says about real sound if the training sound was simulated."""
 
@@ -79,27 +92,24 @@ the limit."""
 KNOWN = -20.0
 """Logit of *unknown* for classifiers that never abstain."""
 
-_BYTES = ":uint8"
-"""Suffix of the name of a weight stored in bytes."""
+_BYTES = ":int8"
+"""Suffix of the name of a weight stored in bytes, ``(inputs, outputs)``."""
 
 _SCALE = ":scale"
 """Suffix of the name of a weight's scales in the file, one for each output."""
 
 _SCALES = ":scales"
-"""Suffix of the name of the same scales as the operator takes them, one for each
-block."""
-
-_MICROSOFT = "com.microsoft"
-_ZERO_POINT = 128
-_INT8_ACTIVATIONS = 4
-"""``accuracy_level`` of 8-bit inputs; at level 1, float32 inputs, a run takes ten times
-as long."""
+"""Suffix of the name of the same scales as the operator takes them, a row for each
+block of inputs."""
 
 _SPECTRUM_BLOCK = 32
 """Weights that share a scale in the layer that reads the spectrum."""
 
 _BLOCK = 128
 """Weights that share a scale in all other layers."""
+
+_FIRST = "layer1"
+"""The layer that reads the spectrum."""
 
 _LAST = "linear"
 """The last layer, 3 x 64 weights, stays in float32."""
@@ -108,9 +118,56 @@ _LAST = "linear"
 def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
     """Write a graph with its card, and the folder if needed; after a kill the file is
     the old or the new one."""
-    onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
+    describe(model, card)
     with atomic_write(path) as unfinished:
         onnx.save(model, str(unfinished))
+
+
+DESCRIPTION = (
+    "Says whether a fingertip touches nothing, something smooth or something rough, "
+    "from one window of the sound of its microphones."
+)
+"""What a viewer shows of any of our models."""
+
+TENSORS = {
+    SOUND: "float32 (fingers, channels, window_size), from -1 to 1: the newest window; "
+    "channel 0 is the contact microphone, channel 1 the air microphone",
+    CONTACT_INPUT: "float32 (fingers): 1 if the window's level is over the threshold "
+    "of contact, else 0",
+    STATE: "float64 (fingers, size): zeros at first, then state_out",
+    STATE_OUT: "float64 (fingers, size): the state for the next window",
+    FEATURES: "what the classifier takes; needed by no caller",
+    LOG_PROBABILITIES: "float32 (fingers, 3): natural logarithms of the probabilities "
+    "of none, smooth and rough",
+}
+"""What a viewer shows of each input and output."""
+
+
+def describe(model: onnx.ModelProto, card: ModelCard) -> None:
+    """Write the card into a graph, and beside it what viewers such as Netron show."""
+    model.producer_name = "tactophone"
+    model.producer_version = __version__
+    model.model_version = FORMAT_VERSION
+    model.doc_string = DESCRIPTION
+    model.graph.name = card.name
+    model.graph.doc_string = (
+        f"Kind {card.kind}: {card.window_size} samples of {card.sample_rate} Hz, "
+        f"{card.channels} channels; a window every {float(card.hop):g} samples."
+    )
+    for value in (*model.graph.input, *model.graph.output):
+        value.doc_string = TENSORS.get(value.name, "")
+    properties = {
+        "name": card.name,
+        "kind": card.kind,
+        "sample_rate": str(card.sample_rate),
+        "window_size": str(card.window_size),
+        "hop": str(card.hop),
+        "channels": str(card.channels),
+        "classes": ", ".join(CLASSES),
+        "licence": card.licence,
+        CARD_KEY: card.to_json(),
+    }
+    onnx.helper.set_model_props(model, properties)
 
 
 def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto:
@@ -149,13 +206,12 @@ def magnitudes(channels: int) -> onnx.ModelProto:
         "rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]),
         "length": np.array(NETWORK_WINDOW_SIZE),
         "flat": np.array([1, channels * SPECTRUM_BINS]),
+        "parts": np.array([3]),  # real and imaginary
     }
     nodes = [
         helper.make_node("Reshape", [SOUND, "rows"], ["signals"]),
         helper.make_node("STFT", ["signals", "length", "", "length"], ["spectrum"]),
-        helper.make_node(
-            "ReduceL2", ["spectrum"], ["magnitudes"], axes=[3], keepdims=0
-        ),
+        helper.make_node("ReduceL2", ["spectrum", "parts"], ["magnitudes"], keepdims=0),
         helper.make_node("Reshape", ["magnitudes", "flat"], [FEATURES]),
     ]
     stored = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
@@ -164,6 +220,7 @@ def magnitudes(channels: int) -> onnx.ModelProto:
         stored,
         (SOUND, (1, channels, NETWORK_WINDOW_SIZE)),
         (FEATURES, (1, channels * SPECTRUM_BINS)),
+        blocked=True,
     )
 
 
@@ -427,7 +484,7 @@ def build(
         (FEATURES, ("windows", features)),
         (LOG_PROBABILITIES, ("windows", len(Touch))),
     )
-    return _checked(nodes, stored, *ends, opset=("ai.onnx.ml", 3))
+    return _checked(nodes, stored, *ends)
 
 
 _End: TypeAlias = tuple[str, Sequence[int | str]]
@@ -439,16 +496,23 @@ def _checked(
     first: _End,
     last: _End,
     *,
-    opset: tuple[str, int] | None = None,
+    blocked: bool = False,
 ) -> onnx.ModelProto:
-    """Build a checked model between an input and an output, each with its shape."""
+    """Build a checked model between an input and an output, each with its shape.
+
+    ``blocked``: in the operator set of the paper's network.
+    """
     ends = [
         helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
         for name, shape in (first, last)
     ]
     graph = helper.make_graph(list(nodes), "model", ends[:1], ends[1:], list(tensors))
-    imports = [helper.make_opsetid(*each) for each in (("", OPSET), opset) if each]
-    model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)
+    opset = BLOCKED_OPSET if blocked else OPSET
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", opset)],
+        ir_version=BLOCKED_IR_VERSION if blocked else IR_VERSION,
+    )
     onnx.checker.check_model(model)
     return model
 
@@ -465,7 +529,7 @@ def build_graph(weights: Weights, *, storage: Storage = "int8") -> onnx.ModelPro
         (FEATURES, (1, SPECTRUM_BINS * channels_of(weights))),
         (LOG_PROBABILITIES, (1, len(Touch))),
     )
-    return _checked(_layers(weights, storage), tensors, *ends, opset=(_MICROSOFT, 1))
+    return _checked(_layers(weights, storage), tensors, *ends, blocked=True)
 
 
 def channels_of(weights: Weights) -> int:
@@ -478,45 +542,43 @@ def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:
     stored = {
         tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer
     }
-    sizes = {
-        node.input[1]: next(entry.i for entry in node.attribute if entry.name == "K")
-        for node in model.graph.node
-        if node.op_type == "MatMulNBits"
-    }
     parameters = {}
     for name, array in stored.items():
-        if name in sizes:
+        if name.endswith(_BYTES):
             weight = name.removesuffix(_BYTES)
-            rows = (
-                array.reshape(len(array), -1)[:, : sizes[name]].astype(np.float32)
-                - _ZERO_POINT
-            )
-            parameters[weight] = rows * stored[weight + _SCALE]
+            scaled = array.T.astype(np.float32) * stored[weight + _SCALE][:, None]
+            parameters[weight] = scaled[:, : _inputs(weight, len(array))]
         elif name.endswith((".weight", ".bias")):
             parameters[name] = array
     return parameters
 
 
+def _inputs(weight: str, rows: int) -> int:
+    """Return how many of a stored weight's rows are not padding."""
+    if weight.startswith(_FIRST):
+        return rows // SPECTRUM_BINS * SPECTRUM_BINS
+    return rows
+
+
 def _tensors(
     name: str, array: FloatArray, storage: Storage
 ) -> Iterator[onnx.TensorProto]:
-    """Store one parameter; 8-bit weights have shape ``(outputs, blocks, block size)``,
-    padded with zeros."""
+    """Store one parameter; 8-bit weights have shape ``(inputs, outputs)``, with rows of
+    zeros up to a whole number of blocks."""
     size = _block_size(name, storage)
     if not size:
         yield numpy_helper.from_array(array, name)
         return
-    scale = (
-        np.maximum(np.abs(array).max(axis=1, keepdims=True), np.finfo(np.float32).tiny)
-        / 127
-    )
+    scale = np.maximum(np.abs(array).max(axis=1), np.finfo(np.float32).tiny) / 127
     outputs, inputs = array.shape
     blocks = -(-inputs // size)
-    padded = np.full((outputs, blocks * size), _ZERO_POINT, np.uint8)
-    padded[:, :inputs] = np.round(array / scale) + _ZERO_POINT
-    yield numpy_helper.from_array(padded.reshape(outputs, blocks, size), name + _BYTES)
+    padded = np.zeros((blocks * size, outputs), np.int8)
+    padded[:inputs] = np.round(array / scale[:, None]).T
+    yield numpy_helper.from_array(padded, name + _BYTES)
     yield numpy_helper.from_array(scale.astype(np.float32), name + _SCALE)
-    yield numpy_helper.from_array(np.array([outputs, blocks]), f"{name}:shape")
+    yield numpy_helper.from_array(np.array([blocks, outputs]), f"{name}:shape")
+    if padding := blocks * size - inputs:
+        yield numpy_helper.from_array(np.array([0, 0, 0, padding]), f"{name}:padding")
 
 
 def _block_size(name: str, storage: Storage) -> int:
@@ -524,13 +586,13 @@ def _block_size(name: str, storage: Storage) -> int:
     float32."""
     if storage == "float32" or not name.endswith(".weight") or name.startswith(_LAST):
         return 0
-    return _SPECTRUM_BLOCK if name.startswith("layer1.") else _BLOCK
+    return _SPECTRUM_BLOCK if name.startswith(_FIRST) else _BLOCK
 
 
 def _layers(weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
     residual = [f"layer_resnet.{number}" for number in range(RESIDUALS)]
     value = FEATURES
-    for name in ("layer1", "layer2", "layer3", *residual, "layer4", "layer5"):
+    for name in (_FIRST, "layer2", "layer3", *residual, "layer4", "layer5"):
         yield from _linear(name, value, weights, storage)
         yield helper.make_node("Relu", [f"{name}:out"], [f"{name}:relu"])
         if name in residual:
@@ -550,20 +612,23 @@ def _linear(
     if not size:
         yield helper.make_node("Gemm", [value, weight, bias], [out], transB=1)
         return
-    outputs, inputs = weights[weight].shape
-    # The operator takes a scale for each block; a row has one for all, expanded once
-    # while loading.
+    if weights[weight].shape[1] % size:
+        padded = f"{name}:padded"
+        yield helper.make_node("Pad", [value, f"{weight}:padding"], [padded])
+        value = padded
+    # A row of scales for each block; each output has one for all, expanded once while
+    # loading.
     yield helper.make_node(
         "Expand", [weight + _SCALE, f"{weight}:shape"], [weight + _SCALES]
     )
     yield helper.make_node(
-        "MatMulNBits",
-        [value, weight + _BYTES, weight + _SCALES, "", "", bias],
-        [out],
-        domain=_MICROSOFT,
-        K=inputs,
-        N=outputs,
-        bits=8,
+        "DequantizeLinear",
+        [weight + _BYTES, weight + _SCALES],
+        [weight],
+        axis=0,
         block_size=size,
-        accuracy_level=_INT8_ACTIVATIONS,
     )
+    yield helper.make_node("MatMul", [value, weight], [f"{name}:product"])
+    # A sum and no `Add`, which ONNX Runtime would join with the product before it can
+    # take the bytes.
+    yield helper.make_node("Sum", [f"{name}:product", bias], [out])
