@@ -94,7 +94,9 @@ def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (b"surface,label\nslate,rough\n", "no column file_name"),
-        (b"\x80\x81", "not a CSV file"),
+        (b"\x80\x81", "no column file_name"),
+        (b"PK\x03\x04 a workbook", "a spreadsheet, not text"),
+        (b"\xff\xfe\x00", "not a CSV file"),
     ],
 )
 def test_a_manifest_that_cannot_be_read_says_why(

@@ -11,9 +11,12 @@ it, who may have made the link; it is never copied, and nothing is written throu
 
 import os
 import unicodedata
+from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import unquote
 
 from tactophone.core.errors import DatasetError
+from tactophone.core.recordings.sound_file import SOUND_SUFFIXES
 
 SNAPSHOTS = "snapshots"
 BLOBS = "blobs"
@@ -24,27 +27,63 @@ def find_file(folder: Path, name: str) -> Path | None:
     r"""Return the path of a file that a manifest names; ``None`` for a name that leads
     out of the folder.
 
-    Where there is no such file, backslashes part folders, as on Windows, and upper and
-    lower case, composed and decomposed letters are the same, as on Windows and a Mac,
-    if only one file is then meant. A file that is nowhere keeps its name.
+    Where there is no such file, the name is read as a person would read it. Backslashes
+    part folders, as on Windows. Folders of the machine that wrote the manifest, or the
+    data set's own folder, may stand before the rest. Letters may be written as a web
+    address writes them (``%20``). Upper and lower case, composed and decomposed letters
+    are the same, as on Windows and a Mac, and the sound may have been converted, so that
+    its name ends differently, if only one file is then meant. A file that is nowhere
+    keeps its name.
     """
     if not name or "\0" in name:  # Python refuses even to look for a NUL
         return None
+    spellings = list(_spellings(name))
+    paths = [path for each in spellings if (path := _path_below(folder, each))]
+    for path in paths:
+        if os.path.exists(path):
+            return path
+    for path in paths:
+        if found := _alike(folder, path.relative_to(folder)):
+            return found
+    return _path_below(folder, spellings[min(1, len(spellings) - 1)])
+
+
+def _spellings(name: str) -> Iterator[str]:
+    r"""Yield what a name in a manifest may mean, the likeliest first.
+
+    >>> list(_spellings("D:\\set\\rough\\a.wav"))[1:]
+    ['D:/set/rough/a.wav', 'set/rough/a.wav', 'rough/a.wav', 'a.wav']
+    >>> list(_spellings("set/rough/a.wav"))
+    ['set/rough/a.wav', 'rough/a.wav']
+    """
+    yield name
+    plain = name.replace("\\", "/")
+    if plain != name:
+        yield plain
+    decoded = unquote(plain, errors="surrogateescape")
+    if decoded != plain:
+        yield decoded
+    parts = decoded.removeprefix("file://").split("/")
+    if os.pardir in parts:
+        return
+    # A whole path of another machine may lose all of its folders. A path from some
+    # folder keeps one of its own, so that a/1.wav and b/1.wav stay two files.
+    whole = decoded.startswith("/") or ":" in parts[0] or decoded.startswith("file:")
+    for first in range(1, len(parts) if whole else len(parts) - 1):
+        yield "/".join(parts[first:])
+
+
+def _path_below(folder: Path, name: str) -> Path | None:
     path = folder / name
-    if not os.path.exists(path) and "\\" in name:
-        path = folder / name.replace("\\", "/")
     if not path.is_relative_to(folder):
         return None  # an absolute name replaces the folder that it is joined to
     below = Path(os.path.normpath(path.relative_to(folder)))
-    if not below.parts or below.parts[0] == os.pardir:
-        return None
-    if not os.path.exists(path):
-        path = _alike(folder, below) or path
-    return path
+    return path if below.parts and below.parts[0] != os.pardir else None
 
 
 def _alike(folder: Path, name: Path) -> Path | None:
-    """Return the only file whose name differs by case or by the form of its letters."""
+    """Return the only file whose name differs by case, by the form of its letters, or
+    by the ending of another kind of sound."""
     found = folder
     for part in name.parts:
         if os.path.exists(found / part):
@@ -56,6 +95,14 @@ def _alike(folder: Path, name: Path) -> Path | None:
             return None
         wanted = _folded(part)
         same = [entry for entry in entries if _folded(entry.name) == wanted]
+        if not same and part == name.parts[-1]:
+            stems = {wanted, _folded(Path(part).stem)}
+            same = [
+                entry
+                for entry in entries
+                if entry.suffix.lower() in SOUND_SUFFIXES
+                and _folded(entry.stem) in stems
+            ]
         if len(same) != 1:
             return None
         found = same[0]

@@ -96,6 +96,7 @@ def read_metadata(
                 recordings.append(
                     _parse(row, path, part=manifest.parent.name, problems=problems)
                 )
+        problems += _encoding_problem(manifest)
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
@@ -142,7 +143,9 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
     target = folder / FILE_NAME
     with (
         atomic_write(target) as unfinished,
-        unfinished.open("w", newline="", encoding="utf-8") as file,
+        unfinished.open(
+            "w", newline="", encoding="utf-8", errors="surrogateescape"
+        ) as file,
     ):
         writer = csv.DictWriter(
             file, [*_COLUMNS, *extra], restval="", lineterminator="\n"
@@ -155,8 +158,8 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
 def rows(
     manifest: Path, *, required: Iterable[str]
 ) -> Iterable[tuple[int, Mapping[str, str]]]:
-    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons
-    or tabs part the cells.
+    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons,
+    tabs or bars part the cells.
 
     Columns that are known to this package are found in capitals too, and by the other
     names of `COLUMN_NAMES`. Raises `DatasetError` if a required column is missing, or
@@ -164,10 +167,7 @@ def rows(
     """
     required = tuple(required)
     try:
-        text = _text_of(manifest)
-        header = text.partition("\n")[0]
-        # Where the comma is the decimal sign, spreadsheets part cells with semicolons.
-        delimiter = max(",;\t", key=header.count)
+        text, skipped, delimiter = _table_of(_text_of(manifest))
         reader = csv.DictReader(
             io.StringIO(text, newline=""), restval="", delimiter=delimiter
         )
@@ -177,11 +177,13 @@ def rows(
         if missing:
             raise DatasetError(_missing_columns(manifest, missing, found))
         for row in reader:
+            if not any(row.values()):
+                continue  # left by a spreadsheet below its table
             yield (
-                reader.line_num,
+                skipped + reader.line_num,
                 {name: (cell or "").strip() for name, cell in row.items() if name},
             )
-    except (UnicodeDecodeError, csv.Error) as error:
+    except (UnicodeError, csv.Error) as error:
         raise DatasetError(
             f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such"
         ) from error
@@ -221,15 +223,59 @@ def _missing_columns(manifest: Path, missing: set[str], found: Sequence[str]) ->
 
 
 def _text_of(manifest: Path) -> str:
-    """Read a table as spreadsheets write them: UTF-8, or UTF-16 with its mark.
+    """Read a table as spreadsheets write them: UTF-8, UTF-16, or a code page of an old
+    system, whose letters beyond ASCII stay bytes.
 
-    Raises `UnicodeDecodeError` for any other bytes.
+    Raises `DatasetError` for a spreadsheet's own format, and `UnicodeDecodeError` for
+    half a character.
     """
     content = manifest.read_bytes()
+    if content[:4] in SPREADSHEETS:
+        raise DatasetError(
+            f"{manifest}: a spreadsheet, not text; save it from there as CSV in UTF-8"
+        )
     if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return content.decode("utf-16")
-    # Names of files may hold bytes that are no text; nothing else may.
-    return content.decode("utf-8-sig")
+    if content[1:2] == b"\0":
+        return content.decode("utf-16-le")
+    if content[:1] == b"\0":
+        return content.decode("utf-16-be")
+    # The names of files are then the bytes that the same old system gave them.
+    return content.decode("utf-8-sig", "surrogateescape")
+
+
+SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""First bytes of the formats of Excel, LibreOffice and Numbers, and of an old Excel."""
+
+
+def _table_of(text: str) -> tuple[str, int, str]:
+    """Return a table from its header on, the lines left out before it, and what parts
+    its cells."""
+    delimiter = ""
+    skipped = 0
+    lines = text.splitlines(keepends=True)
+    for line in lines:
+        stripped = line.strip()
+        # Excel's own first line, by which it knows what parts the cells.
+        if stripped.lower().startswith("sep=") and len(stripped) == len("sep=,"):
+            delimiter = stripped[-1]
+        elif stripped:
+            break
+        skipped += 1
+    rest = "".join(lines[skipped:])
+    header = rest.partition("\n")[0]
+    # Where the comma is the decimal sign, spreadsheets part cells with semicolons.
+    return rest, skipped, delimiter or max(",;\t|", key=header.count)
+
+
+def _encoding_problem(manifest: Path) -> Iterable[Problem]:
+    if any("\udc80" <= char <= "\udcff" for char in _text_of(manifest)):
+        message = (
+            "not UTF-8, so letters beyond ASCII are shown as bytes; convert it with "
+            f"`iconv -f WINDOWS-1252 -t UTF-8 {manifest.name}`, or from the code page "
+            "of the system that wrote it, such as CP949"
+        )
+        yield Problem(manifest, "encoding", message, fatal=False)
 
 
 def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
@@ -307,7 +353,8 @@ def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segmen
     for entry in text.split():
         try:
             span, label = entry.split("=")
-            start, end = map(float, span.split("-"))
+            # Where the comma is the decimal sign, people write it.
+            start, end = map(float, span.replace(",", ".").split("-"))
         except ValueError:
             message = (
                 f"{entry!r} is not a segment; write start-end=label in seconds, "
