@@ -7,7 +7,7 @@ Needs the link's libraries.
 import itertools
 import math
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -87,7 +87,7 @@ class Replay:
     complete: bool = True
     """Whether the log has its end; the writer of one without was killed, or its disk
     was full."""
-    missed: int = 0
+    missed: Mapping[str, int] = field(default_factory=dict)
     """Bytes and predictions that the log lacks, because they were not read in time."""
     processes: int = 0
     gaps: int = 0
@@ -143,8 +143,9 @@ class Replay:
     def _process(self, wake_up: WakeUp) -> Iterator[PipelineStep]:
         if self.endpoint is None:
             raise DatasetError(
-                "the log begins within a run: packets before its start cannot be "
-                "replayed"
+                "the log begins within a run, and a replay needs its start: "
+                "`tactophone feel` computes from its sound, and `--record` keeps a run "
+                "from its start"
             )
         for step, certain in self.endpoint.process(wake_up):
             for number, prediction in enumerate(step.predictions):

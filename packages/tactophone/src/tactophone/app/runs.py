@@ -340,10 +340,15 @@ def log_process(
 
 class PageRecorder:
     """Obeys a page's process, which sends true to begin a log and false to end it, at
-    ``page``, and answers it.
+    ``page``, and answers it with what it does.
 
     A context manager that ends a log that is still open. ``report`` is called from
     another thread, with a line when a log begins, ends or fails.
+
+    Each answer has a ``"recording"``: its ``phase`` (starting, on, ending, saved or
+    failed), the ``file`` with its ``folder``; while it is on, ``since`` (s of the
+    monotonic clock) and whether it is ``whole``, from the start of the run; at its end
+    ``seconds``, ``bytes``, and ``trouble``, what was lost.
     """
 
     def __init__(
@@ -355,6 +360,9 @@ class PageRecorder:
         self._orders, self.page = Pipe()
         self._log: BridgeProcess | None = None
         self._path = folder
+        self._begun = 0.0
+        self._whole = False
+        self._trouble = ""
         self._thread = threading.Thread(
             target=self._follow, name="page-recorder", daemon=True
         )
@@ -375,34 +383,64 @@ class PageRecorder:
                     self._begin()
                 elif not order:
                     self._end()
-                self._answer({"recording": str(self._path) if self._log else ""})
             except TactophoneError as error:
-                self._answer({"refused": str(error)})
+                self._answer("failed", trouble=str(error))
 
     def _begin(self) -> None:
+        from tactophone.live.telemetry.watcher import Watcher
+
         self._path = (
             self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"
         ).absolute()
-        log = log_process(self._name, self._path, report=self._fail)
+        self._trouble = ""
+        # Its libraries take seconds to import on a busy machine.
+        self._answer("starting")
+        log = log_process(self._name, self._path, report=self._note_trouble)
         log.__enter__()
         self._log = log
+        self._begun = time.monotonic()
+        # Asked once the log is open: what it finds now, the log has found too.
+        watcher = Watcher.find(self._name)
+        self._whole = watcher is not None and watcher.knows_its_start
+        self._answer("on", since=self._begun, whole=self._whole)
         self._report(f"recording to {self._path}")
 
     def _end(self) -> None:
         log = self._log
+        if log is None:
+            return
+        self._answer("ending")
+        seconds = time.monotonic() - self._begun
+        # From now on a line of the log's process belongs to its end.
         self._log = None
-        if log is not None:
-            log.__exit__()
-            self._report(f"recorded: {self._path}")
+        log.__exit__()
+        size = self._path.stat().st_size if self._path.exists() else 0
+        self._answer(
+            "saved",
+            seconds=seconds,
+            bytes=size,
+            whole=self._whole,
+            trouble=self._trouble,
+        )
+        self._report(f"recorded: {self._path}, {seconds:.0f} s, {size / 1e6:.1f} MB")
 
-    def _fail(self, line: str) -> None:
-        """Pass on why the log ended by itself, from its thread: a full disk."""
+    def _note_trouble(self, line: str) -> None:
+        """Take a line of the log's process, from another thread: what it lost at its
+        end, or why it ended by itself, such as a full disk."""
         self._report(line)
-        self._answer({"recording": "", "refused": line})
+        self._trouble = line
+        if self._log is not None:
+            self._answer("failed", trouble=line)
 
-    def _answer(self, words: dict[str, Any]) -> None:
+    def _answer(self, phase: str, **words: Any) -> None:
+        answer = {
+            "phase": phase,
+            "file": self._path.name,
+            "folder": str(self._path.parent),
+            **words,
+        }
         try:
-            self._orders.send(words)
+            self._orders.send({"recording": answer})
         except OSError:  # the page has ended; the run goes on
             return
 

@@ -121,6 +121,8 @@ def _values(log: Path, replayed: "ReplayedLog") -> dict[str, Any]:
 def _parts(
     replay: "Replay", files: dict[str, Path], *, changed: bool
 ) -> Iterator[output.Part]:
+    from tactophone.live.log.reader import words_for_missed
+
     comparison = replay.comparison
     total = comparison.equal + comparison.different
     if replay.role == "robot":
@@ -157,10 +159,9 @@ def _parts(
             "the log has no end: its writer was killed or its disk was full; read to "
             "its last part"
         )
-    if replay.missed:
+    if any(replay.missed.values()):
         yield (
-            f"the recorder missed {replay.missed} bytes or predictions on a busy "
-            "machine"
+            f"the recorder missed {words_for_missed(replay.missed)} on a busy machine"
         )
     for note in replay.notes:
         yield f"! {note}"

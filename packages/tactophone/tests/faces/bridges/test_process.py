@@ -15,7 +15,8 @@ from tactophone.faces.bridges.process import BridgeProcess
 class Idle:
     """A bridge that passes nothing on."""
 
-    interval, missed = 0.05, 0
+    interval = 0.05
+    title = "the idle bridge"
 
     def __init__(self, answer: int = 0) -> None:
         self._answer = answer
@@ -25,6 +26,9 @@ class Idle:
 
     def __exit__(self, *_: object) -> None:
         pass
+
+    def lost(self) -> str:
+        return ""
 
     def read(self) -> None:
         if self._answer:
@@ -46,7 +50,7 @@ def test_a_bridge_that_was_killed_or_failed_is_reported(answer: int, how: str) -
             os.kill(bridge.pid, signal.SIGKILL)
         assert ended.wait(20)
     assert len(lines) == 1
-    assert lines[0].startswith(f"Idle ended ({how}): the run goes on")
+    assert lines[0].startswith(f"the idle bridge ended ({how}): the run goes on")
 
 
 @pytest.mark.slow
@@ -60,12 +64,16 @@ def test_a_bridge_that_ends_with_the_run_is_not_reported() -> None:
 class Slow(Idle):
     """A bridge whose start outlasts the user's patience."""
 
+    title = "the slow bridge"
+
     def __enter__(self) -> Self:
         time.sleep(0.5)
         return self
 
 
 class Dead(Idle):
+    title = "the dead bridge"
+
     def __enter__(self) -> Self:
         os.kill(os.getpid(), signal.SIGKILL)
         return self
@@ -79,19 +87,23 @@ def test_a_bridge_that_is_slow_to_begin_is_named_and_waited_for(
     with BridgeProcess(Slow, report=lines.append):
         pass
     assert lines
-    assert all(line.startswith("Slow still starts (") for line in lines)
+    assert all(line.startswith("the slow bridge still starts (") for line in lines)
 
 
 def test_a_bridge_that_never_begins_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
-        pytest.raises(TactophoneError, match=r"Dead did not begin \(signal SIGKILL\)"),
+        pytest.raises(
+            TactophoneError, match=r"the dead bridge did not begin \(signal SIGKILL\)"
+        ),
         BridgeProcess(Dead),
     ):
         pass
     monkeypatch.setattr(process, "BRIDGE_START_PATIENCE", 0.05)
     monkeypatch.setattr(process, "BRIDGE_START_TIMEOUT", 0.1)
     with (
-        pytest.raises(TactophoneError, match=r"Slow did not begin within 0\.1 s"),
+        pytest.raises(
+            TactophoneError, match=r"the slow bridge did not begin within 0\.1 s"
+        ),
         BridgeProcess(Slow),
     ):
         pass
@@ -99,6 +111,8 @@ def test_a_bridge_that_never_begins_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 class Stuck(Idle):
     """A bridge that would take for ever to end: its disk does not answer."""
+
+    title = "the stuck bridge"
 
     def __exit__(self, *_: object) -> None:
         while True:
@@ -113,7 +127,7 @@ def test_a_bridge_that_does_not_end_in_time_is_killed_and_named() -> None:
     ):
         pass
     assert lines == [
-        "Stuck had not ended after 0.3 s and was killed: a.mcap lacks its end"
+        "the stuck bridge had not ended after 0.3 s and was killed: a.mcap lacks its end"
     ]
 
 
@@ -125,3 +139,20 @@ def test_a_bridge_that_is_killed_while_it_ends_is_named() -> None:
         killer.start()
     assert len(lines) == 1
     assert "(signal SIGKILL)" in lines[0]
+
+
+class Late(Idle):
+    """A bridge that lost something."""
+
+    title = "the late bridge"
+
+    def lost(self) -> str:
+        return "3 predictions"
+
+
+@pytest.mark.slow
+def test_what_a_bridge_lost_is_told_in_its_unit_and_names_no_class() -> None:
+    lines: list[str] = []
+    with BridgeProcess(Late, report=lines.append):
+        pass
+    assert lines == ["the late bridge came too late for 3 predictions"]

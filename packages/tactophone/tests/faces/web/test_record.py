@@ -1,6 +1,5 @@
 """A log begun and ended on the page."""
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,13 +33,17 @@ def test_the_button_begins_and_ends_a_log(
     browser.get(recorded_page.url)
     wait(browser, lambda: browser.find_elements(By.ID, "record"))
     browser.find_element(By.ID, "record").click()
+    assert text(browser, "recording") == "Starting to record."
     wait(browser, lambda: "Recording to" in text(browser, "recording"), 20)
-    browser.refresh()  # a page that comes later sees it too
-    wait(browser, lambda: ".mcap" in text(browser, "recording"))
-    time.sleep(1)
+    browser.refresh()  # a page that comes later sees it too, with its clock
+    wait(browser, lambda: text(browser, "record") >= "Stop 0:01")
     browser.find_element(By.ID, "record").click()
-    wait(browser, lambda: text(browser, "recording") == "", 20)
+    wait(browser, lambda: "Saved" in text(browser, "recording"), 20)
     (path,) = tmp_path.glob("*.mcap")
+    said = text(browser, "recording")
+    assert path.name in said
+    assert "kB" in said
+    assert f"tactophone replay {path.name}" in said
     entries = list(read_log(path))
     assert len(entries) > 50
     browser.find_element(By.ID, "record").click()
@@ -56,7 +59,7 @@ def test_a_log_left_open_is_ended_with_the_run(run: Run, tmp_path: Path) -> None
     with PageRecorder(run.telemetry.name, tmp_path) as recorder:
         recorder.page.send(True)
         assert recorder.page.poll(20)
-        assert str(tmp_path) in recorder.page.recv()["recording"]
+        assert recorder.page.recv()["recording"]["folder"] == str(tmp_path)
     (path,) = tmp_path.glob("*.mcap")
     assert list(read_log(path))
 
@@ -67,7 +70,31 @@ def test_a_folder_that_cannot_be_written_is_a_reason(run: Run, tmp_path: Path) -
     with PageRecorder(run.telemetry.name, tmp_path / "none") as recorder:
         recorder.page.send(True)
         assert recorder.page.poll(20)
-        assert "cannot write" in recorder.page.recv()["refused"]
+        assert recorder.page.recv()["recording"]["phase"] == "starting"
+        assert recorder.page.poll(20)
+        assert "cannot write" in recorder.page.recv()["recording"]["trouble"]
+
+
+@pytest.mark.realtime
+def test_a_second_press_ends_what_only_starts(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    with PageRecorder(run.telemetry.name, tmp_path) as recorder:
+        recorder.page.send(True)
+        recorder.page.send(False)
+        answers = [
+            recorder.page.recv()["recording"]
+            for _ in range(4)
+            if recorder.page.poll(20)
+        ]
+    assert [answer["phase"] for answer in answers] == [
+        "starting",
+        "on",
+        "ending",
+        "saved",
+    ]
+    saved = answers[-1]
+    assert saved["bytes"] == (tmp_path / saved["file"]).stat().st_size
+    assert not saved["trouble"]
 
 
 @pytest.mark.realtime

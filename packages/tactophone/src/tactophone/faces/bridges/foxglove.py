@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.faces.web.connections import RUNNER, Acceptor, listen, messages_of
 from tactophone.live.log.log_topics import PACKETS, Message, Topic, topics_of
-from tactophone.live.log.reader import RunReader
+from tactophone.live.log.reader import RunReader, words_for_missed
 from tactophone.live.log.sound import SoundMessages
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ class FoxgloveBridge:
     """
 
     interval = FOXGLOVE_INTERVAL
+    title = "the Foxglove bridge"
 
     def __init__(
         self, name: str, address: str = FOXGLOVE_ADDRESS, *, token: str = ""
@@ -119,10 +120,11 @@ class FoxgloveBridge:
         self._thread.join(2)
         self._listening.close()
 
-    @property
-    def missed(self) -> int:
+    def lost(self) -> str:
         """What was not read in time, and what slow viewers did not get."""
-        return sum(self._reader.missed.values()) + self._dropped
+        dropped = f"{self._dropped} messages to slow viewers" if self._dropped else ""
+        unread = words_for_missed(self._reader.missed)
+        return " and ".join(filter(None, (unread, dropped)))
 
     def read(self) -> None:
         messages: list[Message] = []

@@ -46,6 +46,7 @@ class OscBridge:
     """
 
     interval = OSC_INTERVAL
+    title = "the OSC bridge"
 
     def __init__(
         self,
@@ -96,9 +97,8 @@ class OscBridge:
         self._receive()
         self._send(self._reader.read())
 
-    @property
-    def missed(self) -> int:
-        return self._reader.missed
+    def lost(self) -> str:
+        return f"{self._reader.missed} predictions" if self._reader.missed else ""
 
     def _send(self, found: list[Passed]) -> None:
         for passed in found:

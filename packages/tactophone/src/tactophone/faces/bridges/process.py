@@ -32,9 +32,12 @@ class Bridge(AbstractContextManager[Any, None], Protocol):
         """Seconds between two reads."""
 
     @property
-    def missed(self) -> int:
-        """Messages that were lost, the oldest first, as this process or its receiver
-        was too late."""
+    def title(self) -> str:
+        """What messages call it: "the OSC bridge"."""
+
+    def lost(self) -> str:
+        """Return what was lost as this process or its receiver was too late, the oldest
+        first, with its unit; empty if nothing."""
 
     def read(self) -> None:
         """Pass on what is new; an expected error ends the bridge, and the run goes
@@ -59,7 +62,8 @@ class BridgeProcess:
         end_timeout: float = BRIDGE_END_TIMEOUT,
         unfinished: str = "what it drove may keep its last value",
     ) -> None:
-        self._name = getattr(build, "func", build).__name__
+        bridge: Any = getattr(build, "func", build)
+        self._name: str = bridge.title
         self._report = report
         self._end_timeout = end_timeout
         self._unfinished = unfinished
@@ -142,14 +146,8 @@ def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
             while not parent.wants_end(bridge.interval):
                 bridge.read()
             bridge.read()
-            if bridge.missed:
-                parent.tell(
-                    (
-                        "progress",
-                        f"{type(bridge).__name__} came too late for {bridge.missed} "
-                        "messages",
-                    )
-                )
+            if lost := bridge.lost():
+                parent.tell(("progress", f"{bridge.title} came too late for {lost}"))
     except ModuleNotFoundError as error:
         raise TactophoneError(
             f"{error.name} is not installed: see the extras in docs/guide/bridges.md"

@@ -200,6 +200,7 @@ class RosBridge:
     """
 
     interval = ROS_INTERVAL
+    title = "the ROS bridge"
 
     def __init__(
         self,
@@ -270,7 +271,11 @@ class RosBridge:
 
     @property
     def missed(self) -> int:
+        """Predictions that were passed on to nobody."""
         return self._reader.missed
+
+    def lost(self) -> str:
+        return f"{self.missed} predictions" if self.missed else ""
 
     def read(self) -> None:
         for action, reader in self._requests.items():

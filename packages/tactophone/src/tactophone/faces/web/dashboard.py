@@ -8,6 +8,7 @@ what it missed in a single message.
 
 import asyncio
 import json
+import time
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection
@@ -122,14 +123,14 @@ def dashboard(
     """Build the operator's page for the run of that name.
 
     ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true
-    begins one, false ends it, and each answer names the file of the log, empty while
-    without one; this process writes no file.
+    begins one, false ends it, and each answer says how far it is
+    (`tactophone.app.runs.PageRecorder`); this process writes no file.
     """
     app = web.Application()
     run = WatchedRun(name)
     watching = set[web.WebSocketResponse]()
     logs = (
-        views.Answers(recorder, watching, kept={"recording": ""})
+        views.Answers(recorder, watching, kept={"recording": {"phase": "off"}})
         if recorder is not None
         else None
     )
@@ -158,7 +159,9 @@ async def _live(
     try:
         await views.say_command(view, request)
         if logs is not None:
-            await view.send_str(json.dumps(logs.status))
+            # What a page needs for a clock of its own, whose time of day may differ.
+            now = {"now": time.monotonic()}
+            await view.send_str(json.dumps({**logs.status, **now}))
         finger = views.finger_of(request)
         receiving = _receive(
             view, run, logs, credit, local=views.is_local(request), finger=finger

@@ -124,6 +124,11 @@ class WatchedRun:
         watcher.follow(drain=False)
         return watcher.snapshot(since, finger=finger if finger < watcher.fingers else 0)
 
+    @property
+    def knows_its_start(self) -> bool:
+        """Whether a log begun now would hold the run from its start."""
+        return self._watcher is not None and self._watcher.knows_its_start
+
     def hand(self) -> list[tuple[int, float]]:
         """Return touch and amplitude of each finger now; empty where there is only
         one."""
@@ -178,6 +183,7 @@ class Feed:
                 "state": state,
                 "counters": snapshot.counters,
                 "gauges": snapshot.gauges,
+                "whole": self._run.knows_its_start,
             }
         header["origin"] = origin = self._origin(snapshot)
         steps = newest_pass(snapshot.steps)

@@ -8,9 +8,9 @@ chunk.
 import json
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeAlias
@@ -29,7 +29,7 @@ from tactophone.core.types import (
 )
 from tactophone.live.log import log_topics
 from tactophone.live.log.log_topics import Message, Topic, topics_of
-from tactophone.live.log.reader import RunReader
+from tactophone.live.log.reader import RunReader, words_for_missed
 from tactophone.live.telemetry.records import Controls, EventBatch, RunStart
 
 LOG_READ_INTERVAL = 0.2
@@ -128,6 +128,7 @@ class McapLog:
     """
 
     interval = LOG_READ_INTERVAL
+    title = "the recorder"
 
     def __init__(self, name: str, path: Path) -> None:
         self.path = path
@@ -148,9 +149,8 @@ class McapLog:
         self._log.metadata["missed"] = json.dumps(self._reader.missed)
         self._log.__exit__(*error)
 
-    @property
-    def missed(self) -> int:
-        return sum(self._reader.missed.values())
+    def lost(self) -> str:
+        return words_for_missed(self._reader.missed)
 
     def read(self) -> None:
         """Write what is new; raises `ConfigError` when the disk is full or gone: the
@@ -180,10 +180,10 @@ class LoggedPrediction:
 @dataclass(frozen=True, slots=True)
 class LogEnd:
     """The end of the file; ``complete`` if its writer ended in order, ``missed`` what
-    it could not read in time."""
+    it could not read in time: predictions, and bytes of the session log."""
 
     complete: bool
-    missed: int = 0
+    missed: Mapping[str, int] = field(default_factory=dict)
 
 
 LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogEnd
@@ -259,7 +259,7 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     schemas: dict[int, log_topics.Schema] = {}
     channels: dict[int, Topic] = {}
     complete = False
-    missed = 0
+    missed = {"predictions": 0, "log": 0}
     found = False
     try:
         for record in _records(path, file):
@@ -283,10 +283,8 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                     found = True
                     yield Message(channels[number], time / 1e9, data)
                 case Metadata(name="tactophone", metadata=metadata):
-                    missed = sum(
-                        msgspec.json.decode(
-                            metadata.get("missed", "{}"), type=dict[str, int]
-                        ).values()
+                    missed |= msgspec.json.decode(
+                        metadata.get("missed", "{}"), type=dict[str, int]
                     )
                 case DataEnd():
                     complete = True

@@ -3,7 +3,7 @@ buses and middleware."""
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,6 +68,8 @@ class RunReader:
 
     - ``missed``: predictions and bytes of the session log that were overwritten before
       they were read.
+    - ``within``: whether the run had gone on for so long that its start is gone: what
+      was before this reader then counts as nobody's, and no replay is possible.
     - ``names``: names of a hand's fingers; one empty name where there is no hand.
     """
 
@@ -76,6 +78,9 @@ class RunReader:
         self.missed = {"predictions": 0, "log": 0}
         self.watcher = Watcher(name)
         self._begin()
+        self.within = not self.watcher.knows_its_start
+        if self.within:
+            self._begin_here()
 
     def read(self) -> list[Message]:
         """Return all messages since the last call, oldest first within each topic."""
@@ -98,6 +103,12 @@ class RunReader:
         self._partial: tuple[bytes, ...] = ()
         self._settled = RunState(fingers=(FingerState(),) * watcher.fingers)
         self._health_at = 0.0
+
+    def _begin_here(self) -> None:
+        """Leave out what the run did before this reader, perhaps for hours."""
+        _, self._log_count = self.watcher.log(self.watcher.log_length)
+        for finger in range(len(self.names)):
+            self.watcher.new_predictions(finger=finger)
 
     def _now(self) -> float:
         """Return the time of the day, in s, by a clock that is never set: the one that
@@ -211,6 +222,20 @@ class RunReader:
             now,
             msgspec.json.encode(log_topics.Event(stamp, level, text, self.name)),
         )
+
+
+def words_for_missed(missed: Mapping[str, int]) -> str:
+    """Return what a reader missed, each count in its own unit; empty if nothing.
+
+    >>> words_for_missed({"predictions": 12, "log": 3000})
+    '12 predictions and 3 kB of packets'
+    """
+    predictions = missed.get("predictions", 0)
+    packets = missed.get("log", 0)
+    return " and ".join(
+        [f"{predictions} predictions"] * bool(predictions)
+        + [f"{math.ceil(packets / 1000)} kB of packets"] * bool(packets)
+    )
 
 
 def _settle(now: FingerState, before: FingerState) -> FingerState:

@@ -251,6 +251,17 @@ class Watcher:
         whole = len(rows) == wanted
         return rows.tobytes() if whole else b"", total
 
+    @property
+    def log_length(self) -> int:
+        """Bytes of the session log since the run began."""
+        return int(self._memory["log_count"].item())
+
+    @property
+    def knows_its_start(self) -> bool:
+        """Whether `log` still returns the run from its start, which a replay needs."""
+        kept = len(self._memory["log"]) - layout.LARGEST_RECORD
+        return self.log_length <= kept
+
     def state(self) -> RunState:
         """Return the newest state alone."""
         while turn := int(self._memory["state_count"]):

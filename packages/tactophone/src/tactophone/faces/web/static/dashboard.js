@@ -101,6 +101,7 @@ function onMessage({ header, tables }) {
   events.append(tables.events, newest);
   appendScope(tables.scope);
   if (header.state) showState(header);
+  if ("whole" in header) record.whole = header.whole;
   if (state?.role === "replay") timeline.transport(state, newest, (request) => feed.send(request));
   if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);
   if (!alive && state) controls.show(state, false);
@@ -263,7 +264,7 @@ function frame(time) {
 const feed = new Feed(FINGER ? `live?finger=${FINGER}` : "live", {
   onMessage,
   onAnswer: (answer) => {
-    if ("recording" in answer) record.show(answer.recording);
+    if ("recording" in answer) record.show(answer.recording, answer.now);
     if (answer.command) bar.command = answer.command;
     if (answer.refused) controls.refuse(answer.refused);
     if (answer.refused) bar.refuse(answer.refused);

@@ -14,6 +14,12 @@ export const percent = (share, digits = 0) => formatNumber(share === null ? null
 export const milliseconds = (seconds, digits = 1) => formatNumber(seconds === null ? null : 1000 * seconds, digits, "ms");
 export const dbfs = (value) => formatNumber(value, 0, "dBFS");
 
+/** Seconds as minutes and seconds: 1:05. */
+export const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+
+/** Bytes as kB or MB. */
+export const fileSize = (bytes) => (bytes < 1e6 ? formatNumber(bytes / 1e3, 0, "kB") : formatNumber(bytes / 1e6, 1, "MB"));
+
 /** Set the rows of a definition list; unchanged rows are left alone. */
 export function list(node, rows) {
   if (node.children.length !== rows.length) {
