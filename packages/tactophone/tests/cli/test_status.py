@@ -1,9 +1,12 @@
 import json
+import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from tactophone.cli import main
+from tactophone.live.telemetry.layout import FingerState, RunState
 from tactophone.live.telemetry.writer import Telemetry
 from tests.live.runtime.live_system import LiveSystem, eventually
 from tests.models import write_tiny_model
@@ -44,3 +47,24 @@ def test_a_wrong_name_lists_the_runs_that_exist(
         ]
     assert main(["status", "--json"]) == 0
     assert "test-status" not in capsys.readouterr().out
+
+
+def _operators(stack: ExitStack, *names: str) -> list[Telemetry]:
+    """Runs that can vibrate, which nobody serves."""
+    runs = [stack.enter_context(Telemetry(name)) for name in names]
+    for run in runs:
+        fingers = (FingerState(armed=False, muted_because="muted by a test"),)
+        run.update(RunState(role="operator", fingers=fingers), now=time.monotonic())
+    return runs
+
+
+@pytest.mark.parametrize("verb", ["mute", "arm"])
+def test_mute_as_arm_wants_a_name_where_two_runs_can_vibrate(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with ExitStack() as stack:
+        _operators(stack, "test-left", "test-right")
+        assert main([verb]) == 1
+        said = capsys.readouterr().err
+    assert "test-left, test-right" in said
+    assert f"name the one to {verb}" in said

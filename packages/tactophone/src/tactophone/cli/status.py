@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         nargs="?",
         help=(
-            "name of the run, as `tactophone status` shows it (default: every run here "
-            "that can vibrate; arm takes the only one)"
+            "name of the run, as `tactophone status` shows it (default: the only one "
+            "that can vibrate here; stop takes all of them)"
         ),
     )
 
@@ -82,16 +82,18 @@ def run(args: argparse.Namespace) -> int:
             "no operator process here to ask: start `tactophone receive` or "
             f"loopback{others}"
         )
-    if args.verb == "arm" and len(watchers) > 1:
+    if args.verb != "stop" and len(watchers) > 1:
         found = ", ".join(watcher.name for watcher in watchers)
         raise TactophoneError(
-            f"{len(watchers)} runs can vibrate here ({found}): name the one to arm"
+            f"{len(watchers)} runs can vibrate here ({found}): name the one to "
+            f"{args.verb}"
         )
     code = max([_ask(watcher, args.verb) for watcher in watchers])
     if len(watchers) > 1:
-        done = {"stop": "stopped", "mute": "muted"}[args.verb]
+        stopped = ", ".join(watcher.name for watcher in watchers)
         output.note(
-            f"{done} {len(watchers)} runs; `tactophone arm NAME` lets one vibrate again"
+            f"stopped all {len(watchers)} runs ({stopped}); `tactophone arm NAME` lets "
+            "one vibrate again"
         )
     return code
 

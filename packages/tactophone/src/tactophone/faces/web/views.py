@@ -7,11 +7,13 @@ it shows.
 """
 
 import asyncio
+import io
 import json
 import shlex
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Sized
 from contextlib import suppress
+from functools import partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
@@ -56,6 +58,9 @@ PAGE_VIEWERS = 16
 CREDIT = 3
 """Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
 
+QR_PAGES = ("", "try")
+"""Pages whose address a QR code may show; any other leads to the first."""
+
 STATIC = files("tactophone.faces.web") / "static"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -89,6 +94,7 @@ def protect(
         "/static/palette.css",
         page(files("tactophone.core") / "palette.css", "text/css"),
     )
+    inner.router.add_get("/qr.svg", partial(_qr_code, access))
     inner.router.add_static("/static", str(STATIC))
     outer = web.Application(
         middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES
@@ -96,6 +102,22 @@ def protect(
     outer.add_subapp(f"/{access.token}", inner)
     outer.on_response_prepare.append(add_headers)
     return outer
+
+
+async def _qr_code(access: AccessControl, request: web.Request) -> web.Response:
+    """Return the page's address as a QR code; 204 where no other machine can open it,
+    and 501 without the library."""
+    if access.private:
+        return web.Response(status=204)
+    try:
+        import segno
+    except ModuleNotFoundError:
+        return web.Response(status=501)
+    shown = request.query.get("page", "")
+    code = segno.make(access.url + (shown if shown in QR_PAGES else ""), error="l")
+    picture = io.BytesIO()
+    code.save(picture, kind="svg", scale=4, border=2, dark="black", light="white")
+    return web.Response(body=picture.getvalue(), content_type="image/svg+xml")
 
 
 def page(path: Traversable, kind: str = "text/html") -> Handler:

@@ -12,6 +12,7 @@ import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUC
 import { broken, Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
+const LATENCY_SPAN = 60; // s
 const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; feed.py sends 4 kHz
 const CALM = 250; // ms between frames when the system asks for reduced motion
@@ -25,6 +26,7 @@ const steps = new Track(10, 110 * LONGEST);
 const sound = new Track(7, 600);
 const scope = new Track(2, 2000);
 const events = new Track(2, 400);
+const latency = new Track(2, 400);
 const hero = new Hero($("hero"));
 const timeline = new Timeline($("timeline"));
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -89,7 +91,22 @@ function scopeChart() {
   return () => chart.draw(scope.after(scope.newest(0) - SCOPE.span), scope.newest(0));
 }
 
-const charts = [wave("contact-wave", "contact", 1), wave("air-wave", "air", 4), probability(), scopeChart()];
+/** End-to-end latency over the last minute: it comes with the state, five times a second. */
+function latencyOverTime() {
+  let top = 0.02;
+  const chart = new Chart($("latency-time"), {
+    span: LATENCY_SPAN, lines: [line("ink")], times: true,
+    y: () => [0, top], splits: () => [0, top / 2, top], label: (value) => formatNumber(1000 * value),
+    over: (plot) => plot.rule(IMMEDIATE, "soft"),
+  });
+  return () => {
+    const shown = latency.after(now - LATENCY_SPAN);
+    top = 1.2 * Math.max(IMMEDIATE, ...shown[1]);
+    chart.draw(shown, now);
+  };
+}
+
+const charts = [latencyOverTime(), wave("contact-wave", "contact", 1), wave("air-wave", "air", 4), probability(), scopeChart()];
 
 function onMessage({ header, tables }) {
   alive = header.alive;
@@ -101,6 +118,7 @@ function onMessage({ header, tables }) {
   events.append(tables.events, newest);
   appendScope(tables.scope);
   if (header.state) showState(header);
+  if (Number.isFinite(header.gauges?.latency_total ?? NaN)) latency.append({ rows: 1, columns: 2, numbers: [0, header.gauges.latency_total] }, newest);
   if ("whole" in header) record.whole = header.whole;
   if (state?.role === "replay") timeline.transport(state, newest, (request) => feed.send(request));
   if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);

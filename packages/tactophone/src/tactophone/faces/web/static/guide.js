@@ -113,6 +113,7 @@ const socket = socketTo("guide");
 socket.addEventListener("open", () => life("connected", true));
 socket.addEventListener("message", ({ data }) => show(JSON.parse(data)));
 socket.addEventListener("close", ({ reason }) => {
-  life(reason || "ended", false);
+  const done = !$("result-panel").hidden;
+  life(done ? "done" : reason || "ended", done ? "done" : false);
   $("buttons").replaceChildren();
 });

@@ -57,7 +57,7 @@ export class Timeline {
     this.hint = hint;
     this.counted = null; // a server's count of bumps and dips, in place of ours
     this.threshold = null;
-    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound over the threshold, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b> <b class=truth title='What was really touched, where it is known' hidden>thin strip: label</b><span class=faults title='False bumps: smooth rendered as rough. Dips: rough interrupted within one touch.'></span></p></div>"
+    node.innerHTML = "<div class=tools><p class=key><b class=sound title='Level over the contact threshold, in dBFS'>sound</b><b class=ground>contact</b><b class=smooth title='Roughness, from 0'>smooth</b><b class=rough title='to 1'>rough</b><b class=truth title='Thin strip: what was really touched, where it is known' hidden>label</b><span class=faults title='False bumps: smooth rendered as rough. Dips: rough interrupted within one touch.'></span></p></div>"
       + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
     this.#readout = node.querySelector(".readout");
     if (!fixed) this.#addTools(node.querySelector(".tools"));
