@@ -8,13 +8,14 @@ READY   = $(VENV)/.ready
 PROJECTS = packages/tactophone/pyproject.toml packages/tactophone-lab/pyproject.toml
 CODE    = conftest.py packages tests benchmarks examples integrations hardware scripts
 # One worker a core: libraries that start a thread per core would only compete with each other.
-PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+# The slowest tests are listed, so that one that grows is seen.
+PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=25 --durations-min=2
 CORES  := $(shell nproc)
 # Bytecode is kept even where the environment says otherwise: the tests start hundreds of processes, each of which would
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage docs docs-figures audit cost lock clean
+.PHONY: integrations demo check room test lint types imports fast unit beside package realtime timed fuzz mutants coverage golden docs docs-figures audit cost lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(DEMO)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -104,6 +105,10 @@ DRAW ?= 100
 SEED ?= 0
 mutants: $(READY)  ## DRAW small faults in code that keeps a promise, and which of them no test of its room finds
 	$(BIN)/python scripts/mutants.py --draw $(DRAW) --seed $(SEED)
+
+# Encoder, detector and profiles decide what is in it; a change of its files is a change of what is felt.
+golden: $(READY)  ## the golden run anew, where what is felt is meant to change: review its difference
+	PYTHONPATH=. $(BIN)/python tests/data/golden_run/make.py
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov=tactophone_lab --cov-report=term:skip-covered

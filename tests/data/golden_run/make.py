@@ -4,8 +4,7 @@ busy Wi-Fi, in virtual time.
 ``datagrams.jsonl`` holds what the operator's session reported (RTP and RTCP packets,
 decrypted), each with its time in s; ``controls.json`` what somebody changed meanwhile;
 ``predictions.csv`` what came of it. The test needs nothing but these files. Run this by
-hand only when the behaviour is meant to change: ``PYTHONPATH=. python
-tests/data/golden_run/make.py``.
+hand only when the behaviour is meant to change: ``make golden``.
 """
 
 import base64
