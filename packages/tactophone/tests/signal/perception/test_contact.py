@@ -271,3 +271,43 @@ def test_the_level_is_of_the_rule_at_hand(
 def test_a_heartbeat_comes_every_ten_milliseconds() -> None:
     times = [change.time for change in changes_in(np.zeros((48_000, 1), np.float32))]
     assert np.diff(times) == pytest.approx(0.01)
+
+
+def heard_over_a_bad_link(*, concealed: bool, size: int = 240) -> list[Contact]:
+    """The room's noise in packets of 5 ms. Of each 40, 20 in a row are lost, and
+    concealed by sound that fades; or the same without a loss."""
+    gate = ContactGate(
+        -26.0,
+        sample_rate=48_000,
+        rule="banded",
+        floor=NoiseFloor(-26.0),
+        bands=True,
+        hold=0.1,
+    )
+    contacts = []
+    # The link is good for the first second.
+    for block in blocks(noise(level_dbfs=-60, duration=6.0), 240):
+        packet = block.start // 240
+        lost = concealed and packet >= 200 and packet % 40 < 20
+        fading = 10 ** (-2 * (packet % 40) / 20) if lost else 1.0
+        heard = AudioBlock(fading * block.samples, 48_000, block.start, concealed=lost)
+        for start in range(0, heard.size, size):
+            part = heard.part(start, min(heard.size, start + size))
+            contacts += gate.push(part)
+    return contacts
+
+
+def test_concealment_teaches_no_floor_under_which_the_rooms_noise_is_contact() -> None:
+    good = heard_over_a_bad_link(concealed=False)
+    bad = heard_over_a_bad_link(concealed=True)
+    assert not any(contact.touching for contact in good)
+    assert not any(contact.touching for contact in bad)
+    assert bad[-1].threshold_dbfs == pytest.approx(good[-1].threshold_dbfs, abs=1.0)
+
+
+def test_concealment_is_left_out_of_the_floor_at_any_block_size() -> None:
+    whole = heard_over_a_bad_link(concealed=True)
+    parts = heard_over_a_bad_link(concealed=True, size=37)
+    levels = [contact.threshold_dbfs for contact in whole]
+    assert [contact.threshold_dbfs for contact in parts] == levels
+    assert parts == whole

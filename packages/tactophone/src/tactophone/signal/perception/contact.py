@@ -189,6 +189,8 @@ class ContactGate:
         self._bands_loud = False
         self._bands_silent_for = self._durations.hold + 1
         self._moving = False
+        # The sample up to which the windows of the levels hold concealment.
+        self._invented_until = 0
         # What was last told: whether there is contact, and whether it is only held.
         self._reported = (False, False)
         if self.floor:
@@ -217,6 +219,9 @@ class ContactGate:
             self._persistence.jerk(self._steps, starts=block.moving)
         if not self._shared:
             self.levels.push(self.own_channel(block))
+        if block.concealed:
+            end = self._steps * self._step_size + self._part + block.size
+            self._invented_until = end + round(BANDS_WINDOW * self._sample_rate)
         self._part += block.size
         steps, self._part = divmod(self._part, self._step_size)
         return self._take(steps)
@@ -309,7 +314,10 @@ class ContactGate:
         if self._by_bands and self.floor:
             self._ask_bands(self.floor, bands)
         touching, _ = self._decide()
-        if self.floor and self._following:
+        # Concealment fades, and what is quieter than silence would teach a floor under
+        # which the room's own noise is contact.
+        invented = self._steps * self._step_size <= self._invented_until
+        if self.floor and self._following and not invented:
             # Until the windows are full of sound, part of the levels is that of their
             # zeros.
             full = self._steps * self._step_size >= BANDS_WINDOW * self._sample_rate
