@@ -15,6 +15,7 @@ from tactophone.net.link.udp import (
     MAX_FOREIGN,
     MAX_PEER_HANDSHAKES,
     UdpSocket,
+    host_towards,
     resolve,
 )
 
@@ -251,3 +252,21 @@ def test_a_peer_with_a_new_address_is_followed_there(
 def test_all_addresses_of_a_name_are_found() -> None:
     assert resolve("::1", 7) == [("::1", 7)]
     assert resolve("127.0.0.1", 7) == [("127.0.0.1", 7)]
+
+
+@pytest.mark.parametrize(
+    ("targets", "host"),
+    [
+        ([("127.0.0.1", 1)], "127.0.0.1"),
+        ([("127.0.0.1", 1), ("127.0.0.2", 1)], "127.0.0.1"),
+        ([("::1", 1)], "::1"),
+        ([("192.0.2.1", 1)], ""),
+        ([("127.0.0.1", 1), ("192.0.2.1", 1)], ""),
+        ([("fe80::1%eth0", 1)], ""),
+        ([], ""),
+    ],
+)
+def test_what_is_sent_on_this_machine_leaves_no_port_open_to_a_network(
+    targets: list[Address], host: str
+) -> None:
+    assert host_towards(targets) == host

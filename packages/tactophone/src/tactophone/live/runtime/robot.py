@@ -41,7 +41,7 @@ from tactophone.live.telemetry.records import ARRIVAL_DIGITS
 from tactophone.net.endpoints import RobotEndpoint
 from tactophone.net.link.call_socket import AgentSocket, CallSocket
 from tactophone.net.link.events import Event
-from tactophone.net.link.udp import UdpSocket
+from tactophone.net.link.udp import UdpSocket, host_towards
 
 ROBOT_HOUSEKEEPING = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -143,7 +143,7 @@ class Robot(Side):
                         self._agent, member.session, restarts=self._info.restarts
                     )
                     if self._agent
-                    else UdpSocket()
+                    else UdpSocket(host_towards(member.session.callees))
                 )
                 self._resources.enter_context(socket)
                 self._sockets.append(socket)

@@ -326,6 +326,12 @@ class Session:
         return bool(self._pending) and self._handshakes.accepted == fingerprint
 
     @property
+    def callees(self) -> Sequence[Address]:
+        """The addresses that this end calls in turn; empty where it waits for a
+        call."""
+        return self._callees
+
+    @property
     def remote(self) -> tuple[Address, frozenset[int]] | None:
         """The peer's address and the SSRCs of its packets, for a socket to filter by;
         ``None`` without a session."""

@@ -10,11 +10,12 @@ before.
 
 import contextlib
 import ctypes
+import ipaddress
 import select
 import socket
 import struct
 import sys
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 from tactophone.core.errors import DeviceError
@@ -217,6 +218,17 @@ _MAPPED = "::ffff:"
 _EXPEDITED = 46 << 2
 """DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of
 voice."""
+
+
+def host_towards(targets: Sequence[Address]) -> str:
+    """Return the address to send from: the loopback for targets on it, so that nobody
+    on a network reaches the port; else all addresses, of which the route chooses."""
+    hosts = [ipaddress.ip_address(host.partition("%")[0]) for host, _ in targets]
+    if hosts and all(host.is_loopback for host in hosts):
+        families = {host.version for host in hosts}
+        if len(families) == 1:
+            return "127.0.0.1" if families == {4} else "::1"
+    return ""
 
 
 class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
