@@ -215,7 +215,8 @@ class Hand:
         if self._leads_to_nothing(block):
             self._next = block.end
             return
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         for whole in joined(waiting):
             yield from self._process(whole)
 

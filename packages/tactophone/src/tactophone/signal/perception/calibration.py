@@ -379,7 +379,8 @@ def _banded_threshold(
 def _measure_motion(sounds: CalibrationSounds) -> tuple[float, float, float]:
     """Return the least margin with which motion is hardly contact, or the greatest; the
     share that is; `motion_db`."""
-    rate, motion = sounds.sample_rate, np.asarray(sounds.motion, np.float32)
+    rate = sounds.sample_rate
+    motion = np.asarray(sounds.motion, np.float32)
     for margin in MARGINS_DB:
         floor = NoiseFloor(math.inf)
         floor.margin_db = margin
@@ -536,7 +537,8 @@ def _weaknesses(
             "no tap was found: tap the finger on something hard, about twice a second",
         )
     for channel, name in enumerate(MICROPHONES[: calibration.channels]):
-        hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
+        hum = calibration.hum_dbfs[channel]
+        floor = calibration.floor_dbfs[channel]
         if hum > max(floor - 3, HARMLESS_HUM_DBFS):
             found = (
                 f"half of the {name} microphone's noise is hum at "

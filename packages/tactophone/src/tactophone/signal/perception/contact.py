@@ -370,7 +370,8 @@ class ContactGate:
         touching, held = self._decide()
         self._persistence.update(self._steps, touching=touching, held=held)
         if self._persistence.state is Persistence.PENDING:
-            touching, held = False, False
+            touching = False
+            held = False
         if (touching, held) == self._reported and not due:
             return []
         self._reported = (touching, held)

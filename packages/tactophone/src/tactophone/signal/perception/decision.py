@@ -76,7 +76,8 @@ class Decision:
         if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
             # A window without contact, or with unknown sound, neither counts towards
             # confirmation nor, for up to `FORGET_AFTER` windows, resets the decision.
-            self._streak, self._quiet = 0, self._quiet + 1
+            self._streak = 0
+            self._quiet = self._quiet + 1
             self._rough = self._rough and self._quiet < FORGET_AFTER
             return (Touch.SMOOTH if contact else Touch.NONE), 0.0
         self._quiet = 0

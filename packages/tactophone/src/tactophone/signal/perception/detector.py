@@ -216,11 +216,9 @@ class TouchDetector(PhasedDetector):
         self.window_detector = detector
         self.gate = gate
         self._window = window
-        self.name, self.bandwidth, self.faults = (
-            detector.name,
-            detector.bandwidth,
-            detector.faults,
-        )
+        self.name = detector.name
+        self.bandwidth = detector.bandwidth
+        self.faults = detector.faults
         self.latency = detector.latency
         # From here on all three share one threshold. While it follows the noise, it is
         # the gate that moves it.
@@ -335,17 +333,17 @@ class TouchDetector(PhasedDetector):
         self._first = self._next = start
         self._shift = 0.0
         self._newest = _NO_PREDICTION
-        self._touching, self._since, self._held, self._held_since = (
-            self.gate is None,
-            0.0,
-            False,
-            0.0,
-        )
+        self._touching = self.gate is None
+        self._since = 0.0
+        self._held = False
+        self._held_since = 0.0
         self._reported_until = -math.inf
-        self._loud_until, self._pause = -math.inf, PAUSE
+        self._loud_until = -math.inf
+        self._pause = PAUSE
         self._against = self._rough_since = 0.0
         # The last decision of this touch.
-        self._decided, self._roughness = Touch.SMOOTH, 0.0
+        self._decided = Touch.SMOOTH
+        self._roughness = 0.0
 
     def _merge(
         self, predictions: list[Prediction], contacts: list[Contact], rate: int
@@ -406,8 +404,10 @@ class TouchDetector(PhasedDetector):
             )
         self._held = contact.held
         if contact.touching is not self._touching:
-            self._touching, self._since = contact.touching, contact.time + self._shift
-            self._decided, self._roughness = Touch.SMOOTH, 0.0
+            self._touching = contact.touching
+            self._since = contact.time + self._shift
+            self._decided = Touch.SMOOTH
+            self._roughness = 0.0
         end = contact.time + self._shift - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
@@ -421,7 +421,8 @@ class TouchDetector(PhasedDetector):
 
     def _revise(self, prediction: Prediction) -> Prediction:
         """Let the states of `touch_state` decide what is felt of a prediction."""
-        self._newest, self._reported_until = prediction, prediction.end
+        self._newest = prediction
+        self._reported_until = prediction.end
         if self.gate is None:
             return prediction
         now = prediction.end + self.latency
@@ -457,8 +458,10 @@ class TouchDetector(PhasedDetector):
         """Keep what a window says as the last decision of this touch."""
         if prediction.touch is not self._decided:
             # From here on evidence counts against the new decision.
-            self._against, self._rough_since = 0.0, prediction.end
-        self._decided, self._roughness = prediction.touch, prediction.roughness
+            self._against = 0.0
+            self._rough_since = prediction.end
+        self._decided = prediction.touch
+        self._roughness = prediction.roughness
         return prediction
 
     def _shifted(self, prediction: Prediction) -> Prediction:

@@ -126,11 +126,9 @@ class EventDetector:
     def __init__(
         self, *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP
     ) -> None:
-        self._rate, self._channels, self._air_led = (
-            sample_rate,
-            channels,
-            TIPS[tip].air_led_db,
-        )
+        self._rate = sample_rate
+        self._channels = channels
+        self._air_led = TIPS[tip].air_led_db
         self._step = max(1, sample_rate // STEPS_PER_SECOND)
         self._window = np.hanning(2 * self._step + 2)[1:-1][:, None]
         self._edges = _band_edges(2 * self._step, sample_rate)
@@ -139,7 +137,9 @@ class EventDetector:
 
     def reset(self) -> None:
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
-        self._count, self._origin, self._next = 0, 0, 0
+        self._count = 0
+        self._origin = 0
+        self._next = 0
         self._background: Floats = np.zeros((self._band_count, self._channels))
         self._first_levels: list[Floats] = []
         self._floor: Floats = np.zeros((self._band_count, self._channels))
@@ -153,7 +153,9 @@ class EventDetector:
         self._onset = self._landed = -CLASSIFIED_AFTER - 1
         self._since: list[Floats] = []
         self._unrest = self._sharpest = 0.0
-        self._sliding, self._touched_down, self._still = False, False, 0
+        self._sliding = False
+        self._touched_down = False
+        self._still = 0
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
         """Take sound; return the events that it completes, oldest first, at seconds
@@ -198,7 +200,8 @@ class EventDetector:
             return []
         self._floor += np.where(level > self._floor, RISE, -FALL) / STEPS_PER_SECOND
         excess = 10 * np.log10(1 + 10 ** ((level - self._floor - FLOOR_BIAS_DB) / 10))
-        flux, mean = self._flux(excess[:, CONTACT]), excess.mean(axis=0)
+        flux = self._flux(excess[:, CONTACT])
+        mean = excess.mean(axis=0)
         since = self._count - self._onset
         events = self._classify(mean, flux, since) if since <= CLASSIFIED_AFTER else []
         settled = since > CLASSIFIED_AFTER and len(self._fluxes) >= SLIDING
@@ -223,7 +226,9 @@ class EventDetector:
         return events
 
     def _begin_onset(self, mean: Floats, flux: float) -> None:
-        self._onset, self._since, self._sharpest = self._count, [mean], flux
+        self._onset = self._count
+        self._since = [mean]
+        self._sharpest = flux
         before = list(self._means)[-REST_FROM:-REST_TO]
         self._unrest = float(np.std(before)) if before else 0.0
 
@@ -234,7 +239,8 @@ class EventDetector:
         if since < CLASSIFIED_AFTER:
             return []
         means, later = np.split(np.array(self._since), [DECAYED_AFTER + 1])
-        peak, decayed = means.max(axis=0), np.median(means[-DECAYED:, CONTACT])
+        peak = means.max(axis=0)
+        decayed = np.median(means[-DECAYED:, CONTACT])
         early = int(means[:, CONTACT].argmax()) <= LATEST_PEAK
         rings = decayed - REST_DB > RINGING * (peak[CONTACT] - REST_DB)
         if (
@@ -253,7 +259,8 @@ class EventDetector:
             return []
         if self._channels > AIR and peak[AIR] - peak[CONTACT] > self._air_led:
             return [TouchEvent("knock", self._time(self._onset))]
-        self._touched_down, self._landed = True, self._onset
+        self._touched_down = True
+        self._landed = self._onset
         # What rings after a tap is not sliding.
         self._excess.extend([0.0] * SLIDING)
         return [TouchEvent("tap", self._time(self._onset))]
@@ -272,10 +279,8 @@ class EventDetector:
         if len(self._bands) < 2:
             return 0.0
         before = self._bands[-2]
-        above, below = (
-            np.append(before[1:], before[-1]),
-            np.insert(before[:-1], 0, before[0]),
-        )
+        above = np.append(before[1:], before[-1])
+        below = np.insert(before[:-1], 0, before[0])
         loudest = np.maximum(before, np.maximum(above, below))
         return float(np.maximum(excess - loudest, 0.0).mean())
 
@@ -304,7 +309,8 @@ class EventDetector:
             and median >= SLIDING_ON_DB
             and self._count > EVENT_HISTORY // 2
         ):
-            self._sliding, self._still = True, 0
+            self._sliding = True
+            self._still = 0
             kind = "stroke" if self._touched_down else "slip"
             self._touched_down = False
             return [TouchEvent(kind, began)]

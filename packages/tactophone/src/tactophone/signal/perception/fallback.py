@@ -118,12 +118,15 @@ class FallbackDetector(PhasedDetector):
     def __init__(
         self, main: TouchDetector, fault_detector: FaultDetector, *, channels: int = 2
     ) -> None:
-        self.main, self.fault_detector = main, fault_detector
+        self.main = main
+        self.fault_detector = fault_detector
         self.window_detector = main.window_detector
         self.gate = main.gate
         self._channels = channels
-        self.name, self.threshold = main.name, main.threshold
-        self.latency, self.bandwidth = main.latency, main.bandwidth
+        self.name = main.name
+        self.threshold = main.threshold
+        self.latency = main.latency
+        self.bandwidth = main.bandwidth
         self.faults = main.faults
         # Copies of the noise floor as it was at the newest measures without a fault of
         # the contact microphone, oldest first.

@@ -125,12 +125,10 @@ class FitCheck:
     def __init__(
         self, name: str, sample_rate: int, *, tip: str = "", air: bool = False
     ) -> None:
-        self._name, self._sample_rate, self._tip, self._air = (
-            name,
-            sample_rate,
-            tip,
-            air,
-        )
+        self._name = name
+        self._sample_rate = sample_rate
+        self._tip = tip
+        self._air = air
         # Read now, as a run may open no file once it goes. A tip whose sound is not in
         # the file is not compared.
         if tip and [*TIPS].index(tip) >= len(_tips()["both-means"]):
@@ -142,7 +140,8 @@ class FitCheck:
         self.misfit: Misfit | None = None
         self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
-        self._decided_on, self._unknown = 0, 0.0
+        self._decided_on = 0
+        self._unknown = 0.0
         # Running means over windows of touch: levels, their squares, impulses of the
         # slope.
         self._touch: tuple[Floats, ...] = (np.zeros(1),) * 3
@@ -187,7 +186,8 @@ class FitCheck:
         Levels in the bands less their mean; their standard deviation; and three
         measures of impulses.
         """
-        heard, levels = self._heard(), self._levels()
+        heard = self._heard()
+        levels = self._levels()
         level, square, impulses = self._touch
         shape = np.maximum(levels, levels.max(axis=1, keepdims=True) - RANGE_DB)
         shape -= shape.mean(axis=1, keepdims=True)
@@ -229,7 +229,8 @@ class FitCheck:
                 "noise reduction, a codec), or train "
                 "on your microphone",
             )
-        known, long = self._quiet >= LEAST_NOISE, self._touched >= LONG
+        known = self._quiet >= LEAST_NOISE
+        long = self._touched >= LONG
         if known and long:
             over = (self._touch[0] - self._noise)[self._heard()]
             if (over > AUDIBLE_DB).mean() < AUDIBLE_SHARE:
@@ -276,7 +277,8 @@ class FitCheck:
             -(np.square((values - means) @ basis) / (1 + within / windows)).sum(axis=1)
             / 2
         )
-        own, tips = TIPS[self._tip], list(TIPS.values())[: len(_tips()["both-means"])]
+        own = TIPS[self._tip]
+        tips = list(TIPS.values())[: len(_tips()["both-means"])]
         rows = [
             *tips,
             *tips[-1:] * (len(means) - len(tips)),
@@ -287,7 +289,8 @@ class FitCheck:
         others |= np.array([tip.impulses > own.impulses for tip in rows]) & (
             microphones == "both"
         )
-        likeliest, (least, farthest) = likelihoods[others].max(), ANOTHER[microphones]
+        likeliest = likelihoods[others].max()
+        (least, farthest) = ANOTHER[microphones]
         ratio = likeliest - likelihoods[~others].max()
         self._against = (
             self._against + 1 if ratio > least and likeliest > -farthest else 0
@@ -315,7 +318,8 @@ class FitCheck:
 def _impulses(slopes: FloatArray) -> Floats:
     """Return crest, kurtosis and mean absolute value of each channel, all by its RMS:
     ``(channels, 3)``, in dB."""
-    sizes, squares = np.abs(slopes), np.square(slopes)
+    sizes = np.abs(slopes)
+    squares = np.square(slopes)
     # The means of all in one call, and not by `mean`, which takes five times as long
     # for so few.
     mean, power, fourth = (

@@ -110,7 +110,8 @@ class SignalStatistics:
 
     def push(self, block: AudioBlock) -> list[ChannelStatistics]:
         """Take sound; return the measures that it completes, oldest first."""
-        measured, rest = [], block.samples
+        measured = []
+        rest = block.samples
         while len(rest):
             taken = min(self.cell_size - self._filled, len(rest))
             self._parts.append(rest[:taken])
@@ -130,7 +131,8 @@ class SignalStatistics:
         # Channels first from here on: a sum over rows of two numbers takes ten times as
         # long as one along a row.
         cell = np.ascontiguousarray(np.concatenate(self._parts).T)
-        self._parts, self._filled = [], 0
+        self._parts = []
+        self._filled = 0
         peak = np.abs(cell).max()
         self._clipped.append(
             clipped_samples(cell).mean(axis=1) if peak > _LOUD else np.zeros(len(cell))
@@ -141,10 +143,8 @@ class SignalStatistics:
         self._decimated.append(_mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:
             return []
-        sound, clipped = (
-            np.concatenate(self._decimated, axis=1),
-            np.mean(self._clipped, axis=0),
-        )
+        sound = np.concatenate(self._decimated, axis=1)
+        clipped = np.mean(self._clipped, axis=0)
         return [
             _measure(
                 sound, clipped, rate=self._rate / self._decimation, end=end / self._rate
@@ -235,7 +235,8 @@ def _mean_of_neighbours(sound: NDArray[np.float64], count: int) -> NDArray[np.fl
 def _correlation(treble: NDArray[np.float64]) -> float:
     if len(treble) < 2:
         return 0.0
-    contact, air = treble[CONTACT], treble[AIR]
+    contact = treble[CONTACT]
+    air = treble[AIR]
     scale = math.sqrt(np.vecdot(contact, contact) * np.vecdot(air, air))
     return float(np.vecdot(contact, air)) / scale if scale > 0 else 0.0
 
@@ -546,7 +547,8 @@ def _shows_hum(
     """Hum is present when it is clear of the noise in its bands, and absent when that
     noise could not hide it."""
     limit = max(reference.hum_dbfs[channel] + HUM_RISE_DB, HARMLESS_HUM_DBFS)
-    hum, masking = statistics.hum_dbfs[channel], statistics.masking_dbfs[channel]
+    hum = statistics.hum_dbfs[channel]
+    masking = statistics.masking_dbfs[channel]
     if hum > limit and hum > masking + _CLEAR_DB:
         return True
     return False if max(hum, masking) < limit else None

@@ -190,13 +190,15 @@ class StepLevels:
         return np.concatenate([self._push(piece) for piece in pieces], axis=1)
 
     def _push(self, contacts: FloatArray) -> FloatArray:
-        sound, end = self._sound, self._filled + contacts.shape[1]
+        sound = self._sound
+        end = self._filled + contacts.shape[1]
         sound[:, self._filled : end] = contacts
         steps = (end - self._before) // self.step_size
         if not steps:
             self._filled = end
             return sound[:, :0]
-        levels, measured = self._measure(steps), steps * self.step_size
+        levels = self._measure(steps)
+        measured = steps * self.step_size
         self._filled = end - measured
         sound[:, : self._filled] = sound[:, measured:end]
         return levels
@@ -213,7 +215,8 @@ class StepLevels:
     def _make_views(self, steps: int) -> tuple[FloatArray, FloatArray]:
         """Return so many steps, and what the filter covers for each of their
         differences."""
-        rows, (far, one) = len(self._sound), self._sound.strides
+        rows = len(self._sound)
+        (far, one) = self._sound.strides
         new = np.ndarray(
             (rows, steps, self.step_size),
             np.float32,
@@ -272,7 +275,8 @@ class BandLevels:
         order = np.arange(BANDS + 1)
         self._edges = np.maximum.accumulate(np.round(edges).astype(int) - order) + order
         self._window = np.asarray(np.hanning(size + 2)[1:-1] / size, np.float32)
-        self._hop, self._count = hop, count
+        self._hop = hop
+        self._count = count
         self.reset()
 
     def reset(self) -> None:
@@ -300,7 +304,8 @@ class BandLevels:
         # The mean, by the two functions that `mean` calls after a search of its own.
         new = np.add.reduce(hops.reshape(count, steps, -1, self._decimation), axis=3)
         new /= self._decimation
-        size, step = len(self._window), new.shape[2]
+        size = len(self._window)
+        step = new.shape[2]
         sound = np.concatenate((self._recent, new.reshape(count, -1)), axis=1)
         self._recent = sound[:, -size:]
         if not np.vdot(sound, sound):

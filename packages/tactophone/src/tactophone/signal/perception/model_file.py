@@ -428,7 +428,8 @@ def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> N
     }
     if outputs != wanted:
         raise ValueError(f"its output must be {' and '.join(wanted)}")
-    shape, sizes = inputs[SOUND].shape, [card.channels, card.window_size]
+    shape = inputs[SOUND].shape
+    sizes = [card.channels, card.window_size]
     # The number of fingers may be a name instead of 1.
     if shape[1:] != sizes or (type(shape[0]) is int and shape[0] != 1):
         raise ValueError(
@@ -467,7 +468,9 @@ def _probe(
     """Run the network once, in a thread that is ended when it takes too long."""
     import onnxruntime
 
-    options, results, failures = onnxruntime.RunOptions(), [], []
+    options = onnxruntime.RunOptions()
+    results = []
+    failures = []
     options.log_severity_level = 4
 
     def run() -> None:
@@ -588,7 +591,8 @@ class Engine:
     def _bind(self, count: int) -> tuple["onnxruntime.IOBinding", dict[str, Any]]:
         # Bound once: naming and wrapping the arrays at every run takes longer than a
         # small network itself.
-        binding, arrays = self._session.io_binding(), {}
+        binding = self._session.io_binding()
+        arrays = {}
         for name, sizes in self._sizes.items():
             kind: Any = np.float64 if name in (STATE, STATE_OUT) else np.float32
             array = arrays[name] = np.zeros((count, *sizes), kind)

@@ -36,12 +36,14 @@ class NoTouchCheck:
     touch."""
 
     def __init__(self, weights: FloatArray, bias: float) -> None:
-        self._weights, self._bias = np.asarray(weights, np.float32), bias
+        self._weights = np.asarray(weights, np.float32)
+        self._bias = bias
         self.reset()
 
     def reset(self) -> None:
         """Return to the initial state: whatever sounds is touch."""
-        self.noticed, self._mean = False, END_UNDER
+        self.noticed = False
+        self._mean = END_UNDER
 
     def push(
         self,

@@ -165,8 +165,10 @@ class NoiseFloor:
     def __init__(
         self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"]
     ) -> None:
-        self._start_dbfs, self._spread_db = start_dbfs, spread_db
-        self.margin_db, self._begin = BAND_MARGIN_DB, None
+        self._start_dbfs = start_dbfs
+        self._spread_db = spread_db
+        self.margin_db = BAND_MARGIN_DB
+        self._begin = None
         self.reset()
 
     _begin: "RecordingFloor | None"
@@ -177,7 +179,8 @@ class NoiseFloor:
         self.threshold_dbfs = self._start_dbfs
         self.release_dbfs = self._start_dbfs - START_RELEASE_DB
         self.known = False
-        self._highest, self._variance = -math.inf, LEAST_DB**2
+        self._highest = -math.inf
+        self._variance = LEAST_DB**2
         self._levels = np.zeros(0)
         self._recent: deque[Floats] = deque(maxlen=5 * CELL_HOPS)
         self._hops = self._touched = 0
@@ -204,17 +207,13 @@ class NoiseFloor:
     def adopt(self, other: "NoiseFloor") -> None:
         """Take over another's floor, measured on the same microphone by the same
         rule."""
-        self.threshold_dbfs, self.release_dbfs, self.known = (
-            other.threshold_dbfs,
-            other.release_dbfs,
-            other.known,
-        )
+        self.threshold_dbfs = other.threshold_dbfs
+        self.release_dbfs = other.release_dbfs
+        self.known = other.known
         self.margin_db = other.margin_db
-        self._levels, self._highest, self._variance = (
-            other._levels.copy(),
-            other._highest,
-            other._variance,
-        )
+        self._levels = other._levels.copy()
+        self._highest = other._highest
+        self._variance = other._variance
 
     def push(
         self, level_dbfs: float, bands: Floats, *, touching: bool, loud: bool
@@ -266,7 +265,8 @@ class NoiseFloor:
         )
 
     def _learn(self, levels: Floats) -> None:
-        self._levels, self.known = np.maximum(levels, LOWEST_FLOOR_DBFS), True
+        self._levels = np.maximum(levels, LOWEST_FLOOR_DBFS)
+        self.known = True
         self._update()
 
     def _follow(self, levels: Floats, *, touching: bool, loud: bool) -> None:
@@ -405,7 +405,8 @@ def measure_floor(
     ``false_alarms`` is the wanted share of the time without contact that counts as
     contact.
     """
-    every, heard = _Thinned[float](MOST_LEVELS), _Thinned[float](MOST_LEVELS)
+    every = _Thinned[float](MOST_LEVELS)
+    heard = _Thinned[float](MOST_LEVELS)
     cells = _Cells(SPREAD_DB[rule])
     loudest = -math.inf
     for level, bands in _levels(blocks, sample_rate=sample_rate, rule=rule):
@@ -483,7 +484,8 @@ class _Thinned(Generic[Item]):
         anew."""
         self.kept = [item for item in self.kept if wanted(item)]
         if not self.kept:
-            self._seen, self.every = 0, 1
+            self._seen = 0
+            self.every = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -514,7 +516,8 @@ class _Cells:
         self._bands.append(bands)
         if len(self._levels) < FLOOR_CELL:
             return
-        mean, spread = statistics.fmean(self._levels), statistics.pstdev(self._levels)
+        mean = statistics.fmean(self._levels)
+        spread = statistics.pstdev(self._levels)
         self.quietest = min(self.quietest, mean)
         if spread <= self._spread_db:
             self._add_steady(_Cell(mean, spread, np.array(self._bands)))
@@ -560,7 +563,8 @@ def _levels(
     """Yield the level over 32 ms in dBFS a hundred times a second, and the levels of
     the bands there."""
     steps = StepLevels(rule, sample_rate=sample_rate)
-    every, covered = steps.count(1 / RATE), steps.count(FLOOR_WINDOW)
+    every = steps.count(1 / RATE)
+    covered = steps.count(FLOOR_WINDOW)
     bands = BandLevels(sample_rate, hop=every * steps.step_size)
     powers: Floats = np.zeros(0)
     levels = deque[float]()

@@ -223,7 +223,8 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
         if at >= len(message):
             raise ValueError("it ends within a number")
         byte = message[at]
-        value, at = value | (byte & 0x7F) << shift, at + 1
+        value = value | (byte & 0x7F) << shift
+        at = at + 1
         if byte < 0x80:
             return value, at
     raise ValueError(f"a number of over ten bytes at byte {at}")

@@ -48,7 +48,8 @@ class Resampler:
 
     def __init__(self, input_rate: int, output_rate: int, *, channels: int) -> None:
         common = math.gcd(input_rate, output_rate)
-        self._up, self._down = output_rate // common, input_rate // common
+        self._up = output_rate // common
+        self._down = input_rate // common
         self._kernels = design_kernels(input_rate, output_rate)
         self.reach = self._kernels.shape[1] // 2
         self._channels = channels
@@ -113,10 +114,8 @@ class Resampler:
         else:
             places = np.arange(self._returned, ready) * self._down
             starts = places // self._up - self.reach - self._first
-            windows, weights = (
-                _windows(self._kept, taps, hop=1)[:, starts],
-                self._kernels[places % self._up],
-            )
+            windows = _windows(self._kept, taps, hop=1)[:, starts]
+            weights = self._kernels[places % self._up]
         # A dot product for each sample: its rounding depends on the number of taps
         # alone. A matrix product is faster, but its rounding changes with the number of
         # rows.

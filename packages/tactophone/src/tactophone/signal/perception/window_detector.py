@@ -123,7 +123,8 @@ class WindowDetector:
             card.sample_rate / 2,
         )
         self.faults: Counter[str] = Counter()
-        self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
+        self.threshold = ContactThreshold(card.gate.threshold_dbfs)
+        self.margin_db = 0.0
         self.contact_at: Callable[[float], Contact] | None = None
         self.fit: FitCheck | None = None
         self.no_touch: NoTouchCheck | None = None
@@ -281,10 +282,8 @@ class WindowDetector:
         touch, roughness = self._decision.decide(
             probabilities, contact=loud and not faulty
         )
-        start, until = (
-            (end - self.card.window_size) / self.card.sample_rate,
-            end / self.card.sample_rate,
-        )
+        start = (end - self.card.window_size) / self.card.sample_rate
+        until = end / self.card.sample_rate
         prediction = Prediction(
             probabilities, touch, roughness, level_dbfs, start, until, faulty=faulty
         )
@@ -295,11 +294,10 @@ class WindowDetector:
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
         # The input samples that contribute to the window that ends before sample `end`
         # at the model's rate.
-        ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
-        first, last = (
-            int((end - self.card.window_size) * ratio) - reach,
-            int((end - 1) * ratio) + reach,
-        )
+        ratio = self._sample_rate / self.card.sample_rate
+        reach = self._resampler.reach
+        first = int((end - self.card.window_size) * ratio) - reach
+        last = int((end - 1) * ratio) + reach
         if self._invalid.any_between(first, last + 1):
             self.faults["sound"] += 1
             return True
