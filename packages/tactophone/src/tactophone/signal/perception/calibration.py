@@ -194,9 +194,11 @@ MARGINS_DB = tuple(np.arange(4.0, 8.5, 0.5).tolist())
 MOST_MOTION = 0.02
 """Share of the motion that may be contact."""
 
-JERKS, JERK = 6, 0.5
-"""Starts and stops of the motion that was asked for, and seconds that each may be
-contact: they sound like a touch."""
+JERKS = 6
+"""Starts and stops of the motion that was asked for."""
+
+JERK = 0.5
+"""Seconds that each start or stop may be contact: they sound like a touch."""
 
 LOW_BANDS = 6
 """Bands under 500 Hz."""

@@ -67,9 +67,11 @@ SHORTEST_GATED_TOUCH = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025,
 15:5057)."""
 
-BANDS_ON_DB, BANDS_OFF_DB = 1.15, 0.3
-"""Mean over the bands of what exceeds floor and margin that begins contact, and that
-ends it."""
+BANDS_ON_DB = 1.15
+"""Mean over the bands of what exceeds floor and margin, in dB, that begins contact."""
+
+BANDS_OFF_DB = 0.3
+"""The same mean, in dB, under which contact ends."""
 
 EARLY = 0.05
 """Seconds from the opening of the level gate in which it is trusted alone: the bands'
@@ -84,9 +86,12 @@ DISTRUST = 1.0
 """Seconds after an opening that no band confirmed in which another counts for nothing:
 motors open the level gate."""
 
-JERK, PERSISTENT = 0.5, 0.15
+JERK = 0.5
 """Seconds from a start or stop of the robot in which new contact counts only once it
-has lasted so long."""
+has persisted."""
+
+PERSISTENT = 0.15
+"""Seconds that such contact has to last before it counts."""
 
 
 @dataclass(frozen=True, slots=True)

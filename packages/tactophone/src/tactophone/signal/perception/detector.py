@@ -68,21 +68,31 @@ FADED_PAUSE = 0.08
 """As `PAUSE` (s), after a fade-out. At the turn of a stroke the silence lasts 29 ms
 (median) to 71 ms (p90)."""
 
-FADING, FADED_DB = 0.03, 12.0
-"""Sound has faded where no window of the last 30 ms was 12 dB over the threshold."""
+FADING = 0.03
+"""Seconds before a silence in which no window may have been loud if the sound has faded
+out."""
+
+FADED_DB = 12.0
+"""From so far over the threshold a window is loud, and what follows has not faded."""
 
 LANDED = 0.04
 """Seconds of a touch without rough: a landing clicks on a smooth surface too, and is
 silent afterwards."""
 
-EVIDENCE, EVIDENCE_RATE = 12.0, 10.0
-"""Evidence of smooth that ends rough within a touch: at most 12, and 10 for each second
-for which it has been rough, because rough that has lasted is likely to go on, while a
-false bump must not be prolonged."""
+EVIDENCE = 12.0
+"""Evidence of smooth that ends rough within a touch, at most."""
 
-EVIDENCE_OF_LOGIT, EVIDENCE_OF_UNKNOWN = 2.0, 0.1
-"""Evidence of a window, besides 1, for each unit by which its logit is under the
-threshold; and that of one whose sound is unknown."""
+EVIDENCE_RATE = 10.0
+"""Evidence for each second for which the touch has been rough that is enough, up to
+`EVIDENCE`: rough that has lasted is likely to go on, while a false bump must not be
+prolonged."""
+
+EVIDENCE_OF_LOGIT = 2.0
+"""Evidence of a smooth window, besides 1, for each unit by which its logit is under the
+threshold."""
+
+EVIDENCE_OF_UNKNOWN = 0.1
+"""Evidence of a window whose sound is unknown: it says little against rough."""
 
 LONG_WINDOW = 0.1
 """Seconds from which a window counts as longer than what the gate measures, 32 ms."""
@@ -222,11 +232,8 @@ class TouchDetector(PhasedDetector):
         self.latency = detector.latency
         # From here on all three share one threshold. While it follows the noise, it is
         # the gate that moves it.
-        self.threshold = (
-            gate.threshold
-            if gate and gate.threshold.follows_floor
-            else detector.threshold
-        )
+        follows = gate is not None and gate.threshold.follows_floor
+        self.threshold = gate.threshold if gate and follows else detector.threshold
         detector.threshold = self.threshold
         if gate:
             gate.threshold = self.threshold
@@ -234,9 +241,8 @@ class TouchDetector(PhasedDetector):
                 gate.microphone = AIR  # it hears what the model does
             detector.contact_at = self._contact_at
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
-        self._threshold_dbfs = (
-            self.threshold.dbfs
-        )  # as it was at the event that is being applied
+        # As it was at the event that is being applied.
+        self._threshold_dbfs = self.threshold.dbfs
         self._first = self._next = 0
         self._begin(0)
 
@@ -330,17 +336,26 @@ class TouchDetector(PhasedDetector):
             [Contact(0.0, False, threshold_dbfs=self.threshold.dbfs)]
         )
         self.state = TouchState.ABSENT
-        self._first = self._next = start
+        # Where in the stream the first sample lies, as if none had been lost, and where
+        # the next one is expected; and the first in seconds.
+        self._first = start
+        self._next = start
         self._shift = 0.0
+        # The prediction of the newest window, and the end of what was told last.
         self._newest = _NO_PREDICTION
+        self._reported_until = -math.inf
+        # What the gate last said, and since when.
         self._touching = self.gate is None
         self._since = 0.0
         self._held = False
         self._held_since = 0.0
-        self._reported_until = -math.inf
+        # Until when windows were loud, and how long the last decision survives a
+        # silence that follows.
         self._loud_until = -math.inf
         self._pause = PAUSE
-        self._against = self._rough_since = 0.0
+        # Of rough: since when it stands, and the evidence of smooth against it.
+        self._rough_since = 0.0
+        self._against = 0.0
         # The last decision of this touch.
         self._decided = Touch.SMOOTH
         self._roughness = 0.0
@@ -360,16 +375,20 @@ class TouchDetector(PhasedDetector):
             for window in predictions
         ]
         events.sort(key=lambda event: event[0])
-        found = []
+        found: list[Prediction] = []
         for _, event in events:
-            if not isinstance(event, Contact):
-                window = self._shifted(event)
-                if window.level_dbfs >= self._threshold_dbfs + FADED_DB:
-                    self._loud_until = window.end + self.latency
-                found.append(self._revise(self._persist(window)))
-            elif prediction := self._apply_contact(event):
-                found.append(prediction)
+            if isinstance(event, Contact):
+                if prediction := self._apply_contact(event):
+                    found.append(prediction)
+            else:
+                found.append(self._apply_window(self._shifted(event)))
         return found
+
+    def _apply_window(self, window: Prediction) -> Prediction:
+        """Let a window count; return what is felt of it."""
+        if window.level_dbfs >= self._threshold_dbfs + FADED_DB:
+            self._loud_until = window.end + self.latency
+        return self._revise(self._persist(window))
 
     def _persist(self, window: Prediction) -> Prediction:
         """Let rough stand until the windows of this touch are evidence enough against
@@ -383,41 +402,42 @@ class TouchDetector(PhasedDetector):
         if window.probabilities[Touch.NONE] >= rule.abstain_from:
             self._against += EVIDENCE_OF_UNKNOWN
         else:
+            # A window that is still over the threshold is evidence for rough.
             self._against = (
                 self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
             )
-        if self._against >= min(
-            EVIDENCE, EVIDENCE_RATE * (window.end - self._rough_since)
-        ):
+        rough_for = window.end - self._rough_since
+        if self._against >= min(EVIDENCE, EVIDENCE_RATE * rough_for):
             return window
         return replace(window, touch=Touch.ROUGH, roughness=self._roughness)
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
+        """Let contact change; return what is felt from then on, or nothing where it has
+        not changed and predictions come often enough."""
+        now = contact.time + self._shift
         changed = (contact.touching, contact.held) != (self._touching, self._held)
         if self.threshold.follows_floor:
             # As it was at that time, however many blocks later this is read.
             self._threshold_dbfs = contact.threshold_dbfs
         if contact.held and not self._held:
-            self._held_since = contact.time + self._shift
-            self._pause = (
-                FADED_PAUSE if self._held_since - self._loud_until >= FADING else PAUSE
-            )
+            # Silence begins: a stroke that fades out is likely to turn and go on.
+            self._held_since = now
+            faded = now - self._loud_until >= FADING
+            self._pause = FADED_PAUSE if faded else PAUSE
         self._held = contact.held
         if contact.touching is not self._touching:
+            # A touch begins or ends, and nothing of the one before counts.
             self._touching = contact.touching
-            self._since = contact.time + self._shift
+            self._since = now
             self._decided = Touch.SMOOTH
             self._roughness = 0.0
-        end = contact.time + self._shift - self.latency
+        end = now - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
         # Between two windows: the newest window's prediction, revised by contact, its
         # bounds moved up to this moment.
-        return self._revise(
-            replace(
-                self._newest, start=self._newest.start + end - self._newest.end, end=end
-            )
-        )
+        start = self._newest.start + end - self._newest.end
+        return self._revise(replace(self._newest, start=start, end=end))
 
     def _revise(self, prediction: Prediction) -> Prediction:
         """Let the states of `touch_state` decide what is felt of a prediction."""

@@ -35,15 +35,25 @@ from tactophone.core.types import AudioBlock, FloatArray, Prediction, Touch, Tou
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""
 
-BANDS, LOWEST, HIGHEST = 24, 200.0, 12_000.0
-"""Logarithmic bands, in Hz; a window of two steps resolves 200 Hz."""
+BANDS = 24
+"""Number of logarithmic bands."""
+
+LOWEST = 200.0
+"""Lower edge of the bands in Hz: what a window of two steps resolves."""
+
+HIGHEST = 12_000.0
+"""Upper edge of the bands in Hz."""
 
 EVENT_POWER_FLOOR = 1e-12
 """Power a band counts at least as, -120 dB: digital silence has no finite level."""
 
-RISE, FALL = 5.0, 15.0
-"""Speeds in dB/s at which the noise floor of a band follows its level up and down: it
-settles where one step in four is quieter, and rises by 10 dB in a stroke of 2 s."""
+RISE = 5.0
+"""Speed in dB/s at which the noise floor of a band follows its level up: by 10 dB in a
+stroke of 2 s."""
+
+FALL = 15.0
+"""Speed in dB/s at which it follows its level down: with `RISE` it settles where one
+step in four is quieter."""
 
 FLOOR_BIAS_DB = 2.0
 """A band's excess counts from so far over its floor: half way to the median of noise in
@@ -55,56 +65,92 @@ EVENT_SETTLED = 40
 EVENT_HISTORY = 200
 """Steps, half a second, of the adaptive threshold."""
 
-DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
-"""An onset's flux exceeds the median by six mean absolute deviations, and by 1.5 dB at
-least."""
+DEVIATIONS = 6.0
+"""Mean absolute deviations by which an onset's flux exceeds the median."""
 
-DECAYED_AFTER, CLASSIFIED_AFTER = 10, 32
-"""Steps, 25 ms, after an onset in which a tap decays; steps, 80 ms, in which no other
-follows."""
+LEAST_FLUX_DB = 1.5
+"""By how many dB an onset's flux exceeds the median at least."""
 
-LIKE_IT, LIKE_IT_DB = 0.2, 10.0
-"""Another rise is of the same train if it has such a share of the sharpness and comes
-to within so many dB of the peak: a finger's bounces are softer."""
+DECAYED_AFTER = 10
+"""Steps, 25 ms, after an onset in which a tap decays."""
 
-REST_FROM, REST_TO, STEADY_DB, STEADY = 52, 8, 0.8, 0.035
-"""Before an onset the excess is steady from 0.13 s to 20 ms, in which a codec smears
-the impact ahead: its deviation is under so many dB, as that of simulated noise is (0.24
-to 0.74), or under so small a share of a tap's peak, which leaves room for an echo. A
-finger hardly lifts and lands again sooner; a sliding one is not so quiet where it
-turns. On twelve surfaces a sliding steel stylus brings 1 tap in 10 min, without this
-282."""
+CLASSIFIED_AFTER = 32
+"""Steps, 80 ms, after a tap's onset in which no other rise of its kind follows."""
 
-REST_DB, LEAST_PEAK_DB = 4.0, 10.0
+LIKE_IT = 0.2
+"""Share of the sharpness from which another rise is of the same train: a finger's
+bounces are softer."""
+
+LIKE_IT_DB = 10.0
+"""How far under the peak, in dB, another rise of the same train reaches at least."""
+
+REST_FROM = 52
+"""Steps, 0.13 s, before an onset from which the excess must be steady: a finger hardly
+lifts and lands again sooner, and a sliding one is not so quiet where it turns. On
+twelve surfaces a sliding steel stylus brings 1 tap in 10 min, without this 282."""
+
+REST_TO = 8
+"""Steps, 20 ms, before an onset up to which the excess must be steady: within these a
+codec smears the impact ahead."""
+
+STEADY_DB = 0.8
+"""Deviation in dB of an excess that is steady: simulated noise has 0.24 to 0.74."""
+
+STEADY = 0.035
+"""Share of a tap's peak up to which the excess may deviate too: it leaves room for an
+echo."""
+
+REST_DB = 4.0
 """Mean excess that steady noise stays under in nine steps of ten, simulated and in a
-real room: all shares are taken over it. The least peak of a tap: simulated ones have
-13.7 dB and more, real ones 26, creeping up to 9.7."""
+real room: all shares of a peak are taken over it."""
 
-SHARP, IMPACT_DB, ATTACK, LATEST_PEAK = 0.83, 10.0, 2, 4
-"""Least share of a tap's peak that rises within an attack of two steps, or as many dB
-in them; most steps to the peak: a soft fingertip's comes within 10 ms. A codec spreads
-an impact over the 20 ms before it, so of a loud tap less than the share is one rise: in
-real ones 17 dB or more."""
+LEAST_PEAK_DB = 10.0
+"""Least peak of a tap in dB: simulated ones have 13.7 and more, real ones 26, creeping
+up to 9.7."""
 
-RINGING, DECAYED = 0.6, 3
-"""Greatest share of a tap's peak that is left in the last steps of the 25 ms: a slip
-that begins at once goes on. In a room 0.5 is left of a real tap."""
+SHARP = 0.83
+"""Least share of a tap's peak that rises within its attack."""
+
+IMPACT_DB = 10.0
+"""Rise in dB that is sharp whatever its share: a codec spreads an impact over the 20 ms
+before it, so of a loud tap less than `SHARP` is one rise, in real ones 17 dB or
+more."""
+
+ATTACK = 2
+"""Steps of a tap's attack, 5 ms."""
+
+LATEST_PEAK = 4
+"""Most steps to a tap's peak: a soft fingertip's comes within 10 ms."""
+
+RINGING = 0.6
+"""Greatest share of a tap's peak that is left when it has decayed: a slip that begins
+at once goes on. In a room 0.5 is left of a real tap."""
+
+DECAYED = 3
+"""The last steps of `DECAYED_AFTER` over which that is measured."""
 
 CLICK_STEPS = 2
 """A rise is reported as contact in its first or second step, if it is that of a tap so
 far: its peak is yet to come."""
 
-SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
-"""Steps, 40 ms, over which the median excess of the bands begins sliding, and ends
-it."""
+SLIDING = 16
+"""Steps, 40 ms, over which the median excess of the bands tells sliding."""
+
+SLIDING_ON_DB = 1.6
+"""Median excess in dB from which sliding begins."""
+
+SLIDING_OFF_DB = 0.8
+"""Median excess in dB under which sliding ends."""
 
 TURN = 48
 """Steps, 0.12 s, for which sliding must have ended before it is a lift-off: a finger
 that turns is as quiet."""
 
-QUIET_RATE, SLIDING_RATE = 0.01, 2e-4
-"""Share by which the background follows a step's level: within 0.25 s at rest, 12 s
-while sliding."""
+QUIET_RATE = 0.01
+"""Share by which the background follows a step's level at rest: within 0.25 s."""
+
+SLIDING_RATE = 2e-4
+"""Share by which it follows while sliding: within 12 s."""
 
 Floats = NDArray[np.float64]
 
@@ -297,9 +343,9 @@ class EventDetector:
         median = float(np.median(self._excess))
         # The sound of a tap is no background.
         if self._count - self._landed > CLASSIFIED_AFTER:
-            rate = max(
-                1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE
-            )
+            steady_rate = SLIDING_RATE if self._sliding else QUIET_RATE
+            # At the beginning it is the mean of all steps so far.
+            rate = max(1 / (self._count + 1), steady_rate)
             self._background = self._background + rate * (level - self._background)
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._landed > CLASSIFIED_AFTER

@@ -28,16 +28,27 @@ EDGES = np.geomspace(100, 7000, 13)
 FIT_SPACING = 3
 """Every third window is taken, one in 30 ms: they hardly overlap."""
 
-LEAST, EVERY, LONG = 15, 8, 60
-"""Windows of touch before the first verdict (0.45 s), from one to the next (0.24 s),
-and before one on noise, or on the tip while noise is unknown (1.8 s)."""
+LEAST = 15
+"""Windows of touch before the first verdict: 0.45 s."""
 
-TOUCH_MEMORY, NOISE_MEMORY = 160, 60
-"""Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
+EVERY = 8
+"""Windows of touch from one verdict to the next: 0.24 s."""
 
-RINGING, LEAST_NOISE = 10, 15
-"""Windows after a touch that are no silence yet, and those of silence from which its
-noise is known."""
+LONG = 60
+"""Windows of touch, 1.8 s, before a verdict on noise, or on the tip while noise is
+unknown."""
+
+TOUCH_MEMORY = 160
+"""Windows of touch, 4.8 s, after which the weight of one has fallen to 1/e."""
+
+NOISE_MEMORY = 60
+"""Windows of silence, 1.8 s, after which the weight of one has fallen to 1/e."""
+
+RINGING = 10
+"""Windows after a touch, 0.3 s, that are no silence yet."""
+
+LEAST_NOISE = 15
+"""Windows of silence, 0.45 s, from which its noise is known."""
 
 SILENT_DB = -115.0
 """Where the loudest band is fainter, there is no signal; digital silence has -120
@@ -47,16 +58,21 @@ MISSING_DB = 20.0
 """By how much, at least, each band over a cut-off is fainter than under the tip, beside
 the bands under it."""
 
-UNKNOWN_SHARE, UNKNOWN_MEMORY = 0.4, 300
-"""Share of a touch over which *unknown* is noticed, and windows over which it is
-measured: 3 s."""
+UNKNOWN_SHARE = 0.4
+"""Share of a touch over which *unknown* is noticed."""
+
+UNKNOWN_MEMORY = 300
+"""Windows, 3 s as every one counts here, over which that share is measured."""
 
 LEAST_BANDS = 3
 """Bands under a cut-off."""
 
-AUDIBLE_DB, AUDIBLE_SHARE = 3.0, 0.4
-"""Noise hides a touch that is 3 dB louder in less than this share of the bands.
-Simulated touches have 0.42 or more in a quiet room, soft rubber the least."""
+AUDIBLE_DB = 3.0
+"""From so far over the noise a band of a touch can be heard."""
+
+AUDIBLE_SHARE = 0.4
+"""Noise hides a touch that can be heard in less than this share of the bands. Simulated
+touches have 0.42 or more in a quiet room, soft rubber the least."""
 
 RANGE_DB = 40.0
 """So far under a channel's loudest band, levels are not told apart."""
@@ -252,7 +268,9 @@ class FitCheck:
         )
 
     def _microphones(self) -> str:
-        return "both" if self._heard().sum() > 1 else "air" if self._air else "contact"
+        if self._heard().sum() > 1:
+            return "both"
+        return "air" if self._air else "contact"
 
     def _cut_off(self) -> float:
         """Return the frequency over which each channel lacks what touch has under this

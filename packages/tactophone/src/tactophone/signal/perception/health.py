@@ -55,9 +55,12 @@ FAULT_CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single
 peaks of hard strokes."""
 
-_LOUD, _LARGEST = 0.1, 4
-"""Neighbours equal over the first are against a rail, but not in quiet sound of few
-bits; the second is a limit."""
+_LOUD = 0.1
+"""From here equal neighbours are flat against a rail: in quiet sound of few bits they
+are common."""
+
+_LARGEST = 4
+"""Samples are limited to so many times full scale before they are measured."""
 
 
 class ChannelStatistics(msgspec.Struct, frozen=True):

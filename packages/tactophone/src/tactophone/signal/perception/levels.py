@@ -234,13 +234,24 @@ class StepLevels:
         return self._views[steps]
 
 
-BANDS, LOWEST_BAND, HIGHEST_BAND = 16, 100.0, 8000.0
-"""Logarithmic bands of `BandLevels`, in Hz. From 250 Hz, 4 % less of a soft rubber
-tip's touch is found; up to 4 kHz only, motors pass for touch."""
+BANDS = 16
+"""Number of the logarithmic bands of `BandLevels`."""
 
-BANDS_WINDOW, BANDS_HOP, BANDS_RATE = 0.064, 0.005, 16_000
-"""Seconds that a band's level covers, and about the seconds to the next; Hz that the
-sound is averaged down to."""
+LOWEST_BAND = 100.0
+"""Lower edge of the bands in Hz: from 250 Hz, 4 % less of a soft rubber tip's touch is
+found."""
+
+HIGHEST_BAND = 8000.0
+"""Upper edge of the bands in Hz: up to 4 kHz only, motors pass for touch."""
+
+BANDS_WINDOW = 0.064
+"""Seconds that a band's level covers."""
+
+BANDS_HOP = 0.005
+"""About the seconds from one level of a band to the next: a whole number of steps."""
+
+BANDS_RATE = 16_000
+"""Hz that the sound is averaged down to for the bands."""
 
 MOST_HOPS = 64
 """Hops of a longer block whose bands are measured at once."""
@@ -330,9 +341,11 @@ class BandLevels:
         )
 
 
-FAST, SLOW = 0.004, 0.032
-"""Seconds that the two levels of `LevelMeter` cover: half a period of 125 Hz, and a
-period of 31 Hz."""
+FAST = 0.004
+"""Seconds that the short level of `LevelMeter` covers: half a period of 125 Hz."""
+
+SLOW = 0.032
+"""Seconds that the long level of `LevelMeter` covers: a period of 31 Hz."""
 
 MOST_STEPS = 64
 """Steps of a longer block that are taken at once."""
@@ -354,7 +367,8 @@ class LevelMeter:
     ) -> None:
         self.settings = rule, sample_rate, bands
         self.steps = StepLevels(rule, sample_rate=sample_rate, count=count)
-        self._slow, fast = self.steps.count(SLOW), self.steps.count(FAST)
+        self._slow = self.steps.count(SLOW)
+        fast = self.steps.count(FAST)
         hop = self.steps.count(BANDS_HOP) * self.steps.step_size
         self._bands = BandLevels(sample_rate, hop=hop, count=count) if bands else None
         # Powers of the steps that the slow level covers, then of new ones.
@@ -363,18 +377,14 @@ class LevelMeter:
             self._powers[:, 1:], self._slow, axis=1
         )
         self._fast_windows = self._slow_windows[:, :, -fast:]
-        self._slow_weights, self._fast_weights = (
-            np.full(self._slow, 1 / self._slow),
-            np.full(fast, 1 / fast),
-        )
+        self._slow_weights = np.full(self._slow, 1 / self._slow)
+        self._fast_weights = np.full(fast, 1 / fast)
         self.reset()
 
     def reset(self) -> None:
         count = len(self._powers)
-        self.slow, self.fast = (
-            [list[float]() for _ in range(count)],
-            [list[float]() for _ in range(count)],
-        )
+        self.slow: list[list[float]] = [[] for _ in range(count)]
+        self.fast: list[list[float]] = [[] for _ in range(count)]
         self.bands: list[list[NDArray[np.float64]]] = [[] for _ in range(count)]
         self.ahead = 0
         self.steps.reset()

@@ -44,14 +44,25 @@ if TYPE_CHECKING:
 FORMAT_VERSION = 2
 CARD_KEY = "tactophone.card"
 
-SOUND, CONTACT_INPUT, STATE = "sound", "contact", "state"
-"""Inputs: a window of each finger, ``(fingers, channels, samples)``; of graphs that
-remember a touch, also whether the finger touches (0 or 1), ``(fingers,)``, and the
-state, in double precision, ``(fingers, size)``: zeros at the start."""
+SOUND = "sound"
+"""Input: a window of each finger, ``(fingers, channels, samples)``."""
 
-LOG_PROBABILITIES, FEATURES, STATE_OUT = "log_probabilities", "features", "state_out"
-"""Outputs: of none, smooth and rough, ``(fingers, 3)``; what the classifier takes,
-``(fingers, features)``; the state for the next window."""
+CONTACT_INPUT = "contact"
+"""Input of graphs that remember a touch: whether the finger touches, 0 or 1,
+``(fingers,)``."""
+
+STATE = "state"
+"""Input of such graphs: what they remember, in double precision, ``(fingers, size)``;
+zeros at the start."""
+
+LOG_PROBABILITIES = "log_probabilities"
+"""Output: of none, smooth and rough, ``(fingers, 3)``."""
+
+FEATURES = "features"
+"""Output: what the classifier takes, ``(fingers, features)``."""
+
+STATE_OUT = "state_out"
+"""Output of graphs that remember a touch: the state for the next window."""
 
 KINDS = ("paper", "texture", "cues")
 """Of features: see :mod:`tactophone_lab.training.features`."""
@@ -196,10 +207,8 @@ class ModelCard:
             raise ValueError(
                 f"entries that this version does not know: {', '.join(sorted(unknown))}"
             )
-        entries["gate"], entries["decision"] = (
-            Gate(**entries["gate"]),
-            DecisionRule(**entries["decision"]),
-        )
+        entries["gate"] = Gate(**entries["gate"])
+        entries["decision"] = DecisionRule(**entries["decision"])
         try:
             card = msgspec.convert(
                 entries, cls, dec_hook=_fraction, from_attributes=True
@@ -384,7 +393,7 @@ _FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 def _fraction(kind: type, value: Any) -> Fraction:
     # Checked as text first: the fraction of 1e99999999 would take all memory.
-    text = value if isinstance(value, str) else str(value) if type(value) is int else ""
+    text = str(value) if isinstance(value, str) or type(value) is int else ""
     if not _FRACTION.fullmatch(text):
         raise ValueError("wanted a fraction, such as 64/3")
     return Fraction(text)

@@ -16,13 +16,17 @@ from tactophone.core.types import FloatArray, Touch
 SCORE_LIMIT = 4.0
 """Greatest score of a window for or against: no single one decides."""
 
-NOTICE_MEMORY, END_MEMORY = 40, 200
-"""Windows of sound after which the weight of one has fallen to 1/e, before a notice
-(0.4 s) and during one (2 s)."""
+NOTICE_MEMORY = 40
+"""Windows, 0.4 s, after which the weight of one has fallen to 1/e, before a notice."""
 
-NOTICE_FROM, END_UNDER = -1.5, -3.0
-"""Mean scores of rough windows from which it is noticed, and of all under which that
-ends; touch is near -4."""
+END_MEMORY = 200
+"""Windows, 2 s, after which it has during a notice."""
+
+NOTICE_FROM = -1.5
+"""Mean score of rough windows from which it is noticed; touch is near -4."""
+
+END_UNDER = -3.0
+"""Mean score of all windows under which a notice ends."""
 
 NO_TOUCH_TEXT = (
     "this sounds like speech, rain or typing, not like touch, so rough is not "
@@ -57,13 +61,13 @@ class NoTouchCheck:
         rough = probabilities[Touch.ROUGH] > probabilities[Touch.SMOOTH]
         if not (loud and (rough or self.noticed) and np.isfinite(features).all()):
             return self.noticed
-        score = min(
-            max(float(features @ self._weights) + self._bias, -SCORE_LIMIT), SCORE_LIMIT
-        )
-        self._mean += (score - self._mean) / (
-            END_MEMORY if self.noticed else NOTICE_MEMORY
-        )
-        self.noticed = self._mean >= (END_UNDER if self.noticed else NOTICE_FROM)
+        evidence = float(features @ self._weights) + self._bias
+        score = min(max(evidence, -SCORE_LIMIT), SCORE_LIMIT)
+        # A notice comes soon and goes late.
+        memory = END_MEMORY if self.noticed else NOTICE_MEMORY
+        limit = END_UNDER if self.noticed else NOTICE_FROM
+        self._mean += (score - self._mean) / memory
+        self.noticed = self._mean >= limit
         return self.noticed or score > 0
 
 

@@ -93,8 +93,14 @@ evenly, an arm may."""
 KNOWN_AGAIN = 1.0
 """The same where the floor has been as high before."""
 
-FALL, RISE, RISE_TOUCHED = 10.0, 2.0, 0.2
-"""Most that the floor moves in dB/s: down, up, and up while touching."""
+FALL = 10.0
+"""Most that the floor moves down, in dB/s."""
+
+RISE = 2.0
+"""Most that the floor moves up without a touch, in dB/s."""
+
+RISE_TOUCHED = 0.2
+"""Most that the floor moves up during a touch, in dB/s."""
 
 APPROACH = 0.05
 """Share of the difference to its level that the floor moves in a hop, within those
@@ -121,9 +127,12 @@ LOWEST_FLOOR_DBFS = -125.0
 SAME_DB = 2.0
 """Noise that is so little over a floor remembered may be that noise again."""
 
-LEAST_DB, MOST_DB = 0.3, 2.5
-"""Bounds of the noise's standard deviation, or a few odd cells would make the margin
+LEAST_DB = 0.3
+"""Least standard deviation of the noise: a few odd cells would make the margin
 useless."""
+
+MOST_DB = 2.5
+"""Greatest standard deviation of the noise, for the same reason."""
 
 HEAVY_TAIL = 10.0
 """How many times as often as gamma noise real noise with hum, motors and a room exceeds
@@ -132,9 +141,11 @@ a level."""
 FLOOR_DRIFT_DB = 0.5
 """Noise floors change by as much from one minute to the next."""
 
-LOWEST_DBFS, HIGHEST_DBFS = -90.0, -12.0
-"""Bounds of the threshold: under the noise of good converters, and where no touch could
-be louder than noise."""
+LOWEST_DBFS = -90.0
+"""Lowest threshold: under the noise of good converters."""
+
+HIGHEST_DBFS = -12.0
+"""Highest threshold: over it no touch could be louder than noise."""
 
 FLOOR_SILENT_DBFS = -120.0
 """Level under which there is no microphone: the last bit of 16 is at -98 dBFS."""
@@ -179,11 +190,15 @@ class NoiseFloor:
         self.threshold_dbfs = self._start_dbfs
         self.release_dbfs = self._start_dbfs - START_RELEASE_DB
         self.known = False
+        # The highest floor that is remembered, and the variance of the noise.
         self._highest = -math.inf
         self._variance = LEAST_DB**2
+        # The floor: of each band, and last of the gate's level.
         self._levels = np.zeros(0)
         self._recent: deque[Floats] = deque(maxlen=5 * CELL_HOPS)
-        self._hops = self._touched = 0
+        # Hops of sound so far, and those since contact began.
+        self._hops = 0
+        self._touched = 0
         if self._begin:
             self.begin(self._begin)
 
@@ -191,11 +206,9 @@ class NoiseFloor:
         """Begin at the floor of a recording, now and after each reset."""
         self._begin = recording
         if recording.known:
-            self._learn(
-                np.append(
-                    recording.bands_dbfs, recording.floor_dbfs - recording.spread_db
-                )
-            )
+            # The floor of a level lies a standard deviation under its mean.
+            gate_floor = recording.floor_dbfs - recording.spread_db
+            self._learn(np.append(recording.bands_dbfs, gate_floor))
             self._variance = recording.spread_db**2
             self._update()
 
@@ -228,41 +241,41 @@ class NoiseFloor:
             self._touched = 0
             return
         levels = np.empty(len(bands) + 1)
-        levels[:-1], levels[-1] = bands, level_dbfs
+        levels[:-1] = bands
+        levels[-1] = level_dbfs
         self._recent.append(levels)
         self._hops += 1
         if not self.known:
             if len(self._recent) >= START_HOPS and self._hops % CELL_HOPS == 0:
-                start = np.array(self._recent)[-START_HOPS:, -1]
-                if start.std() <= self._spread_db:
-                    self._variance = _bounded(float(start.var()))
-                    self._learn(
-                        np.quantile(
-                            np.array(self._recent)[-START_HOPS:], QUIETER, axis=0
-                        )
-                    )
+                self._find_start()
             return
         self._touched = self._touched + 1 if touching or loud else 0
+        # Contact that is too long and steady is noise, and its floor is learnt anew.
         if self._touched and self._touched % CELL_HOPS == 0 and self._is_noise():
             self._learn(np.quantile(self._recent, QUIETER, axis=0))
             self._touched = 0
         self._follow(levels, touching=touching, loud=loud)
+
+    def _find_start(self) -> None:
+        """Take the newest levels as the floor, if they are steady."""
+        newest = np.array(self._recent)[-START_HOPS:]
+        levels = newest[:, -1]
+        if levels.std() <= self._spread_db:
+            self._variance = _bounded(float(levels.var()))
+            self._learn(np.quantile(newest, QUIETER, axis=0))
 
     def _is_noise(self) -> bool:
         """Whether contact is so long and steady that it is none."""
         if len(self._recent) < 5 * CELL_HOPS:
             return False
         means = np.array(self._recent).reshape(5, CELL_HOPS, -1).mean(axis=1)
-        enough = (
-            KNOWN_AGAIN
-            if means[:, -1].mean() < self._highest + SAME_DB
-            else LONGEST_TOUCH
-        )
-        waited = self._touched * BANDS_HOP >= enough
-        return waited and bool(
-            np.median(means.std(axis=0)) <= STEADY_DB
-            and means[:, -1].std() <= STEADY_DB
-        )
+        gate_means = means[:, -1]
+        known_again = gate_means.mean() < self._highest + SAME_DB
+        enough = KNOWN_AGAIN if known_again else LONGEST_TOUCH
+        if self._touched * BANDS_HOP < enough:
+            return False
+        median_band = np.median(means.std(axis=0))
+        return bool(median_band <= STEADY_DB and gate_means.std() <= STEADY_DB)
 
     def _learn(self, levels: Floats) -> None:
         self._levels = np.maximum(levels, LOWEST_FLOOR_DBFS)
@@ -274,11 +287,10 @@ class NoiseFloor:
         nothing is quieter than silence."""
         away = levels - self._levels
         over = float(away[-1])
+        rise = RISE_TOUCHED if touching else RISE
         # Not `np.clip`, which takes three times as long for so few.
-        move = np.minimum(
-            np.maximum(APPROACH * away, -FALL * BANDS_HOP),
-            (RISE_TOUCHED if touching else RISE) * BANDS_HOP,
-        )
+        move = np.maximum(APPROACH * away, -FALL * BANDS_HOP)
+        move = np.minimum(move, rise * BANDS_HOP)
         if loud:
             move[-1] = min(move[-1], RISE_TOUCHED * BANDS_HOP)
         self._levels = np.maximum(self._levels + move, LOWEST_FLOOR_DBFS)
@@ -334,10 +346,13 @@ SAME_FLOOR_DB = 2.0
 LEAST_CELLS = 2
 """Steady cells (0.2 s each) that show a floor: strokes have single ones too."""
 
-UNDER_DB, MOST_UNDER = 3.0, 0.02
-"""Nothing is quieter than silence: the share of levels that may lie so far under the
-floor. Of steady simulated noise none does; a stroke that was steady for a moment has
-quieter ones before and after."""
+UNDER_DB = 3.0
+"""From so far under the floor a level counts against it: nothing is quieter than
+silence."""
+
+MOST_UNDER = 0.02
+"""Share of levels that may lie so far under the floor: of steady simulated noise none
+does; a stroke that was steady for a moment has quieter ones before and after."""
 
 FLOOR_FADE = 10
 """Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter

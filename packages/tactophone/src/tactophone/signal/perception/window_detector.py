@@ -117,11 +117,9 @@ class WindowDetector:
                 f"model {card.name} is of kind {card.kind}, but this version runs "
                 f"{', '.join(KINDS)}; update Tactophone"
             )
-        self.name, self.hop, self.bandwidth = (
-            card.name,
-            float(card.hop / card.sample_rate),
-            card.sample_rate / 2,
-        )
+        self.name = card.name
+        self.hop = float(card.hop / card.sample_rate)
+        self.bandwidth = card.sample_rate / 2
         self.faults: Counter[str] = Counter()
         self.threshold = ContactThreshold(card.gate.threshold_dbfs)
         self.margin_db = 0.0
@@ -279,9 +277,8 @@ class WindowDetector:
             probabilities = CERTAINLY_NONE
         if self.fit and loud:
             self.fit.hear(probabilities)
-        touch, roughness = self._decision.decide(
-            probabilities, contact=loud and not faulty
-        )
+        contact = loud and not faulty
+        touch, roughness = self._decision.decide(probabilities, contact=contact)
         start = (end - self.card.window_size) / self.card.sample_rate
         until = end / self.card.sample_rate
         prediction = Prediction(
