@@ -33,6 +33,13 @@ class Live:
         self._moving = False
         self._error: BaseException | None = None
 
+    def __repr__(self) -> str:
+        thread = self._thread
+        running = thread is not None and thread.is_alive()
+        state = "running" if running else "not started or ended"
+        source = type(self._source).__name__
+        return f"<Live: {source} at {self._source.sample_rate} Hz, {state}>"
+
     def __iter__(self) -> Iterator[PipelineStep]:
         if isinstance(self._source, Rehearsed):
             self._source.rehearse()
@@ -121,10 +128,18 @@ def open_live(
         ``portaudio:DEVICE``, ``microphone``, ``file:RECORDING`` or ``ros:/TOPIC``; or a
         `Source`.
     model
-        As for `open_pipeline`, like the parameters after it.
+        As for `open_pipeline`.
+    profile
+        Name of a rendering profile.
+    events
+        Detect touch events (taps, strokes, slips); the profile ``events`` always does.
+    tip
+        Tip that touches, one of `tactophone.core.tips.TIP_NAMES`.
     calibration
         File that ``tactophone check`` wrote for this finger; empty: none. One of
         another number of microphones is not used.
+    check_microphones
+        As for `open_pipeline`.
 
     Raises
     ------

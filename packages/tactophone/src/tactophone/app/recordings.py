@@ -6,16 +6,21 @@ A recording is read before it is processed: what is wrong with its sound is corr
 from there as in a live run.
 """
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
+import numpy as np
+
+from tactophone.app.notebook import can_draw, cell
 from tactophone.app.prepare import Preparation, PreparedSource
 from tactophone.app.sources import recorded
 from tactophone.core.errors import ConfigError
 from tactophone.core.hand import each_finger
+from tactophone.core.microphones import CONTACT
 from tactophone.core.recordings.read import find_recording
 from tactophone.core.settings import FingerSettings, Settings
 from tactophone.core.tips import DEFAULT_TIP
@@ -47,7 +52,11 @@ Sound = str | os.PathLike[str] | BinaryIO | SupportsArray
 """What can be opened: a path, a file open for reading bytes, or an array."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+LEAST_POWER = 1e-12
+"""Least power that is drawn, -120 dB of full scale: digital silence has no level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class OpenRecording:
     """A recording, corrected, and the pipeline that was opened for it; made by
     `open_recording`.
@@ -81,6 +90,37 @@ class OpenRecording:
     _notes: list[str]
     _known: dict[str, str]
     _misfits: dict[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        name = self.path.name if self.path else "sound without a path"
+        model = self.card.name if self.card else "a detector of its own"
+        return (
+            f"<OpenRecording: {name}, {self.duration:.1f} s, "
+            f"{self.channels} channels at {self.sound.sample_rate} Hz, {model}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the line above, and the level of the contact
+        microphone over time if it can be drawn."""
+        return cell(repr(self), self._level_plot() if can_draw() else None)
+
+    def _level_plot(self) -> Any:
+        from matplotlib.figure import Figure
+
+        times: list[float] = []
+        levels: list[float] = []
+        with self.sound as sound:
+            for block in sound:
+                contact = block.samples[:, CONTACT].astype(float)
+                power = max(float(np.mean(contact**2)), LEAST_POWER)
+                times.append(block.end / block.sample_rate)
+                levels.append(10 * math.log10(power))
+        figure = Figure(figsize=(9, 2.5), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(times, levels, linewidth=1)
+        axes.set_ylabel("level, dBFS")
+        axes.set_xlabel("time, s")
+        return figure
 
     @property
     def duration(self) -> float:
@@ -141,9 +181,20 @@ def open_recording(
         An array is NumPy's, or anything that NumPy makes one of, such as a tensor:
         floats in [-1, 1], or integers of 16 or 32 bits.
     model
-        As for `open_pipeline`, like the parameters after it.
+        As for `open_pipeline`.
     sample_rate
         Of an array, in Hz.
+    profile
+        Name of a rendering profile.
+    limits
+        Bounds of the commands; by default a ceiling of half of full drive.
+    contact
+        What decides on contact: ``bands``, ``level`` or ``window``, as for
+        `open_pipeline`.
+    events
+        Detect touch events (taps, strokes, slips); the profile ``events`` always does.
+    tip
+        Tip that touches, one of `tactophone.core.tips.TIP_NAMES`.
     threshold_dbfs
         Level from which there is contact, in dB of full scale; by default just over the
         recording's noise floor.

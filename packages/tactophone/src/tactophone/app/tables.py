@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.app.notebook import can_draw, cell
 from tactophone.app.recordings import Sound, open_recording
 from tactophone.core import extras
 from tactophone.core.errors import ConfigError, did_you_mean
@@ -52,6 +53,11 @@ class Table:
     def __repr__(self) -> str:
         end = self.predictions[-1].end if self.predictions else 0.0
         return f"<Table of {len(self)} predictions up to {end:.1f} s>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the line above, and the picture if it can be drawn."""
+        drawn = self.plot() if can_draw() and self.predictions else None
+        return cell(repr(self), drawn)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return one number of each prediction; names as in the CSV file, such as
@@ -150,8 +156,27 @@ def classify(
 
     Parameters
     ----------
-    sound, model, sample_rate, profile, events, tip, threshold_dbfs
-        As for `open_recording`, which also says what it raises.
+    sound
+        A WAV or FLAC file, an open file, or an array of samples; channel 0 is the
+        contact microphone.
+    model
+        A shipped model's name, or a model file; empty: the one for ``tip``.
+    sample_rate
+        Of an array, in Hz; a file knows its own.
+    profile
+        How predictions become vibration.
+    events
+        Whether to find touch events too, such as a tap.
+    tip
+        The kind of fingertip that was recorded.
+    threshold_dbfs
+        Level from which there is contact, in dB of full scale; by default just over the
+        recording's noise floor.
+
+    Raises
+    ------
+    TactophoneError
+        As `open_recording` does.
     """
     recording = open_recording(
         sound,

@@ -195,6 +195,8 @@ def jack_source(
         above; an empty air port is silence.
     server
         The JACK server's name; empty for the default one.
+    name
+        Of our client, as a patch bay shows it.
     """
     # The client's own ports, each with the port that it is connected to.
     targets = dict[str, str]()
