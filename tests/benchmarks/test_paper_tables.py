@@ -233,10 +233,13 @@ def test_fine_tuned_trains_on_fewer_objects_and_a_stone_of_the_competition() -> 
 
     takes = tuple(take(number, Touch(1 + number % 2), "train") for number in range(20))
     takes += (take(20, Touch.ROUGH, ""), take(21, Touch.SMOOTH, "test"))
+    sample = replace(take(0, Touch.SMOOTH, ""), surface="competition", session="sample")
+    takes += (sample,)
     assert len(training_takes(takes, "paper/general")[0]) == 20
     chosen, with_kin = training_takes(takes, FINE_TUNED)
     assert {recording.surface for recording in chosen} == {
-        f"object {number}" for number in range(10, 21)
+        "competition",
+        *(f"object {number}" for number in range(10, 21)),
     }
     assert with_kin
 
@@ -304,7 +307,7 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
         IN_CONTACT_DAYS: Estimate(0.642, math.nan, math.nan),
         IN_CONTACT_TEST: Estimate(0.127, math.nan, math.nan),
     }
-    rows = [TableRow("paper/fine-tuned (tuned on rough stone 20)", shares)]
+    rows = [TableRow("paper/fine-tuned (tuned on their stones)", shares)]
     show(rows, paper_parts("Table II", rows), as_json=False)
     shown = capsys.readouterr().out
     assert shown.count("0.723") == shown.count(".61-1.00") == len(TWO_COLUMNS)

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactophone.core.recordings.layouts import read_authors
 from tactophone.core.types import Touch
 from tactophone_lab.simulation.competition import (
     TASKS,
@@ -36,7 +37,17 @@ def test_days_and_runs_differ() -> None:
 
 def test_finals_hold_one_label_each(tmp_path: Path) -> None:
     paths = write_finals(tmp_path, [CompetitionRun(1, 1)])
-    assert [path.name for path in paths] == ["day_1_smooth.wav", "day_1_rough.wav"]
+    assert [path.name for path in paths] == [
+        "sample_smooth.wav",
+        "sample_rough.wav",
+        "day_1_smooth.wav",
+        "day_1_rough.wav",
+    ]
+    dataset = read_authors(tmp_path)
+    assert not dataset.problems
+    samples = [take for take in dataset.recordings if take.session == "sample"]
+    assert {take.label for take in samples} == {Touch.SMOOTH, Touch.ROUGH}
+    assert {take.known("split") for take in samples} == {""}
 
 
 def test_stones_are_three_smooth_and_two_rough() -> None:

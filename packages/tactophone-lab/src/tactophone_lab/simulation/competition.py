@@ -28,6 +28,10 @@ COMPETITION_VERSION = "2"
 """Raise it when the same seed gives other sound."""
 
 DAYS = (1, 2)
+
+SAMPLE_DAY = 0
+"""A day before the competition, with a set-up of its own: samples of the stones, on
+which the paper's fine-tuned model has trained."""
 """Numbers of the competition's days."""
 
 _START = (-0.05, 0.035)
@@ -192,15 +196,17 @@ def write_finals(
     folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
 ) -> list[Path]:
     """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and
-    ``..._rough.wav``."""
+    ``..._rough.wav``; and samples of the stones, ``sample_smooth.wav`` and so on."""
     written = []
+    runs = [replace(runs[0], day=SAMPLE_DAY, number=1), *runs]
     for day in sorted({run.day for run in runs}):
         rendered = [render_run(run) for run in runs if run.day == day]
         for label in SURFACE_LABELS:
             sound = np.concatenate(
                 [samples[truth.touch == label] for samples, truth in rendered]
             )
-            path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
+            name = "sample" if day == SAMPLE_DAY else f"day_{day}"
+            path = folder / "finals_recordings" / f"{name}_{label.name.lower()}.wav"
             write_sound(
                 path,
                 sound,

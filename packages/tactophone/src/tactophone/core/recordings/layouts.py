@@ -52,6 +52,9 @@ one side."""
 STEREO = Path("opus", "stereo")
 """The authors' folder of recordings of objects."""
 
+SAMPLE = "sample"
+"""Session of a sample of the competition's stones."""
+
 FINALS = Path("finals_recordings")
 """The authors' folder of recordings at the competition."""
 
@@ -65,7 +68,9 @@ TAKE_PRESSURES: Mapping[str, str] = {
 _OBJECT = re.compile(
     r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)"
 )
-_FINAL = re.compile(r"day_(?P<day>\d)_(?P<label>smooth|rough)")
+_FINAL = re.compile(r"(?:day_(?P<day>\d)|sample)_(?P<label>smooth|rough)")
+"""A day's run, or a sample of the competition's stones, which the fine-tuned model may
+train on. The authors' own data have no file of that name; simulated ones do."""
 _COLUMNS = (
     "file",
     "surface",
@@ -207,14 +212,16 @@ def _object(path: Path, match: re.Match[str]) -> Recording:
 
 def _final(path: Path, match: re.Match[str]) -> Recording:
     surface = f"competition {match['label']}"
+    day = match["day"]
+    properties = {"kin": surface, "tip": DEFAULT_TIP}
     return Recording(
         path,
         surface,
         LABEL_NAMES[match["label"]],
         MICROPHONES,
         scenario="competition",
-        session=f"day {match['day']}",
-        properties={"split": "competition", "kin": surface, "tip": DEFAULT_TIP},
+        session=f"day {day}" if day else SAMPLE,
+        properties={"split": "competition", **properties} if day else properties,
     )
 
 
