@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactophone import ConfigError, HapticCommand
+from tactophone import ConfigError, HapticCommand, TactophoneError
 from tactophone.live.telemetry.timeline import read_timeline
 
 LOWEST_HZ = 35.0
@@ -58,6 +58,8 @@ def envelope(
     """Return the points of a stream of at least ``duration`` s, from time 0, each
     command held until the next."""
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
+    # In whole steps, as that is what the formats keep: no two points have one time.
+    newest = 0
     for command in commands:
         _, amplitude, frequency = points[-1]
         target = (
@@ -70,12 +72,13 @@ def envelope(
             target = (0.0, frequency)  # a silence has no frequency of its own
             if amplitude == 0.0:
                 continue
-        time = max(command.time, points[-1][0] + _STEP)
-        if time - _STEP > points[-1][0]:
-            points.append((time - _STEP, amplitude, frequency))
-        points.append((time, *target))
-    end = max(duration, points[-1][0] + _STEP)
-    return [*points, (end, points[-1][1], points[-1][2])]
+        step = max(round(command.time / _STEP), newest + 1)
+        if step - 1 > newest:
+            points.append(((step - 1) * _STEP, amplitude, frequency))
+        points.append((step * _STEP, *target))
+        newest = step
+    end = max(round(duration / _STEP), newest + 1)
+    return [*points, (end * _STEP, points[-1][1], points[-1][2])]
 
 
 def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
@@ -253,15 +256,22 @@ def _relative(hertz: float) -> float:
 
 
 def main() -> None:
-    timeline = read_timeline(Path(sys.argv[1]))
+    if len(sys.argv) != 3:
+        raise SystemExit("usage: python examples/haptic_files.py TIMELINE.csv OUT")
+    try:
+        write(Path(sys.argv[1]), Path(sys.argv[2]))
+    except (TactophoneError, OSError) as error:
+        raise SystemExit(f"haptic_files: {error}") from None
+
+
+def write(source: Path, target: Path) -> None:
+    """Write the commands of a timeline as a haptic file, and print its name."""
+    timeline = read_timeline(source)
     rows = zip(
         timeline["amplitude"], timeline["frequency"], timeline["time"], strict=True
     )
-    print(
-        write_haptic_file(
-            Path(sys.argv[2]), [HapticCommand(*map(float, row)) for row in rows]
-        )
-    )
+    commands = [HapticCommand(*map(float, row)) for row in rows]
+    print(write_haptic_file(target, commands))
 
 
 if __name__ == "__main__":

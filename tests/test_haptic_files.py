@@ -1,6 +1,8 @@
 import json
 import math
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -160,3 +162,24 @@ def test_hjif_holds_what_mpegs_reference_loader_asks_for() -> None:
             assert all(isinstance(number, int) for number in whole)
             assert np.all(np.diff([frame["relative_position"] for frame in frames]) > 0)
     assert content["timescale"] <= 48_000
+
+
+def test_no_two_points_of_an_envelope_have_one_time() -> None:
+    dice = np.random.default_rng(0)
+    times = np.cumsum(dice.exponential(0.004, 3000))
+    commands = [
+        HapticCommand(float(level), 120.0, float(time))
+        for level, time in zip(dice.uniform(0, 1, 3000), times, strict=True)
+    ]
+    content = haptic_files.encode_haptic(haptic_files.envelope(commands))
+    envelopes = content["signals"]["continuous"]["envelopes"]
+    written = [point["time"] for point in envelopes["amplitude"]]
+    assert np.diff(written).min() > 0
+
+
+def test_a_missing_timeline_is_one_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, haptic_files.__file__, "none.csv", "out.haptic"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "none.csv" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -1,7 +1,7 @@
 """A LeRobot plug-in: a robot whose observation holds the newest values of its
 fingertip.
 
-LeRobot records them as scalars of ``observation.state``; `tactophone export lerobot`
+LeRobot records them as scalars of ``observation.state``; `tactophone export-lerobot`
 adds every prediction afterwards. LeRobot finds the robot by importing this package.
 """
 
@@ -12,14 +12,42 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from tactophone import Prediction, Touch
 from tactophone.live.log.reader import Passed, PredictionReader
 
 FRESH = 0.1
 """Seconds after which a value is no longer that of this moment: a run that ends leaves
 no frozen touch."""
 
-NOTHING = {"touch": 0.0, "roughness": 0.0, "level_dbfs": -200.0, "amplitude": 0.0}
+NOTHING = {
+    "touch": 0.0,
+    "contact": 0.0,
+    "slip": 0.0,
+    "roughness": 0.0,
+    "level_dbfs": -200.0,
+    "amplitude": 0.0,
+}
 """The values of no contact and of silence."""
+
+QUIETEST_SLIP_DBFS = -90.0
+"""Level of the contact microphone at which the slip magnitude is 0. As in the picture
+of ``lerobot_camera_tactophone``, where it is black."""
+
+LOUDEST_SLIP_DBFS = -10.0
+"""Level at which the slip magnitude is 1."""
+
+
+def slip_magnitude(prediction: Prediction) -> float:
+    """Return how strongly the fingertip slides, 0 to 1; 0 without contact.
+
+    A contact microphone hears sliding, and neither force nor a touch at rest. So this
+    is the level of what it hears, on a scale of decibels: it grows with speed, force
+    and roughness alike, and no two fingers or surfaces share its unit.
+    """
+    if prediction.touch == Touch.NONE:
+        return 0.0
+    scale = LOUDEST_SLIP_DBFS - QUIETEST_SLIP_DBFS
+    return min(max((prediction.level_dbfs - QUIETEST_SLIP_DBFS) / scale, 0.0), 1.0)
 
 
 class Felt:
@@ -46,8 +74,14 @@ class Felt:
             return dict(NOTHING)
         found = newest.prediction
         level = max(found.level_dbfs, NOTHING["level_dbfs"])
-        values = float(found.touch), found.roughness, level, newest.command.amplitude
-        return dict(zip(NOTHING, values, strict=True))
+        return {
+            "touch": float(found.touch),
+            "contact": float(found.touch != Touch.NONE),
+            "slip": slip_magnitude(found),
+            "roughness": found.roughness,
+            "level_dbfs": level,
+            "amplitude": newest.command.amplitude,
+        }
 
 
 with suppress(ModuleNotFoundError):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lerobot_robot_tactophone import NOTHING, Felt
+from lerobot_robot_tactophone import NOTHING, Felt, slip_magnitude
 
 from tactophone import HapticCommand, Prediction, TactophoneError, Touch
 from tactophone.live.log.reader import Passed
@@ -33,10 +33,30 @@ def test_the_newest_values_of_the_finger_are_read() -> None:
     felt = Felt("none", "index", read=lambda: arrived, clock=lambda: 10.0)
     assert felt.values() == {
         "touch": 2.0,
+        "contact": 1.0,
+        "slip": 0.875,
         "roughness": 0.8,
         "level_dbfs": -20.0,
         "amplitude": 0.4,
     }
+
+
+@pytest.mark.parametrize(
+    ("touch", "level_dbfs", "slip"),
+    [
+        (Touch.NONE, -10.0, 0.0),
+        (Touch.SMOOTH, -90.0, 0.0),
+        (Touch.SMOOTH, -50.0, 0.5),
+        (Touch.ROUGH, 0.0, 1.0),
+        (Touch.ROUGH, -np.inf, 0.0),
+    ],
+)
+def test_slip_grows_with_the_level_in_contact_and_is_nothing_without(
+    touch: Touch, level_dbfs: float, slip: float
+) -> None:
+    probabilities = (0.1, 0.2, 0.7)
+    prediction = Prediction(probabilities, touch, 0.7, level_dbfs, 0.0, 0.1)
+    assert slip_magnitude(prediction) == slip
 
 
 def test_nothing_is_felt_before_the_first_prediction_and_after_a_run_has_ended() -> (
@@ -153,9 +173,10 @@ def test_lerobots_recorder_keeps_what_each_episode_felt(tmp_path: Path) -> None:
     assert read.meta.features["observation.state"]["names"] == [
         f"finger.{name}" for name in NOTHING
     ]
+    place_of_roughness = list(NOTHING).index("roughness")
     rows = [read[place] for place in range(len(read))]
     assert len(rows) > 20
     for row in rows:
-        assert float(row["observation.state"][1]) == pytest.approx(
+        assert float(row["observation.state"][place_of_roughness]) == pytest.approx(
             (0.9, 0.1)[int(row["episode_index"])]
         )

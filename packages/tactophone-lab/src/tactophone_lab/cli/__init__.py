@@ -125,7 +125,7 @@ VERBS = (
         "lab",
         "compare every method on the same splits: a table, a JSON file, a page with "
         "figures",
-        ("link", "sim", "train"),
+        ("link", "plot", "sim", "train"),
     ),
 )
 """In the order of the help."""

@@ -601,6 +601,17 @@ def test_every_message_fits_the_schema_in_the_same_file(log: Path) -> None:
     assert len(messages(log, "/tactophone/prediction")) > 150
 
 
+def test_the_schema_of_the_state_has_every_key_of_its_messages(log: Path) -> None:
+    """Viewers plot what the schema names, such as whether a run is armed."""
+    (topic,) = (each for each in TOPICS if each.name == "/tactophone/state")
+    named = json.loads(topic.schema.data)["properties"]
+    logged = messages(log, "/tactophone/state")
+    assert logged
+    assert {"armed", "muted_because"} <= set(named)
+    for message in logged:
+        assert set(json.loads(message)) <= set(named)
+
+
 def test_a_prediction_without_a_command_equals_itself_and_is_valid_json() -> None:
     first, second, _ = some_predictions()
     comparison = Comparison()

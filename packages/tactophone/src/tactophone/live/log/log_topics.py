@@ -226,9 +226,20 @@ PREDICTION_TOPIC = Topic(
     ),
     "a prediction, and its command as limited; a number that has no value is left out",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedState(RunState):
+    """A run's state as it is logged: with what follows from its fields, for viewers
+    that plot by the schema."""
+
+    armed: bool = False
+    muted_because: str = ""
+
+
 STATE_TOPIC = Topic(
     "/tactophone/state",
-    _json_schema("tactophone.State", RunState),
+    _json_schema("tactophone.State", LoggedState),
     "the state at each change",
 )
 HEALTH = Topic(
