@@ -167,9 +167,31 @@ def qr_code(text: str) -> str:
     )
 
 
+PAGE_FOLDER = "page"
+"""Folder, beside a machine's identity, of the certificate that is for pages alone."""
+
+
+def _make_certificate(folder: Path) -> None:
+    """Make a certificate for the pages of this machine, which says its name."""
+    from tactophone.net.link.identity import Identity
+
+    try:
+        Identity.create(socket.gethostname()[:64]).save(folder)
+    except OSError as error:
+        raise ConfigError(
+            f"cannot write a certificate to {folder} ({error.strerror}): leave --https "
+            "out, or name a folder with --set link.identity=FOLDER"
+        ) from error
+    output.note(f"made a certificate for this machine's pages: {folder}")
+
+
 def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     """Return the files of certificate and key, and print the fingerprint to compare;
-    none without ``--https``."""
+    none without ``--https``.
+
+    A machine without an identity gets a certificate for its pages alone: no peer ever
+    pins it.
+    """
     if not settings.page.https:
         return None
     from tactophone.net.link.identity import (
@@ -180,6 +202,10 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     )
 
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
+    if not settings.link.identity and not (folder / KEY_FILE).exists():
+        folder = folder / PAGE_FOLDER
+        if not (folder / KEY_FILE).exists():
+            _make_certificate(folder)
     fingerprint = Identity.load(folder).fingerprint
     output.note(f"certificate (SHA-256): {fingerprint}")
     output.note(

@@ -9,7 +9,7 @@ from tactophone.core.settings import change
 
 EXAMPLES = (
     "tactophone try",
-    "tactophone try --lan --https",
+    "tactophone try --lan",
     "tactophone try --source microphone --threshold -40 --record try.csv",
 )
 
@@ -46,6 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.faces.web.server import watch
 
     usual = [*USUAL_OF_TRY, f"capture.source={args.source}"]
+    if options.settings_of(args, usual).page.lan:
+        # A phone's browser gives its microphone and its sound to encrypted pages alone.
+        usual.append("page.https=true")
     settings = sources.for_one_microphone(options.settings_of(args, usual))
     if settings.output.actuator == "none":  # a stalled process then harms nobody
         settings = change(settings, ["process.watchdog=false"])

@@ -428,8 +428,8 @@ class PageSettings:
     )
     https: bool = _setting(
         False,
-        "serve the page encrypted, with the certificate of `tactophone pair init`; a "
-        "phone needs it for sound and microphone",
+        "serve the page encrypted, with this machine's certificate, which is made if "
+        "there is none; a phone needs it for sound and microphone (try --lan has it)",
         flag="--https",
         verbs="feel play replay try",
     )
