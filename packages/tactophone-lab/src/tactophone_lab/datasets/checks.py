@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tactophone.core.errors import DatasetError
 from tactophone.core.microphones import CONTACT
-from tactophone.core.recordings.sound_file import Length, length_of
+from tactophone.core.recordings.sound_file import LEAST_LOST, Length, length_of
 from tactophone.core.recordings.values import (
     CHECKED_SILENT_DBFS,
     READ_SIZE,
@@ -55,6 +55,10 @@ MIN_LABEL_SHARE = 0.25
 CHECKED_CELL = 0.25
 """Seconds over which a level is measured."""
 
+MOST_ZEROS = 0.5
+"""Seconds of exact zeros at a file's end. A microphone's noise is never that quiet, but
+some programs reserve a file's whole length before they copy it."""
+
 LAG_CELL = 1e-3
 """Seconds over which a level is measured, and so the resolution of a lag."""
 
@@ -82,6 +86,8 @@ class _Measurements:
     sample_rate: int
     channels: int
     size: int
+    sounding: int
+    """Samples up to the last that is not zero."""
     length: Length
     peaks: tuple[float, ...]
     clipped: tuple[int, ...]
@@ -215,12 +221,15 @@ def _measure(recording: Recording) -> _Measurements:
         peaks = np.zeros(file.channels)
         railed = np.zeros(file.channels, int)
         size = 0
+        sounding = 0
         finite = True
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
             magnitude = np.abs(samples)
             finite = finite and bool(np.isfinite(magnitude).all())
             peaks = np.maximum(peaks, np.nan_to_num(magnitude.max(axis=0), posinf=0.0))
             railed += clipped_samples(samples.T).sum(axis=1)
+            heard = np.flatnonzero(samples.any(axis=1))
+            sounding = size + int(heard[-1]) + 1 if heard.size else sounding
             size += len(samples)
         peak = tuple(peaks.tolist())
         counts = tuple(railed.tolist())
@@ -228,6 +237,7 @@ def _measure(recording: Recording) -> _Measurements:
             file.samplerate,
             file.channels,
             size,
+            sounding,
             length_of(recording.path),
             peak,
             counts,
@@ -242,7 +252,13 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         return
     if measured.length.cut:
         found = measured.length.words(duration)
-        yield "broken", f"{found}; restore the whole file", True
+        trifle = measured.length.lost(duration) < LEAST_LOST
+        advice = "the rest is used" if trifle else "restore the whole file"
+        yield "broken", f"{found}; {advice}", not trifle
+    zeros = (measured.size - measured.sounding) / measured.sample_rate
+    if measured.sounding and zeros > MOST_ZEROS:
+        found = f"its last {zeros:.1f} s are exact zeros, as in a copy that broke off"
+        yield "zeros", f"{found}; compare its size with the original's", False
     if not measured.finite:
         yield "broken", "holds NaN or infinite samples; export it again", True
         return  # its levels say nothing

@@ -8,7 +8,11 @@ from pathlib import Path
 from tactophone.core.errors import DatasetError
 from tactophone.core.recordings.metadata import FILE_NAME, manifests_in, read_metadata
 from tactophone.core.recordings.read import layout_of, surface_of
-from tactophone.core.recordings.sound_file import FFMPEG_SUFFIXES, is_hidden
+from tactophone.core.recordings.sound_file import (
+    FFMPEG_SUFFIXES,
+    ICLOUD_SUFFIX,
+    is_hidden,
+)
 from tactophone.core.recordings.values import Dataset
 from tactophone_lab.datasets.lab_folders import LabFolder, read_lab_folder
 
@@ -94,13 +98,17 @@ def find_importable(path: Path | str) -> LabFolder:
 
 
 def phone_sounds(folder: Path) -> str:
-    """Say how many files of a folder only ffmpeg reads, and how to convert them; empty
-    if there are none."""
+    """Say how many files of a folder only ffmpeg reads, and how to convert them, or
+    that files were not downloaded; empty if there are none."""
     found = Counter(
         path.suffix.lower()
         for path in folder.rglob("*")
         if path.suffix.lower() in FFMPEG_SUFFIXES and not is_hidden(path, folder)
     )
+    absent = sum(1 for _ in folder.rglob(f".*{ICLOUD_SUFFIX}"))
+    if absent:
+        files = "file is" if absent == 1 else "files are"
+        return f"{absent} {files} in iCloud alone: download the folder in the Finder"
     if not found:
         return ""
     kinds = " and ".join(f"{count} {suffix}" for suffix, count in sorted(found.items()))

@@ -11,12 +11,13 @@ length in silence (WAV and its kin), or believes it and fails at the end (FLAC).
 """
 
 import io
+import math
 import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import soundfile
@@ -29,15 +30,22 @@ SOUND_SUFFIXES = frozenset(
         ".aif",
         ".aifc",
         ".aiff",
+        ".amb",
         ".au",
         ".bwf",
         ".caf",
         ".flac",
+        ".iff",
         ".mp3",
+        ".nist",
         ".oga",
         ".ogg",
         ".opus",
+        ".paf",
         ".rf64",
+        ".snd",
+        ".sph",
+        ".voc",
         ".w64",
         ".wav",
         ".wave",
@@ -49,18 +57,32 @@ FFMPEG_SUFFIXES = frozenset(
     {
         ".3gp",
         ".aac",
+        ".ac3",
         ".amr",
+        ".ape",
+        ".avi",
+        ".dsf",
         ".m4a",
         ".m4b",
+        ".m4v",
         ".mka",
         ".mkv",
         ".mov",
         ".mp4",
+        ".tta",
         ".webm",
         ".wma",
+        ".wv",
     }
 )
-"""Sound that phones and cameras write and libsndfile cannot read."""
+"""Sound that phones, cameras and players write and libsndfile cannot read."""
+
+ICLOUD_SUFFIX = ".icloud"
+"""Ending of the hidden placeholder of a file that a Mac keeps in the cloud alone."""
+
+LEAST_LOST = 0.05
+"""Seconds that must be missing at a file's end to be called a part of the sound. What a
+recorder or a converter rounds is less, and the rest is whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +119,21 @@ class Length:
         """Whether a part of the sound is missing."""
         return self.share < 1.0 or not self.closed
 
+    def lost(self, duration: float) -> float:
+        """Return how many seconds are missing, where what is there lasts ``duration``
+        s; infinite where that is unknown."""
+        if not self.closed or not self.held:
+            return math.inf
+        return duration / self.share - duration
+
     def words(self, duration: float) -> str:
         """Say what is missing, where what is there lasts ``duration`` s."""
         if not self.held:
             return "holds a header and no sound"
         if not self.closed:
             return f"breaks off after {duration:.1f} s, without the mark of its end"
+        if (lost := self.lost(duration)) < LEAST_LOST:
+            return f"lacks the last {1000 * lost:.1f} ms that its header claims"
         return (
             f"ends after {duration:.1f} of {duration / self.share:.1f} s, "
             "so it was not copied or saved whole"
@@ -129,14 +160,44 @@ def open_file(path: Path) -> soundfile.SoundFile:
     try:
         corrections = _walk_file(path).corrections
         if not corrections:
-            return soundfile.SoundFile(native_name(path))
+            return _SoundFile(native_name(path))
         corrected = io.BufferedReader(_CorrectedFile(path, corrections))
-        return soundfile.SoundFile(corrected)
+        return _SoundFile(corrected)
     except (soundfile.SoundFileError, OSError) as error:
         reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
+        kind, step = _content(path) if path.stat().st_size else ("", "")
         raise DatasetError(
-            f"{path}: cannot be read as sound ({reason}); {_next_step(path)}"
+            f"{path}: cannot be read as sound ({kind or reason}); "
+            f"{step or _next_step(path)}"
         ) from error
+
+
+class _SoundFile(soundfile.SoundFile):  # type: ignore[misc]
+    """A sound file whose blocks end where its sound ends.
+
+    Where a decoder yields less than the header claims, the blocks of `soundfile` go on
+    to the claimed length with what was in memory: the last block again and again.
+    """
+
+    def blocks(
+        self,
+        blocksize: int | None = None,
+        overlap: int = 0,
+        frames: int = -1,
+        dtype: str = "float64",
+        always_2d: bool = False,
+        fill_value: float | None = None,
+        out: NDArray[Any] | None = None,
+    ) -> Iterator[NDArray[Any]]:
+        if blocksize is None or overlap or fill_value is not None or out is not None:
+            raise TypeError("only blocks of a size, one after another, are read here")
+        left = self.frames - self.tell() if frames < 0 else frames
+        while left > 0:
+            samples = self.read(min(blocksize, left), dtype, always_2d)
+            if not len(samples):
+                return
+            yield samples
+            left -= len(samples)
 
 
 def read_content(content: bytes, name: str) -> tuple[NDArray[np.float32], int, Length]:
@@ -185,8 +246,8 @@ def text_name(path: Path) -> Path:
 def length_of(path: Path) -> Length:
     """Compare the length that a file's header claims with what the file holds.
 
-    A file without a length of its own, such as MP3, or of an unknown kind, is taken as
-    whole. Raises `OSError` if it cannot be read.
+    A file without a length of its own, such as MP3 of some encoders, or of an unknown
+    kind, is taken as whole. Raises `OSError` if it cannot be read.
     """
     return _walk_file(path).length
 
@@ -230,6 +291,36 @@ def is_hidden(path: Path, folder: Path) -> bool:
 def ffmpeg_command(path: Path) -> str:
     """Return the command that makes a WAV file of what libsndfile cannot read."""
     return f"ffmpeg -i {path.name} {path.stem}.wav"
+
+
+_FFMPEG = "convert it: `ffmpeg -i {name} {stem}-converted.wav`"
+
+_CONTENTS: tuple[tuple[int, bytes, str, str], ...] = (
+    (4, b"ftyp", "MPEG-4, whatever its name says", _FFMPEG),
+    (0, b"\x1a\x45\xdf\xa3", "Matroska or WebM, whatever its name says", _FFMPEG),
+    (0, b"#!AMR", "AMR, whatever its name says", _FFMPEG),
+    (0, b"\x30\x26\xb2\x75", "Windows Media, whatever its name says", _FFMPEG),
+    (0, b"version https://git-lfs", "a pointer of Git LFS", "fetch it: `git lfs pull`"),
+    (0, b"<", "a web page or XML", "the download failed; fetch it again"),
+    (0, b"PK\x03\x04", "an archive", "unpack it"),
+    (0, b"bplist", "a placeholder of iCloud", "download it in the Finder"),
+    (0, bytes(64), "nothing but zeros at its start", "copy it again"),
+)
+"""What else a file is that is called a sound: where it begins with which bytes, what
+that means, and what to do."""
+
+
+def _content(path: Path) -> tuple[str, str]:
+    """Return what a file is, by its first bytes, and what to do with it; empty where
+    they say no more than its name."""
+    if path.suffix.lower() in FFMPEG_SUFFIXES:
+        return "", ""
+    with path.open("rb") as file:
+        head = file.read(64)
+    for place, content, kind, step in _CONTENTS:
+        if head[place:].startswith(content):
+            return kind, step.format(name=path.name, stem=path.stem)
+    return "", ""
 
 
 def _next_step(path: Path) -> str:
@@ -285,6 +376,8 @@ def _walk(file: BinaryIO, size: int) -> _Container:
         return _walk_flac(file, size)
     if head[:4] == b"OggS":
         return _walk_ogg(file, size)
+    if head[:3] == b"ID3" or head[:1] == b"\xff":
+        return _walk_mp3(file, size)
     return _Container(Length(size, size))
 
 
@@ -306,10 +399,12 @@ def _walk_riff(file: BinaryIO, head: bytes, size: int) -> _Container:
     """WAV, and its kin of more than 4 GB, whose chunk ``ds64`` has the true size."""
     order = ">" if head[:4] == b"RIFX" else "<"
     large = 0
+    large_at = 0
     for name, place, short in _chunks(file, 12, size, f"{order}4sI", padding=2):
         if name == b"ds64":
             file.seek(place)
             large = struct.unpack("<QQ", file.read(16).ljust(16, b"\0"))[1]
+            large_at = place + 8
         if name == b"data":
             held = size - place
             claimed = large if short == 0xFFFFFFFF and large else short
@@ -317,6 +412,10 @@ def _walk_riff(file: BinaryIO, head: bytes, size: int) -> _Container:
                 return _Container(Length(claimed, min(claimed, held)))
             # libsndfile takes a size of 0 for no sound.
             known = min(held, 0xFFFFFFFE)
+            if large_at and not large and held:
+                # A recorder of long files that lost its power, or a pipe.
+                sizes = struct.pack("<QQ", size - 8, held)
+                return _Container(Length(0, held), ((large_at - 8, sizes),))
             lost = claimed == 0 and held > 0
             content = struct.pack(f"{order}I", known)
             return _Container(Length(0, held), ((place - 4, content),) if lost else ())
@@ -361,6 +460,42 @@ def _walk_au(head: bytes, size: int) -> _Container:
     if _is_open(claimed, held):
         return _Container(Length(0, held))
     return _Container(Length(claimed, min(claimed, held)))
+
+
+MP3_FIRST = 1 << 12
+"""Bytes in which the first frame of an MP3 file begins, after its tags."""
+
+XING_BYTES = 0x02
+"""Flag of a Xing header that states how many bytes the frames have."""
+
+
+def _walk_mp3(file: BinaryIO, size: int) -> _Container:
+    """MP3, whose first frame may say how many bytes there are (the header of Xing, and
+    of LAME, which most encoders write)."""
+    file.seek(0)
+    tag = file.read(10)
+    begin = 0
+    if tag[:3] == b"ID3":
+        # Seven bits of each byte, so that no tag looks like a frame.
+        parts = (byte & 0x7F for byte in tag[6:10])
+        begin = 10 + sum(part << 7 * (3 - at) for at, part in enumerate(parts))
+    file.seek(begin)
+    first = file.read(MP3_FIRST)
+    for name in (b"Xing", b"Info"):
+        place = first.find(name, 0, 4 + 32 + 4)
+        flags = first[place + 7 : place + 8]
+        if place < 0 or not flags or not flags[0] & XING_BYTES:
+            continue
+        # The number of frames stands before the number of bytes, where it is stated.
+        at = place + 8 + (4 if flags[0] & 1 else 0)
+        claimed = int.from_bytes(first[at : at + 4], "big")
+        held = size - begin
+        if held >= claimed:
+            return _Container(Length(claimed, claimed))
+        # Without the header's name its numbers are not believed.
+        correction = (begin + place, bytes(4))
+        return _Container(Length(claimed, held), (correction,))
+    return _Container(Length(size, size))
 
 
 OGG_PAGE = 1 << 16
