@@ -14,9 +14,11 @@ FEWEST_SURFACES = 3
 
 @dataclass(frozen=True, slots=True)
 class TrainedModel:
-    """A model file, and how many surfaces of each class it was trained on."""
+    """A model file, and how many recordings and surfaces of each class it was trained
+    on."""
 
     path: Path
+    recordings: int
     smooth: int
     rough: int
 
@@ -40,11 +42,8 @@ def train_model(
       known, and what is being done.
     """
     dataset = _joined(datasets)
-    surfaces = {
-        (recording.surface, recording.rough)
-        for recording in dataset.recordings
-        if recording.labelled
-    }
+    labelled = [recording for recording in dataset.recordings if recording.labelled]
+    surfaces = {(recording.surface, recording.rough) for recording in labelled}
     rough = sum(is_rough for _, is_rough in surfaces)
     smooth = len(surfaces) - rough
     if min(smooth, rough) < FEWEST_SURFACES:
@@ -57,7 +56,7 @@ def train_model(
         checkpoint.unlink(missing_ok=True)
     recipe.train(out, dataset, checkpoint=checkpoint, log=log, report=report)
     checkpoint.unlink(missing_ok=True)
-    return TrainedModel(out, smooth, rough)
+    return TrainedModel(out, len(labelled), smooth, rough)
 
 
 def _joined(datasets: Sequence[Dataset]) -> Dataset:

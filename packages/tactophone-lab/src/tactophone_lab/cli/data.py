@@ -35,8 +35,9 @@ def add_follow_links(parser: options.Container) -> None:
 
 
 def add_selection(parser: argparse.ArgumentParser) -> None:
-    """Add which recordings of a data set are read."""
+    """Add which recordings of a data set are read, and what their labels mean."""
     add_follow_links(parser)
+    add_labels(parser)
     words = (
         "keep only recordings whose tier, surface, scenario or other key has one "
         "of these values; repeatable"
@@ -48,10 +49,10 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
 
 def add_labels(parser: argparse.ArgumentParser) -> None:
     words = (
-        "what numbered labels mean, as 0=smooth,1=rough (default: labels.toml or "
-        "the data card beside them)"
+        "what labels, numbers or names of folders mean, as 0=smooth,1=rough or "
+        "rau=rough,glatt=smooth (default: labels.toml or the data card beside them)"
     )
-    parser.add_argument("--labels", metavar="N=NAME[,...]", help=words)
+    parser.add_argument("--labels", metavar="YOURS=LABEL[,...]", help=words)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,34 +60,30 @@ class Reading:
     """How the files of a data set are read.
 
     ``places`` are the channels of contact and air in files of more than two, counted
-    from 0; ``follow_links`` as for `open_dataset`.
+    from 0; ``follow_links`` and ``labels`` as for `open_dataset`.
     """
 
     places: tuple[int, ...] = ()
     follow_links: bool = False
+    labels: Mapping[str, str] | None = None
 
 
 def reading_of(args: argparse.Namespace) -> Reading:
     """Return how the options of a verb say that files are read."""
     # `train` also takes a count of microphones as --channels.
     places = args.channels if isinstance(args.channels, tuple) else ()
-    return Reading(places, args.follow_links)
+    # Verbs that only copy or show a data set take no labels.
+    given = getattr(args, "labels", None)
+    labels = dict(options.assigned(given.split(","), "--labels")) if given else None
+    return Reading(places, args.follow_links, labels)
 
 
-def open_as(
-    folder: Path, reading: Reading, *, labels: Mapping[str, str] | None = None
-) -> Dataset:
+def open_as(folder: Path, reading: Reading) -> Dataset:
     """Open a data set, read as the options say; errors as `open_dataset`."""
-    dataset = open_dataset(folder, labels=labels, follow_links=reading.follow_links)
-    return with_picked_channels(dataset, reading.places)
-
-
-def labels_of(args: argparse.Namespace) -> dict[str, str] | None:
-    return (
-        dict(options.assigned(args.labels.split(","), "--labels"))
-        if args.labels
-        else None
+    dataset = open_dataset(
+        folder, labels=reading.labels, follow_links=reading.follow_links
     )
+    return with_picked_channels(dataset, reading.places)
 
 
 def add_kin(parser: argparse.ArgumentParser) -> None:
@@ -136,7 +133,6 @@ def open_filtered(
     channels: int = 1,
     kin: Path | None = None,
     segments: bool = False,
-    labels: Mapping[str, str] | None = None,
     reading: Reading = Reading(),
 ) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported
@@ -146,7 +142,7 @@ def open_filtered(
     ``segments``, recordings with several labels are kept. Raises `DatasetError` if
     nothing is left.
     """
-    dataset = open_as(folder, reading, labels=labels)
+    dataset = open_as(folder, reading)
     for text in filters or ():
         dataset = _filtered(dataset, text)
     kept, problems = usable(dataset)

@@ -27,7 +27,6 @@ from tactophone.signal.perception.calibration import Calibration
 from tactophone_lab.cli.data import (
     add_follow_links,
     add_labels,
-    labels_of,
     open_as,
     reading_of,
     report_left_out,
@@ -145,7 +144,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(args: argparse.Namespace) -> int:
-    dataset = open_as(args.folder, reading_of(args), labels=labels_of(args))
+    dataset = open_as(args.folder, reading_of(args))
     threshold_dbfs = (
         Calibration.read(args.calibration).window_dbfs
         if args.calibration

@@ -2,6 +2,7 @@
 `evaluate` scores too."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 from tactophone.cli import options, output
@@ -9,10 +10,8 @@ from tactophone.core.tips import TIP_NAMES
 from tactophone.signal.perception.calibration import Calibration
 from tactophone_lab.app.train import train_model
 from tactophone_lab.cli.data import (
-    add_labels,
     add_selection,
     is_mono,
-    labels_of,
     open_filtered,
     reading_of,
 )
@@ -81,7 +80,9 @@ def recipe_for(args: argparse.Namespace, folder: Path) -> RecipeFile:
     chosen = args.channels or any(
         text.startswith(("channels=", "variant=")) for text in args.set
     )
-    if chosen or args.recipe.endswith(".toml") or not is_mono(folder, reading_of(args)):
+    if chosen or args.recipe.endswith(".toml"):
+        return recipe
+    if not is_mono(folder, reading_of(args)):
         return recipe
     change = {"variant": "one-channel"} if is_network else {"channels": 1}
     return recipe.changed(change, where="the recordings have one channel")
@@ -111,7 +112,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="train on this data set too, all of it that is labelled; repeatable",
     )
     add_selection(parser)
-    add_labels(parser)
     add_recipe(parser)
     add(
         "--from",
@@ -141,14 +141,12 @@ def run(args: argparse.Namespace) -> int:
     recipe = recipe_for(args, args.data).configured(
         start=args.start, calibration=calibration
     )
-    labels = labels_of(args)
     channels = recipe.channels
     datasets = [
         open_filtered(
             args.data,
             args.filter,
             channels=channels,
-            labels=labels,
             reading=reading_of(args),
         )
     ]
@@ -169,4 +167,15 @@ def run(args: argparse.Namespace) -> int:
             ),
         )
     print(trained.path)
+    output.note(
+        f"trained on {trained.recordings} recordings of {trained.smooth} smooth and "
+        f"{trained.rough} rough surfaces"
+    )
+    data = shlex.quote(str(args.data))
+    asked = f" --labels {args.labels}" if args.labels else ""
+    output.note(
+        "how it does on surfaces that it never met: "
+        f"`tactophone evaluate --data {data}{asked} --recipe {args.recipe} --split "
+        f"3-fold`; feel with it: `tactophone feel FILE.wav --model {trained.path}`"
+    )
     return 0

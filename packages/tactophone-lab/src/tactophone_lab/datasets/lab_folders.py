@@ -86,15 +86,29 @@ class _Name:
         )
 
 
-def read_lab_folder(folder: Path, *, follow_links: bool = False) -> LabFolder:
+def read_lab_folder(
+    folder: Path,
+    *,
+    follow_links: bool = False,
+    words: Mapping[str, str] | None = None,
+) -> LabFolder:
     """Find recordings, labels and pairs by the names below a folder; ``follow_links``
     as for `read_metadata`.
+
+    ``words`` says which label a folder's own name stands for: ``{"rau": "rough"}``.
 
     The folder is searched to any depth. Without a label in any name
     ``dataset.recordings`` is empty.
 
     A file without a label is named in the problems.
     """
+    for word, label in (words or {}).items():
+        if label not in LABEL_NAMES:
+            raise DatasetError(
+                f"{word}={label}: a label is one of "
+                f"{', '.join(filter(None, LABEL_NAMES))}"
+            )
+    own = {word.lower(): label for word, label in (words or {}).items()}
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
     sounds = sounds_in(folder)
@@ -105,7 +119,7 @@ def read_lab_folder(folder: Path, *, follow_links: bool = False) -> LabFolder:
             continue
         if path not in timed:
             timed[path] = read_track(path, folder, problems, follow_links=follow_links)
-        name = _parse_name(path.relative_to(folder))
+        name = _parse_name(path.relative_to(folder), own)
         if timed[path] and not name.label:
             name = replace(name, label=label_of(timed[path]))
         if name.microphone in groups[name.key]:
@@ -140,13 +154,17 @@ def read_lab_folder(folder: Path, *, follow_links: bool = False) -> LabFolder:
     return LabFolder(dataset, air_of, targets, guessed)
 
 
-def _parse_name(path: Path) -> _Name:
+def _parse_name(path: Path, own: Mapping[str, str]) -> _Name:
     label = microphone = side = ""
     others = []
     for part in path.parts[:-1]:
         word = part.lower()
         name = word.replace(" ", "_").replace("-", "_")
-        if not label and word and name in LABEL_NAMES and word not in MICROPHONE_WORDS:
+        if not label and word in own:
+            label = own[word]
+        elif (
+            not label and word and name in LABEL_NAMES and word not in MICROPHONE_WORDS
+        ):
             label = name
         elif not microphone and word in MICROPHONE_WORDS:
             microphone = MICROPHONE_WORDS[word]
@@ -162,9 +180,9 @@ def _parse_name(path: Path) -> _Name:
     if not label:
         label = next(
             (
-                word
+                label
                 for word in re.split(r"[ _.\d-]", stem.lower())
-                if LABEL_NAMES.get(word) in SURFACE_LABELS
+                if LABEL_NAMES.get(label := own.get(word, word)) in SURFACE_LABELS
             ),
             "",
         )

@@ -26,7 +26,7 @@ def open_dataset(
     """Read a data set in any layout, by its folder or the CSV file in it.
 
     A folder with ``rough/`` and ``smooth/`` in it needs no manifest. ``labels`` names
-    what numbers in the column ``label`` mean; by default ``labels.toml`` or the class
+    what numbers in the column ``label``, or a folder's own names, mean; by default ``labels.toml`` or the class
     names in a Hugging Face data card do. With ``follow_links``, sound outside of the
     folder is read too, where a link in the folder leads to it.
 
@@ -50,7 +50,7 @@ def open_dataset(
         raise DatasetError(
             f"{folder}: holds several data sets; name one: {', '.join(inner)}"
         )
-    found = read_lab_folder(folder, follow_links=follow_links)
+    found = read_lab_folder(folder, follow_links=follow_links, words=labels)
     if found.air_of:
         raise DatasetError(
             f"{folder}: each microphone is in a file of its own; "
@@ -62,11 +62,27 @@ def open_dataset(
         raise DatasetError(f"{folder}: {unreadable}")
     raise DatasetError(
         f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor "
-        "opus/stereo/ is in it; "
+        f"opus/stereo/ is in it{_passed_over(folder)}; "
         f"write a {FILE_NAME} with the columns file_name, surface and label "
         "(docs/reference/data-set.md), or let "
-        "`tactophone dataset import` make it of folders named rough/ and smooth/"
+        "`tactophone dataset import` make it of folders named rough/ and smooth/; "
+        "where folders have names of yours, say what they mean: "
+        "--labels rau=rough,glatt=smooth"
     )
+
+
+TABLE_SUFFIXES = (".csv", ".tsv", ".json", ".jsonl", ".xlsx", ".parquet")
+"""Endings of files that a person keeps labels in."""
+
+
+def _passed_over(folder: Path) -> str:
+    """Name the tables of a folder that nothing here reads, as they may hold labels."""
+    names = sorted(
+        path.name
+        for path in folder.iterdir()
+        if path.suffix.lower() in TABLE_SUFFIXES and not is_hidden(path, folder)
+    )
+    return f", and {', '.join(names)} was passed over" if names else ""
 
 
 def find_importable(path: Path | str) -> LabFolder:
