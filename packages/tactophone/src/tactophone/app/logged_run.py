@@ -7,6 +7,7 @@ Needs the link's libraries.
 
 import hashlib
 import itertools
+import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -471,3 +472,34 @@ def add_sound(log: Path, path: Path) -> Path:
             f"cannot write {path} ({error.strerror}): choose another file for --audio"
         ) from error
     return path
+
+
+def repair_log(log: Path, path: Path) -> int:
+    """Copy what can be read of a log whose recorder was killed to a file with an index
+    and an end, as other programs ask for; return the number of messages.
+
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy
+    cannot be written, or would overwrite the log.
+    """
+    if path.exists() and path.samefile(log):
+        raise ConfigError(f"--repair {path}: the log itself; name another file")
+    # Read twice, as the writer asks for all topics before the first message.
+    topics = {
+        message.topic.name: message.topic
+        for message in read_messages(log)
+        if not isinstance(message, LogEnd)
+    }
+    count = 0
+    try:
+        with LogFile(path, list(topics.values())) as copy:
+            for message in read_messages(log):
+                if isinstance(message, LogEnd):
+                    copy.metadata["missed"] = json.dumps(dict(message.missed))
+                else:
+                    copy.write(message)
+                    count += 1
+    except OSError as error:
+        raise ConfigError(
+            f"cannot write {path} ({error.strerror}): choose another file for --repair"
+        ) from error
+    return count

@@ -333,7 +333,8 @@ def log_process(
         end_timeout=LOG_END_TIMEOUT,
         unfinished=(
             f"{path} lacks its end; `tactophone replay` and `feel` read it as it is, "
-            f"and `mcap recover {path} -o finished.mcap` finishes it for other programs"
+            f"and `tactophone replay {path} --repair finished.mcap` finishes it for "
+            "other programs"
         ),
     )
 

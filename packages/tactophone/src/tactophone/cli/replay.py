@@ -23,6 +23,7 @@ EXAMPLES = (
     "tactophone replay run.mcap",
     "tactophone replay run.mcap --out again --profile lra --plot",
     "tactophone replay run.mcap --to-rosbag bag",
+    "tactophone replay run.mcap --repair finished.mcap",
 )
 
 
@@ -50,6 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.mcap",
         help="copy the log and add its sound, for Foxglove to play",
     )
+    add(
+        "--repair",
+        type=Path,
+        metavar="FILE.mcap",
+        help="only copy a log whose recorder was killed, with the index and the end "
+        "that other programs ask for",
+    )
     options.add_json(parser, "print the comparison as JSON")
     page.add_dashboard(parser, "replay")
 
@@ -57,8 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compute the run again; exit 1 if nothing was changed and a prediction or command
     differs from the log."""
+    from tactophone.app.logged_run import repair_log
     from tactophone.app.replay import replay_log, takes_of
 
+    if args.repair:
+        count = repair_log(args.log, args.repair)
+        values = {"log": args.log, "repaired": args.repair, "messages": count}
+        words = f"{args.repair}: {count} messages of {args.log}, with index and end"
+        output.show(values, [words], as_json=args.json)
+        return 0
     if args.to_rosbag:
         extras.require_modules("cyclonedds", "rosbags")
         if args.out:
