@@ -73,6 +73,11 @@ def _threshold(result: Felt) -> str:
     threshold = f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS"
     if floor is None:
         return f"{threshold}, as given"
+    if floor.gated:
+        return (
+            f"{threshold} at the end; the sound is turned down in its pauses, so "
+            "contact is found as in a live run"
+        )
     if floor.known:
         over = floor.floor_dbfs > floor.threshold_dbfs
         words = (
@@ -123,6 +128,12 @@ def _no_contact(result: Felt) -> tuple[str, str]:
     if floor is None:
         return (
             f"loudest window: {loudest:.1f} dBFS, under the threshold that was given",
+            f"{again} {loudest - 10:.0f}",
+        )
+    if floor.gated:
+        return (
+            f"loudest window: {loudest:.1f} dBFS, and the sound is turned down in its "
+            "pauses; if it is touch:",
             f"{again} {loudest - 10:.0f}",
         )
     found = (

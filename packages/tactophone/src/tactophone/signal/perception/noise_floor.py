@@ -361,9 +361,10 @@ than silence."""
 
 GATED_DB = 40.0
 """So far apart are the loud and the quiet part of a recording, in the mean, that
-something switched the sound off in between: a noise gate, or a program that mutes. The
-parts of a stroke are nearer each other: by 32 dB at most in real strokes without a
-pause."""
+something turned the sound down in between: a noise gate, or a program that mutes. The
+parts of other recordings are nearer each other: by 33 dB at most in 236 real ones. A
+touch that is so loud over its silence is taken for gated too, and loses nothing but a
+floor that was measured ahead."""
 
 LEAST_PART = 0.05
 """Share of a recording that each of these two parts has at least."""
@@ -383,9 +384,10 @@ class RecordingFloor:
 
     There are three kinds of recording. In most, silence is steady, and its level is the
     floor. In a stroke from end to end there is no silence, and all of it is touch. In
-    sound that was switched off in its pauses, nothing tells noise from touch: then it
-    begins as a live run does, which calls touch only what is loud enough for the
-    model's own threshold.
+    sound that was switched off or turned down in its pauses, the noise beside a touch
+    is louder than in a pause, and would be taken for touch: so it begins as a live run
+    does, which calls touch only what is loud enough for the model's own threshold, or
+    for the noise at its beginning.
     """
 
     threshold_dbfs: float
@@ -400,8 +402,8 @@ class RecordingFloor:
     bands_dbfs: tuple[float, ...] = ()
     """Floor of each band where the noise is."""
     gated: bool = False
-    """Whether the sound was switched off in its pauses, so that the floor of what is
-    left is unknown."""
+    """Whether something turned the sound down in its pauses. Then a floor that was
+    found is the noise of the pauses alone, and not of the touches."""
 
     @property
     def known(self) -> bool:
@@ -431,12 +433,8 @@ def measure_floor(
             heard.add(level)
             loudest = max(loudest, level)
             cells.add(level, bands)
-    unknown = RecordingFloor(
-        LOWEST_DBFS,
-        math.nan,
-        loudest,
-        gated=_parts_db(every.kept) > GATED_DB,
-    )
+    gated = _parts_db(every.kept) > GATED_DB
+    unknown = RecordingFloor(LOWEST_DBFS, math.nan, loudest, gated=gated)
     same = cells.of_the_floor()
     if (
         len(same) < LEAST_CELLS
@@ -461,6 +459,7 @@ def measure_floor(
         loudest,
         spread,
         tuple(np.quantile(quiet, QUIETER, axis=0).tolist()),
+        gated=gated,
     )
 
 
