@@ -1,6 +1,8 @@
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.cli import main
 from tactophone.signal.perception.model_file import read_model
@@ -44,6 +46,20 @@ def test_few_surfaces_are_said_to_say_little_of_others(
     few = ["--filter", "surface=stone 00,stone 03"]
     assert main(["train", data, "--recipe", "level", "--out", out, *few]) == 0
     assert "warning: 1 smooth and 1 rough surface(s)" in capsys.readouterr().err
+
+
+def test_the_same_sound_under_two_surfaces_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    long = np.random.default_rng(0).uniform(-0.3, 0.3, (60_000, 2))
+    for number in range(6):
+        label = "rough" if number % 2 else "smooth"
+        path = tmp_path / "sound" / label / f"thing{'abcdef'[number]}_1.wav"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        soundfile.write(path, long[8000 * number :][:16_000], 4000)
+    data, out = str(tmp_path / "sound"), str(tmp_path / "a.onnx")
+    main(["train", data, "--recipe", "level", "--out", out])
+    assert "the same sound stands under two surfaces" in capsys.readouterr().err
 
 
 def test_training_continues_from_a_model(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from tactophone_lab.cli.data import (
     open_filtered,
     reading_of,
 )
+from tactophone_lab.datasets.shared_sound import leak_warnings
 from tactophone_lab.training.recipes import RECIPES, RecipeFile
 
 EXAMPLES = (
@@ -154,6 +155,8 @@ def run(args: argparse.Namespace) -> int:
         datasets.append(
             open_filtered(folder, None, channels=channels, reading=reading_of(args))
         )
+    for warning in leak_warnings(datasets[0], ()):
+        output.note(warning)
     with output.progress("training") as update:
         trained = train_model(
             recipe,

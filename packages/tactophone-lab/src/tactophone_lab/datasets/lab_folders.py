@@ -16,6 +16,7 @@ from tactophone.core.microphones import MICROPHONES
 from tactophone.core.recordings.label_tracks import (
     label_of,
     read_events,
+    read_selections,
     read_track,
 )
 from tactophone.core.recordings.layouts import sounds_in, surface_and_take
@@ -112,7 +113,10 @@ def read_lab_folder(
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
     sounds = sounds_in(folder)
-    timed = dict(read_events(folder, sounds, problems, follow_links=follow_links))
+    timed = {
+        **read_events(folder, sounds, problems, follow_links=follow_links),
+        **read_selections(folder, sounds, problems, follow_links=follow_links),
+    }
     for path in sounds:
         if fault := link_fault(path, folder, follow=follow_links):
             problems.append(Problem(path, "link", fault))

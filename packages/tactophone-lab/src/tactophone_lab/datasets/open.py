@@ -60,6 +60,8 @@ def open_dataset(
         return found.dataset
     if unreadable := phone_sounds(folder):
         raise DatasetError(f"{folder}: {unreadable}")
+    if unread := _unread_labels(folder):
+        raise DatasetError(f"{folder}: {unread}")
     raise DatasetError(
         f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor "
         f"opus/stereo/ is in it{_passed_over(folder)}; "
@@ -135,6 +137,24 @@ def phone_sounds(folder: Path) -> str:
         f"`find {shlex.quote(str(folder))} -name '*{suffix}' -exec ffmpeg -i {{}} "
         f"{{}}.wav ';'`"
     )
+
+
+UNREAD_LABELS: Mapping[str, str] = {
+    ".aup": "Audacity's project: File > Export > Export Labels",
+    ".aup3": "Audacity's project: File > Export > Export Labels",
+    ".eaf": "ELAN's annotations: File > Export As > Praat TextGrid",
+    ".srt": "subtitles: import them into Audacity, and export its labels",
+    ".vtt": "subtitles: import them into Audacity, and export its labels",
+}
+"""Endings of files with labels over time that are not read, and the way to ones that
+are."""
+
+
+def _unread_labels(folder: Path) -> str:
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in UNREAD_LABELS and not is_hidden(path, folder):
+            return f"{path.name} is {UNREAD_LABELS[path.suffix.lower()]}"
+    return ""
 
 
 def _inner(folder: Path) -> list[str]:

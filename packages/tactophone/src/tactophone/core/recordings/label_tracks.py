@@ -1,5 +1,5 @@
-"""Labels over time in two dialects of the field: Audacity's label tracks and DCASE's
-tables of events.
+"""Labels over time in the dialects of the field: Audacity's label tracks, DCASE's tables
+of events, Praat's TextGrids and Raven's selection tables. The first two are written too.
 
 **Audacity** exports a text file beside a sound: a line ``start<TAB>end<TAB>label`` for
 each label, in seconds; a line that begins with a backslash has frequencies and is left
@@ -7,8 +7,10 @@ out. **DCASE** has one table for a folder, with the columns ``filename``, ``onse
 ``offset`` and ``event_label``.
 """
 
+import codecs
+import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from tactophone.core.errors import DatasetError
@@ -27,6 +29,9 @@ from tactophone.core.types import SURFACE_LABELS
 TRACK_SUFFIX = ".txt"
 """Ending of an Audacity label track, which has the name of its sound file."""
 
+GRID_SUFFIX = ".TextGrid"
+"""Ending of a TextGrid, which has the name of its sound file."""
+
 EVENT_TABLE = "metadata.tsv"
 """Name under which a table of events is written; for reading, any ``.tsv`` with its
 columns will do."""
@@ -38,18 +43,34 @@ EVENT_COLUMNS = ("onset", "offset")
 def read_track(
     sound: Path, folder: Path, problems: list[Problem], *, follow_links: bool = False
 ) -> tuple[Segment, ...]:
-    """Return the segments of the Audacity label track beside a sound file in a data
-    set's folder; empty if the file has no track."""
+    """Return the segments of the Audacity label track, or of the TextGrid, beside a
+    sound file in a data set's folder; empty if the file has neither."""
     track = sound.with_suffix(TRACK_SUFFIX)
     if fault := link_fault(track, folder, follow=follow_links):
         problems.append(Problem(track, "link", fault))
         return ()
-    try:
-        lines = track.read_text("utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError):
+    if track.is_file() and not _is_raven(track):
+        return _audacity_segments(track, problems)
+    grid = sound.with_suffix(GRID_SUFFIX)
+    if fault := link_fault(grid, folder, follow=follow_links):
+        problems.append(Problem(grid, "link", fault))
         return ()
+    return _grid_segments(grid, problems) if grid.is_file() else ()
+
+
+def _text_of(path: Path) -> str:
+    """Read a text file of another program, in UTF-8 or UTF-16; empty if it is none."""
+    try:
+        content = path.read_bytes()
+        utf_16 = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        return content.decode("utf-16" if utf_16 else "utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _audacity_segments(track: Path, problems: list[Problem]) -> tuple[Segment, ...]:
     segments = []
-    for line in lines:
+    for line in _text_of(track).splitlines():
         cells = line.split("\t")
         if len(cells) != 3 or line.startswith("\\"):
             continue
@@ -61,6 +82,112 @@ def read_track(
         label = parse_label(cells[2].strip(), path=track, problems=problems)
         segments.append(Segment(start, end, label))
     return tuple(segments)
+
+
+_GRID_TOKEN = re.compile(r'"(?:[^"]|"")*"|(?<![\w\[.])-?\d+(?:\.\d+)?(?![\w\].])')
+"""A text or a number of a TextGrid. The numbers in brackets of the long format count
+what follows, and the short format leaves them out."""
+
+
+def _grid_segments(grid: Path, problems: list[Problem]) -> tuple[Segment, ...]:
+    """Return the intervals of the tier that has most labels of touch; intervals without
+    a text have no label."""
+    tiers = list(_grid_tiers(_GRID_TOKEN.findall(_text_of(grid))))
+    if not tiers:
+        return ()
+
+    def known(tier: list[tuple[float, float, str]]) -> int:
+        return sum(text.lower() in LABEL_NAMES for _, _, text in tier)
+
+    return tuple(
+        Segment(start, end, parse_label(text, path=grid, problems=problems))
+        for start, end, text in max(tiers, key=known)
+    )
+
+
+def _grid_tiers(tokens: list[str]) -> Iterator[list[tuple[float, float, str]]]:
+    """Yield start, end and text of the intervals of each tier.
+
+    A tier has its kind, name, start, end and number of intervals before them (Praat's
+    manual, "TextGrid file formats").
+    """
+    for place, token in enumerate(tokens):
+        if token != '"IntervalTier"':
+            continue
+        rest = tokens[place + 5 :]
+        tier = []
+        for start, end, text in zip(rest[::3], rest[1::3], rest[2::3], strict=False):
+            if start.startswith('"') or end.startswith('"') or text[:1] != '"':
+                break  # the next tier
+            if label := text[1:-1].strip():
+                tier.append((float(start), float(end), label))
+        yield tier
+
+
+RAVEN_TIMES = ("Begin Time (s)", "End Time (s)")
+"""Columns by which a selection table of Raven is known."""
+
+RAVEN_LABELS = ("Annotation", "Label", "Class", "Species", "Event")
+"""Columns that may hold its labels; the first that is there counts."""
+
+
+def _is_raven(path: Path) -> bool:
+    header = _text_of(path).partition("\n")[0]
+    return all(name in header for name in RAVEN_TIMES)
+
+
+def read_selections(
+    folder: Path,
+    sounds: Iterable[Path],
+    problems: list[Problem],
+    *,
+    follow_links: bool = False,
+) -> Mapping[Path, tuple[Segment, ...]]:
+    """Return the segments of each sound file by Raven's selection tables.
+
+    A table belongs to the sound whose name it begins with. A table of many sounds names
+    each in ``Begin File``, and ``File Offset (s)`` is then the time within it, while
+    ``Begin Time (s)`` counts on over all of them.
+    """
+    known = list(sounds)
+    segments: dict[Path, dict[Segment, None]] = defaultdict(dict)
+    for table in sorted(folder.rglob("*.txt")):
+        if is_hidden(table, folder) or not _is_raven(table):
+            continue
+        if fault := link_fault(table, folder, follow=follow_links):
+            problems.append(Problem(table, "link", fault))
+            continue
+        for line, row in rows(table, required=RAVEN_TIMES):
+            sound = _selected_sound(table, row, known)
+            label = next((row[name] for name in RAVEN_LABELS if row.get(name)), "")
+            try:
+                begin, end = (float(row[name]) for name in RAVEN_TIMES)
+                offset = row.get("File Offset (s)", "")
+                start = float(offset) if offset else begin
+            except ValueError:
+                sound = None
+            if sound is None or not label:
+                message = f"line {line}: names no sound here, no time or no label"
+                problems.append(Problem(table, "segments", message, fatal=False))
+                continue
+            name = parse_label(label, path=table, problems=problems)
+            # A selection has a line for each view; the set keeps one of them.
+            segments[sound][Segment(start, start + end - begin, name)] = None
+    return {path: tuple(own) for path, own in segments.items()}
+
+
+def _selected_sound(
+    table: Path, row: Mapping[str, str], sounds: Iterable[Path]
+) -> Path | None:
+    if name := row.get("Begin File", ""):
+        found = [path for path in sounds if path.name.lower() == name.lower()]
+    else:
+        found = [
+            path
+            for path in sounds
+            if path.parent == table.parent and table.name.startswith(f"{path.stem}.")
+        ]
+    return found[0] if len(found) == 1 else None
 
 
 def find_event_tables(folder: Path) -> list[Path]:
